@@ -1,0 +1,26 @@
+# Two stages: the build tools stay in the first one.
+FROM python:3.11-slim AS build
+WORKDIR /build
+COPY requirements.lock pyproject.toml README.md ./
+COPY monitor_core monitor_core
+COPY service service
+RUN python -m venv /opt/preload \
+ && /opt/preload/bin/pip install --no-cache-dir --require-hashes -r requirements.lock \
+ && /opt/preload/bin/pip install --no-cache-dir --no-deps --no-build-isolation .
+
+FROM python:3.11-slim
+RUN useradd --system --create-home --uid 10001 preload && install -d -o preload /var/lib/preload
+COPY --from=build /opt/preload /opt/preload
+COPY replay_data /usr/share/preload/replay_data
+USER preload
+ENV PATH=/opt/preload/bin:$PATH \
+    PYTHONUNBUFFERED=1 \
+    PRELOAD_DATA_DIR=/var/lib/preload \
+    PRELOAD_REPLAY_DIR=/usr/share/preload/replay_data \
+    PRELOAD_HOST=0.0.0.0 \
+    PRELOAD_PORT=8710
+VOLUME /var/lib/preload
+EXPOSE 8710
+HEALTHCHECK --interval=10s --timeout=3s --start-period=20s \
+  CMD python -c "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8710/readyz', timeout=2)"
+CMD ["preload", "serve"]

@@ -1,0 +1,224 @@
+r"""The model behind the fit: a rational response, the transient of each window, and persistent tones.
+
+For window :math:`s`, with un-windowed DFT lines :math:`U_s, Y_s` at :math:`f_k`,
+
+.. math::
+
+    Y_s = \frac{B(f)}{A(f)}\,U_s + \frac{T_s(f)}{A(f)} + \sum_t c_{s,t} D(f - f_t) + E_s,\qquad
+    A(f) = \prod_i (f_i^2 - f^2 + 2 j \zeta_i f_i f)
+
+``A`` and ``B`` belong to the axis, ``T`` to the window (the ringing that was there when it began, less what is left when
+it ends), ``D`` is the line shape of a sine that no excitation explains. Everything but the poles and the tone
+frequencies is linear and is eliminated by projection.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.spectral import BandSpectra
+
+
+@dataclass(frozen=True, slots=True)
+class ModelOrder:
+    """How many modes and tones, and the polynomial degrees that go with them."""
+
+    n_modes: int
+    n_tones: int = 0
+    response_modes: int | None = None  # degree of B as for so many modes; by default those of the model
+    transient_modes: int | None = None  # degree of T as for so many modes; by default those of the model
+
+    @property
+    def n_response_terms(self) -> int:
+        """Complex coefficients of B: two per mode and one for what lies outside the band."""
+        return 2 * (self.response_modes or self.n_modes) + 1
+
+    @property
+    def n_transient_terms(self) -> int:
+        """Complex coefficients of T, of each window: a system of order 2 n leaves a polynomial of degree 2 n − 1."""
+        return 2 * (self.transient_modes or self.n_modes)
+
+    @property
+    def n_nonlinear(self) -> int:
+        """Frequency and damping of each mode, and the frequency of each tone."""
+        return 2 * self.n_modes + self.n_tones
+
+    def n_parameters(self, n_windows: int) -> int:
+        """Real parameters, those of the windows included."""
+        per_window = 2 * (self.n_transient_terms + self.n_tones)
+        return self.n_nonlinear + 2 * self.n_response_terms + per_window * n_windows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """What the model is made of at given poles and tone frequencies, on given lines."""
+
+    response_terms: ComplexArray  # gʲ/A for B, shape (n_response_terms, n_frequencies)
+    tone_shapes: ComplexArray  # shape (n_tones, n_frequencies)
+    nuisance: ComplexArray  # orthonormal basis of the per-window terms, shape (n_frequencies, n_nuisance)
+    triangle: ComplexArray  # R of its QR, shape (n_nuisance, n_nuisance)
+
+    def annul(self, lines: ComplexArray) -> ComplexArray:
+        """Project the per-window terms out of lines, shape (..., n_frequencies)."""
+        projected: ComplexArray = lines - (lines @ self.nuisance.conj()) @ self.nuisance.T
+        return projected
+
+    def tone_amplitudes(self, lines: ComplexArray) -> ComplexArray:
+        """Return each window's tone amplitudes in lines from which the forced response is gone, (n_tones, n_windows)."""
+        amplitudes = scipy.linalg.solve_triangular(self.triangle, (lines @ self.nuisance.conj()).T)
+        tones: ComplexArray = amplitudes[amplitudes.shape[0] - self.tone_shapes.shape[0] :]
+        return tones
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection:
+    """The best fit at given poles: what is left, and how it changes with the poles."""
+
+    residual: ComplexArray  # shape (n_windows, n_frequencies)
+    jacobian: ComplexArray  # Kaufman's, shape (n_nonlinear, n_windows, n_frequencies)
+    response_coefficients: ComplexArray  # of B in the normalised frequency [Hz² × response unit]
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared moduli of the residual."""
+        return float(np.vdot(self.residual, self.residual).real)
+
+
+def normalised_frequency(frequency: FloatArray | float, lines: FloatArray) -> FloatArray:
+    """Map the band of ``lines`` onto −1…1, where powers up to the fourth stay well conditioned."""
+    centre, half_width = 0.5 * (lines[0] + lines[-1]), 0.5 * (lines[-1] - lines[0])
+    return (np.asarray(frequency) - centre) / half_width
+
+
+def pole_factor(frequency: FloatArray | float, natural_frequency: float, damping_ratio: float) -> ComplexArray:
+    """Return f_n² − f² + 2jζ f_n f, in hertz squared."""
+    f = np.asarray(frequency, dtype=np.float64)
+    return natural_frequency**2 - f**2 + 2j * damping_ratio * natural_frequency * f
+
+
+def tone_shape(frequency: FloatArray, tone: FloatArray | float, n_samples: int, sample_rate: float) -> ComplexArray:
+    """Return the DFT lines of a unit complex sine (Dirichlet kernel), divided by the number of samples."""
+    d = (tone - frequency) / sample_rate
+    return np.exp(1j * np.pi * d * (n_samples - 1)) * np.sinc(d * n_samples) / np.sinc(d)
+
+
+def poles_of(parameters: FloatArray, order: ModelOrder) -> FloatArray:
+    """Return natural frequency [Hz] and damping ratio [-] of each mode, shape (n_modes, 2)."""
+    pairs = parameters[: 2 * order.n_modes].reshape(-1, 2)
+    return np.column_stack([pairs[:, 0], np.exp(pairs[:, 1])])
+
+
+def basis_of(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> Basis:
+    """Build the linear terms of the model.
+
+    Parameters
+    ----------
+    spectra : BandSpectra
+        Lines of the fit band.
+    parameters : ndarray, shape (n_nonlinear,)
+        For each mode natural frequency [Hz] and logarithm of the damping ratio [-]; then the tone frequencies. [Hz]
+    order : ModelOrder
+        Numbers of modes and tones.
+
+    Returns
+    -------
+    Basis
+        Terms of B, shapes of the tones, orthonormal basis of what belongs to each window.
+    """
+    f = spectra.frequency
+    a = np.prod([pole_factor(f, *pole) for pole in poles_of(parameters, order)], axis=0)
+    n_powers = max(order.n_response_terms, order.n_transient_terms)
+    powers = normalised_frequency(f, f) ** np.arange(n_powers)[:, None] / a
+    tones = parameters[2 * order.n_modes :]
+    shapes = tone_shape(f, tones[:, None], spectra.n_samples, spectra.sample_rate)
+    nuisance, triangle = np.linalg.qr(np.concatenate([powers[: order.n_transient_terms], shapes]).T)
+    return Basis(powers[: order.n_response_terms], shapes, nuisance, triangle)
+
+
+def project(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> Projection:
+    r"""Solve for everything linear at given poles and tone frequencies.
+
+    The per-window terms share one basis; its QR is taken once and projected out of response and excitation terms
+    alike. What is left is one small least-squares problem for B over all windows. The Jacobian of the remaining
+    non-linear problem is Kaufman's: the projected derivative of the model at constant linear coefficients, and for a
+    pole that derivative is :math:`-(\partial A/\partial\theta)/A` times what the fitted model says of forced response
+    and transient.
+
+    Parameters
+    ----------
+    spectra : BandSpectra
+        Lines of the fit band, in double precision.
+    parameters : ndarray, shape (n_nonlinear,)
+        As for :func:`basis_of`.
+    order : ModelOrder
+        Numbers of modes and tones.
+
+    Returns
+    -------
+    Projection
+        Residual, Jacobian of the residual and the coefficients of B.
+    """
+    basis = basis_of(spectra, parameters, order)
+    forced = _solve_response(spectra, basis)
+    derivatives = _derivatives(spectra, parameters, order, basis, forced)
+    flat = basis.annul(derivatives).reshape(order.n_nonlinear, -1)
+    columns = forced.columns
+    flat -= scipy.linalg.cho_solve(forced.gram, columns.conj() @ flat.T).T @ columns
+    return Projection(forced.residual, flat.reshape(derivatives.shape), forced.coefficients)
+
+
+def cost_at(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> float:
+    """Return the cost of :func:`project` alone, for the comparison of starts; infinite where B is not determined."""
+    try:
+        residual = _solve_response(spectra, basis_of(spectra, parameters, order)).residual
+    except np.linalg.LinAlgError:
+        return math.inf
+    return float(np.vdot(residual, residual).real)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ForcedResponse:
+    coefficients: ComplexArray  # of B
+    columns: ComplexArray  # projected terms of B over all windows, shape (n_response_terms, n_windows · n_frequencies)
+    gram: tuple[ComplexArray, bool]  # Cholesky factor of their products
+    residual: ComplexArray  # shape (n_windows, n_frequencies)
+
+
+def _solve_response(spectra: BandSpectra, basis: Basis) -> _ForcedResponse:
+    """Solve for B over all windows, with the per-window terms projected out."""
+    terms = basis.response_terms
+    columns = basis.annul(terms[:, None, :] * spectra.excitation).reshape(terms.shape[0], -1)
+    target = basis.annul(spectra.response)
+    gram = scipy.linalg.cho_factor(columns.conj() @ columns.T)
+    b: ComplexArray = scipy.linalg.cho_solve(gram, columns.conj() @ target.ravel())
+    return _ForcedResponse(b, columns, gram, target - (b @ columns).reshape(target.shape))
+
+
+def _derivatives(
+    spectra: BandSpectra,
+    parameters: FloatArray,
+    order: ModelOrder,
+    basis: Basis,
+    response: _ForcedResponse,
+) -> ComplexArray:
+    """Return minus the derivatives of the fitted model at constant linear coefficients."""
+    f = spectra.frequency
+    fitted = spectra.response - response.residual
+    derivatives = np.empty((order.n_nonlinear, *fitted.shape), dtype=np.complex128)
+    tones = parameters[2 * order.n_modes :]
+    if tones.size:
+        forced = (response.coefficients @ basis.response_terms) * spectra.excitation
+        amplitudes = basis.tone_amplitudes(spectra.response - forced)
+        fitted = fitted - amplitudes.T @ basis.tone_shapes
+        step = 1e-4 * spectra.resolution
+        for i, (tone, amplitude) in enumerate(zip(tones, amplitudes, strict=True)):
+            above, below = (tone_shape(f, tone + h, spectra.n_samples, spectra.sample_rate) for h in (step, -step))
+            derivatives[2 * order.n_modes + i] = -np.outer(amplitude, (above - below) / (2.0 * step))
+    for i, (fn, zeta) in enumerate(poles_of(parameters, order)):
+        factor = pole_factor(f, fn, zeta)
+        derivatives[2 * i] = (2.0 * fn + 2j * zeta * f) / factor * fitted
+        derivatives[2 * i + 1] = 2j * zeta * fn * f / factor * fitted
+    return derivatives

@@ -1,0 +1,129 @@
+"""Levenberg–Marquardt over poles and tone frequencies, everything linear projected out."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.modal.model import ModelOrder, Projection, poles_of, project
+from monitor_core.spectral import BandSpectra
+
+_MAXIMUM_ITERATIONS = 100
+#: Predicted decrease of the cost, in units of the noise variance, below which a step is a hundredth of a standard
+#: deviation long and no further step is worth taking.
+_NEGLIGIBLE_GAIN = 1e-4
+_DAMPING_LIMITS = (math.log(1e-5), math.log(0.7))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """A local optimum of the likelihood."""
+
+    order: ModelOrder
+    parameters: FloatArray  # shape (n_nonlinear,): f [Hz], ln ζ of each mode, then tone frequencies [Hz]
+    projection: Projection
+    normal_matrix: FloatArray  # Re JᴴJ, shape (n_nonlinear, n_nonlinear)
+    degrees_of_freedom: int  # real ones of the residual
+
+    @property
+    def noise_variance(self) -> float:
+        """Variance of the complex noise of one line."""
+        return 2.0 * self.projection.cost / self.degrees_of_freedom
+
+    @property
+    def modes(self) -> FloatArray:
+        """Natural frequency [Hz] and damping ratio [-] of each mode, shape (n_modes, 2)."""
+        return poles_of(self.parameters, self.order)
+
+    @property
+    def tones(self) -> FloatArray:
+        """Tone frequencies, shape (n_tones,). [Hz]"""
+        return self.parameters[2 * self.order.n_modes :]
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion over the real data."""
+        n_real = 2 * self.projection.residual.size
+        n_parameters = self.order.n_parameters(self.projection.residual.shape[0])
+        return n_real * math.log(self.projection.cost) + n_parameters * math.log(n_real)
+
+
+def degrees_of_freedom(spectra: BandSpectra, order: ModelOrder) -> int:
+    """Return real data less real parameters."""
+    return 2 * spectra.response.size - order.n_parameters(spectra.n_windows)
+
+
+def minimise(spectra: BandSpectra, start: FloatArray, order: ModelOrder) -> Solution | None:
+    """Find the local maximum of the likelihood near a start.
+
+    Parameters
+    ----------
+    spectra : BandSpectra
+        Lines of the fit band, in double precision.
+    start : ndarray, shape (n_nonlinear,)
+        Natural frequency [Hz] and ln ζ of each mode, then tone frequencies [Hz].
+    order : ModelOrder
+        Numbers of modes and tones.
+
+    Returns
+    -------
+    Solution or None
+        ``None`` if there is too little data for so many parameters, or no convergence.
+    """
+    dof = degrees_of_freedom(spectra, order)
+    if dof <= 0:
+        return None
+    try:
+        return _descend(spectra, start, order, dof)
+    except np.linalg.LinAlgError:  # excitation without the dimensions that B needs, or two equal poles
+        return None
+
+
+def _descend(spectra: BandSpectra, start: FloatArray, order: ModelOrder, dof: int) -> Solution | None:
+    parameters = _clip(start, spectra, order)
+    current = project(spectra, parameters, order)
+    marquardt = 1e-3
+    for _ in range(_MAXIMUM_ITERATIONS):
+        normal, gradient = _normal_equations(current)
+        newton_gain = float(gradient @ np.linalg.solve(normal, gradient))
+        if newton_gain <= _NEGLIGIBLE_GAIN * current.cost / dof:
+            return Solution(order, parameters, current, normal, dof)
+        step = -np.linalg.solve(normal + marquardt * np.diag(np.diag(normal)), gradient)
+        trial_parameters = _clip(parameters + _limit(step, spectra, order), spectra, order)
+        trial = project(spectra, trial_parameters, order)
+        if trial.cost < current.cost:
+            parameters, current = trial_parameters, trial
+            marquardt = max(marquardt / 10.0, 1e-9)
+        elif marquardt > 1e9:
+            # Rounding, not the slope, stops the descent of a nearly noise-free fit.
+            return Solution(order, parameters, current, normal, dof) if newton_gain < 1e-6 * current.cost else None
+        else:
+            marquardt *= 10.0
+    return None
+
+
+def _normal_equations(projection: Projection) -> tuple[FloatArray, FloatArray]:
+    jacobian = projection.jacobian.reshape(projection.jacobian.shape[0], -1)
+    normal: FloatArray = (jacobian.conj() @ jacobian.T).real
+    gradient: FloatArray = (jacobian.conj() @ projection.residual.ravel()).real
+    return normal, gradient
+
+
+def _limit(step: FloatArray, spectra: BandSpectra, order: ModelOrder) -> FloatArray:
+    """Keep a step within an eighth of the band and a factor e in damping; the model is far from linear beyond."""
+    longest = np.full(step.size, (spectra.frequency[-1] - spectra.frequency[0]) / 8.0)
+    longest[1 : 2 * order.n_modes : 2] = 1.0
+    longest[2 * order.n_modes :] = spectra.resolution
+    return np.clip(step, -longest, longest)
+
+
+def _clip(parameters: FloatArray, spectra: BandSpectra, order: ModelOrder) -> FloatArray:
+    """Keep poles within one band width of the band, and damping possible."""
+    low, high = spectra.frequency[0], spectra.frequency[-1]
+    clipped = parameters.copy()
+    modes = slice(0, 2 * order.n_modes, 2)
+    clipped[modes] = np.clip(clipped[modes], max(2.0 * low - high, 0.1 * low), 2.0 * high - low)
+    dampings = slice(1, 2 * order.n_modes, 2)
+    clipped[dampings] = np.clip(clipped[dampings], *_DAMPING_LIMITS)
+    return clipped

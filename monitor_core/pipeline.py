@@ -1,0 +1,187 @@
+"""The window's way: gate → mode → preload → state. Live, replay and tests all call these functions and no others.
+
+::
+
+    check_window       one window            → SignalQuality | Rejection
+    judge_measurement  windows of one place  → mode → preload feature → newtons with interval; drag torque
+    advance            axis state, outcome   → axis state (baseline, charts, alarm)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+
+from monitor_core.errors import OutsideValidityError
+from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
+from monitor_core.preload import (
+    Calibration,
+    ModalReading,
+    PreloadEstimate,
+    Weighting,
+    calibrate,
+    estimate_preload,
+    expected_band,
+    systematic_uncertainty_between,
+)
+from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque
+from monitor_core.quality import QualityGate, SignalQuality, gate_window
+from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
+from monitor_core.trend import DetectorDesign, DetectorState, Observation, step
+from monitor_core.uncertainty import Estimate
+
+#: Without a calibration and a stated band the mode is looked for between these shares of the sampling rate: below the
+#: roll-off of any anti-aliasing filter, above the slow motion of the table itself.
+UNSTATED_BAND = (0.02, 0.4)
+#: A window whose excitation in the band is weaker than this share of the calibration's median is refused.
+EXCITATION_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class AxisSettings:
+    """What is stated about an axis before anything is measured."""
+
+    search_band: tuple[float, float] | None = None  # where the mode is looked for without a calibration [Hz]
+    quality: QualityGate = field(default_factory=QualityGate)
+    mode: ModeGate = field(default_factory=ModeGate)
+    moving_mass: Estimate | None = None  # used where a calibration has one payload only [kg]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementOutcome:
+    """What came of one measurement."""
+
+    modal: ModalMeasurement | Rejection
+    preload: PreloadEstimate | Rejection
+    drag_torque: DragTorque | Rejection
+
+    @property
+    def refusal(self) -> Rejection | None:
+        """Why there is no preload, the earliest reason first."""
+        return next((step for step in (self.modal, self.preload) if isinstance(step, Rejection)), None)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisState:
+    """Where an axis stands: the charts, and the conditions under which their baseline was learnt."""
+
+    detector: DetectorState = field(default_factory=DetectorState)
+    baseline_conditions: tuple[Conditions, ...] = ()
+
+
+def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
+    """Tell where the mode of a window is looked for, in hertz.
+
+    Where a calibration says it, else where the operator says it, else nearly everywhere.
+    """
+    usable = (UNSTATED_BAND[0] * window.sample_rate, UNSTATED_BAND[1] * window.sample_rate)
+    if calibration is not None:
+        try:
+            low, high = expected_band(calibration, window.conditions)
+        except OutsideValidityError:  # so far from the calibrated positions that Eq. (8) says nothing
+            return usable
+        return max(low, usable[0]), min(high, usable[1])
+    return settings.search_band or usable
+
+
+def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> SignalQuality | Rejection:
+    """Gate one window on its own: fit to be averaged, or why not."""
+    gate = settings.quality
+    if calibration is not None and calibration.minimum_band_excitation is not None:
+        gate = replace(gate, minimum_band_excitation=calibration.minimum_band_excitation)
+    return gate_window(window, gate, band=search_band(settings, calibration, window))
+
+
+def judge_measurement(
+    windows: Sequence[Window], settings: AxisSettings, calibration: Calibration | None
+) -> MeasurementOutcome:
+    """Average the accepted windows of one measurement, find the mode, and turn it into a preload.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+        Accepted by :func:`check_window`, of one measurement at one position; at least one.
+    settings : AxisSettings
+        Of the axis.
+    calibration : Calibration or None
+        In force; without one the mode is measured and the preload refused as ``not-calibrated``.
+
+    Returns
+    -------
+    MeasurementOutcome
+        Estimates, or the named reasons why there are none.
+    """
+    modal = measure_mode(
+        windows,
+        band=search_band(settings, calibration, windows[0]),
+        gate=settings.mode,
+        phase=None if calibration is None else calibration.phase_reference,
+    )
+    return MeasurementOutcome(modal, _preload(modal, windows[0], calibration), estimate_drag_torque(windows))
+
+
+def _preload(
+    modal: ModalMeasurement | Rejection, window: Window, calibration: Calibration | None
+) -> PreloadEstimate | Rejection:
+    if isinstance(modal, Rejection):
+        return modal
+    if calibration is None:
+        return Rejection(RejectionReason.NOT_CALIBRATED, "no calibration is in force: activate one for this axis")
+    return estimate_preload(
+        modal.mode.frequency,
+        modal.conditions,
+        calibration,
+        excitation_source=window.excitation_source,
+        excitation_quantity=window.excitation_quantity,
+    )
+
+
+def advance(
+    state: AxisState, outcome: MeasurementOutcome, at: datetime, *, calibration: Calibration, design: DetectorDesign
+) -> AxisState:
+    """Carry the state of an axis over one measurement. A refused measurement changes nothing: it says nothing.
+
+    What is watched is the preload feature: it is nearly normally distributed where newtons are not.
+    """
+    estimate = outcome.preload
+    if isinstance(estimate, Rejection) or isinstance(outcome.modal, Rejection):
+        return state
+    conditions = outcome.modal.conditions
+    learning = state.detector.baseline is None
+    systematic = (
+        0.0
+        if learning
+        else systematic_uncertainty_between(
+            estimate.feature.value, conditions, state.baseline_conditions, calibration
+        )
+    )
+    observation = Observation(at, estimate.feature.value, estimate.feature_random_uncertainty, systematic)
+    return AxisState(
+        detector=step(state.detector, observation, design),
+        baseline_conditions=(*state.baseline_conditions, conditions) if learning else state.baseline_conditions,
+    )
+
+
+def calibrate_from_measurements(
+    measurements: Sequence[ModalMeasurement], *, settings: AxisSettings, weighting: Weighting = Weighting.NONE
+) -> Calibration:
+    """Fit k1…k4 to the measurements of a calibration session, with polarity, delay and excitation level of the axis.
+
+    Measurements are weighted alike by default: their own standard uncertainties are far below the scatter between
+    measurements, so they are no guide to how much each is worth.
+    """
+    readings = [
+        ModalReading(m.mode.frequency.value, m.conditions, m.mode.frequency.standard_uncertainty) for m in measurements
+    ]
+    sources = {m.excitation_source for m in measurements}
+    if len(sources) != 1:
+        raise OutsideValidityError(
+            f"a calibration holds for one excitation source; the measurements are of {', '.join(sorted(sources))}"
+        )
+    return calibrate(
+        readings,
+        weighting=weighting,
+        excitation_source=sources.pop(),
+        moving_mass=settings.moving_mass,
+        phase_reference=calibrate_phase([m.mode for m in measurements]),
+    )
+

@@ -1,0 +1,42 @@
+"""Health assessment (ISO 13374: HA): the preload feature, its calibration, and newtons with a coverage interval."""
+
+from monitor_core.preload.budget import VarianceShares, systematic_uncertainty_between
+from monitor_core.preload.calibration import (
+    Calibration,
+    ModalReading,
+    PositionError,
+    ValidRange,
+    Weighting,
+)
+from monitor_core.preload.capability import expected_band, minimum_detectable_loss
+from monitor_core.preload.estimate import PreloadEstimate, estimate_preload
+from monitor_core.preload.feature import (
+    PreloadFeatureCoefficients,
+    axial_frequency,
+    preload_feature,
+    preload_from_feature,
+    preload_sensitivity,
+)
+from monitor_core.preload.fit import calibrate
+from monitor_core.preload.influence import InfluenceCoefficients
+
+__all__ = [
+    "Calibration",
+    "InfluenceCoefficients",
+    "ModalReading",
+    "PositionError",
+    "PreloadEstimate",
+    "PreloadFeatureCoefficients",
+    "ValidRange",
+    "VarianceShares",
+    "Weighting",
+    "axial_frequency",
+    "calibrate",
+    "estimate_preload",
+    "expected_band",
+    "minimum_detectable_loss",
+    "preload_feature",
+    "preload_from_feature",
+    "preload_sensitivity",
+    "systematic_uncertainty_between",
+]

@@ -1,0 +1,195 @@
+"""Uncertainty budget of the preload feature: what is new in every measurement, and what all of them share."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.preload.calibration import (
+    COEFFICIENT_NAMES,
+    INVERSE_MOVING_MASS,
+    TEMPERATURE_COEFFICIENT,
+    Calibration,
+)
+from monitor_core.preload.feature import position_part
+from monitor_core.preload.influence import correction_sensitivities, from_reference
+from monitor_core.recording import Conditions
+from monitor_core.uncertainty import Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceShares:
+    """Where the variance of the preload, as θ = preload^(−1/3), comes from; the shares add up to 1.
+
+    Covariances between the sources are split evenly, so a source that compensates another may have a negative share.
+    """
+
+    frequency: float  # stated uncertainty of this frequency
+    reproducibility: float  # scatter between measurements beyond it
+    calibration: float  # k1…k4
+    payload: float  # µ
+    temperature: float  # k_T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UncertaintyBudget:
+    """Variances of g − θ·k3, whose root in θ is the preload: all in s⁴."""
+
+    frequency: float
+    reproducibility: float
+    parameters: dict[str, float]  # of each calibration parameter, with half of its covariances
+    degrees_of_freedom: float  # effective (Welch–Satterthwaite)
+
+    @property
+    def random(self) -> float:
+        """Variance that is new in every measurement."""
+        return self.frequency + self.reproducibility
+
+    @property
+    def total(self) -> float:
+        """Variance of all sources."""
+        return self.random + sum(self.parameters.values())
+
+    @property
+    def shares(self) -> VarianceShares:
+        """The budget in parts of its total; all zero where nothing is uncertain."""
+        total = self.total or 1.0
+        return VarianceShares(
+            frequency=self.frequency / total,
+            reproducibility=self.reproducibility / total,
+            calibration=sum(self.parameters[name] for name in COEFFICIENT_NAMES) / total,
+            payload=self.parameters.get(INVERSE_MOVING_MASS, 0.0) / total,
+            temperature=self.parameters.get(TEMPERATURE_COEFFICIENT, 0.0) / total,
+        )
+
+
+def parameter_gradient(feature: float, conditions: Conditions, calibration: Calibration) -> FloatArray:
+    """Differentiate the feature with respect to the parameters of the calibration.
+
+    Parameters
+    ----------
+    feature : float
+        Preload feature at the reference conditions. [s²]
+    conditions : Conditions
+        Of the measurement.
+    calibration : Calibration
+        Of the axis.
+
+    Returns
+    -------
+    ndarray, shape (n_parameters,)
+        In the order of ``calibration.parameter_names``; k3 has no part in the feature. [s² per unit of the parameter]
+
+    Raises
+    ------
+    OutsideValidityError
+        If the payload is below the reference by more than the moving mass.
+    """
+    x = conditions.position
+    payload, temperature = calibration.excess(conditions)
+    at_reference = feature + float(position_part(x, calibration.coefficients))
+    measured = float(from_reference(at_reference, payload, temperature, calibration.influence))
+    sensitivity = correction_sensitivities(measured, payload, temperature, calibration.influence)
+    of = {
+        "k1": -(x**2),
+        "k2": -x,
+        "k3": 0.0,
+        "k4": -1.0,
+        INVERSE_MOVING_MASS: sensitivity.inverse_moving_mass,
+        TEMPERATURE_COEFFICIENT: sensitivity.temperature,
+    }
+    return np.array([of[name] for name in calibration.parameter_names])
+
+
+def uncertainty_budget(
+    frequency: Estimate, feature: float, conditions: Conditions, calibration: Calibration
+) -> UncertaintyBudget:
+    r"""Propagate the uncertainties of a measurement and of its calibration to :math:`g - \theta k_3` at θ = g/k3.
+
+    Parameters
+    ----------
+    frequency : Estimate
+        Axial natural frequency. [Hz]
+    feature : float
+        Its preload feature g at the reference conditions. [s²]
+    conditions : Conditions
+        Of the measurement.
+    calibration : Calibration
+        Of the axis.
+
+    Returns
+    -------
+    UncertaintyBudget
+        Scatter between measurements and the fitted parameters come from the same residuals: they count as one source
+        in the effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B).
+
+    Raises
+    ------
+    OutsideValidityError
+        See :func:`parameter_gradient`.
+    """
+    payload, temperature = calibration.excess(conditions)
+    f = frequency.value
+    # |d(1/f² at reference)/df|
+    slope = 2.0 / f**3 * correction_sensitivities(f**-2.0, payload, temperature, calibration.influence).inverse_square
+    gradient = parameter_gradient(feature, conditions, calibration)
+    gradient[2] = -feature / calibration.coefficients.k3
+    allocation = gradient * (calibration.parameters.covariance @ gradient)
+    parameters = dict(zip(calibration.parameter_names, allocation.tolist(), strict=True))
+    own = (slope * frequency.standard_uncertainty) ** 2
+    between = (slope * calibration.reproducibility) ** 2
+    total = own + between + float(allocation.sum())
+    dof = _effective_degrees_of_freedom(
+        total,
+        own,
+        # the scatter between measurements is residual variance minus stated variance: it is no better known than the
+        # residual variance as a whole, however much of it the stated uncertainties explain
+        (slope * calibration.residual_sd) ** 2
+        + sum(v for name, v in parameters.items() if name not in calibration.declared),
+        (frequency.degrees_of_freedom, calibration.parameters.degrees_of_freedom),
+    )
+    return UncertaintyBudget(own, between, parameters, dof)
+
+
+def _effective_degrees_of_freedom(
+    total: float, of_frequency: float, of_residuals: float, dof: tuple[float, float]
+) -> float:
+    """Welch–Satterthwaite, never below the poorer of the two sources (which bounds it in theory)."""
+    spread = of_frequency**2 / dof[0] + of_residuals**2 / dof[1]
+    return max(min(dof), total**2 / spread) if spread > 0.0 else math.inf
+
+
+def systematic_uncertainty_between(
+    feature: float, conditions: Conditions, baseline_conditions: Sequence[Conditions], calibration: Calibration
+) -> float:
+    """Tell by how much the calibration alone may shift a feature against a healthy baseline.
+
+    An error of k4 shifts both alike and cancels; what does not cancel are k1 and k2 between different positions, and
+    the corrections of payload and temperature where they differ. No averaging over measurements removes it.
+
+    Parameters
+    ----------
+    feature : float
+        Preload feature at the reference conditions, healthy or measured: it enters the payload correction only. [s²]
+    conditions : Conditions
+        Of the measurement.
+    baseline_conditions : sequence of Conditions
+        Of the measurements whose mean is the baseline.
+    calibration : Calibration
+        Of the axis.
+
+    Returns
+    -------
+    float
+        Standard uncertainty of feature minus baseline; 0 under equal conditions. [s²]
+
+    Raises
+    ------
+    OutsideValidityError
+        See :func:`parameter_gradient`.
+    """
+    baseline = np.mean([parameter_gradient(feature, c, calibration) for c in baseline_conditions], axis=0)
+    gradient = parameter_gradient(feature, conditions, calibration) - baseline
+    return math.sqrt(max(0.0, float(gradient @ calibration.parameters.covariance @ gradient)))

@@ -1,0 +1,179 @@
+"""Calibration of the preload feature: k1…k4 of Eq. (8) with their covariance, and what payload and temperature do.
+
+A calibration is a frozen record of all that later estimates rest on: the joint covariance of what was fitted, the
+scatter between measurements, the ranges it holds in, and the excitation source it is valid for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.modal import PhaseReference
+from monitor_core.preload.feature import PreloadFeatureCoefficients
+from monitor_core.preload.influence import InfluenceCoefficients
+from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
+from monitor_core.uncertainty import Estimate, VectorEstimate
+
+#: Order of the parameter vector; the last two only where they are known.
+COEFFICIENT_NAMES = ("k1", "k2", "k3", "k4")
+INVERSE_MOVING_MASS = "inverse_moving_mass"
+TEMPERATURE_COEFFICIENT = "temperature_coefficient"
+
+
+class Weighting(StrEnum):
+    """How the readings of a calibration are weighted."""
+
+    NONE = "none"  #: every 1/f² alike
+    STD = "std"  #: by the inverse standard uncertainty of 1/f², 2σ_f/f³
+
+
+@dataclass(frozen=True, slots=True)
+class ModalReading:
+    """One measured natural frequency, or the mean of several, and the conditions it was taken under."""
+
+    frequency: float  # axial natural frequency [Hz]
+    conditions: Conditions
+    frequency_std: float | None = None  # scatter of a single reading, or the σ of its fit [Hz]
+    n_readings: int = 1  # how many readings the frequency is the mean of
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.frequency) and self.frequency > 0.0):
+            raise OutsideValidityError(f"frequency must be positive; got {self.frequency} Hz")
+        if self.frequency_std is not None and not (np.isfinite(self.frequency_std) and self.frequency_std >= 0.0):
+            raise OutsideValidityError(f"frequency_std must not be negative; got {self.frequency_std} Hz")
+        if self.n_readings < 1:
+            raise OutsideValidityError(f"n_readings must be at least 1; got {self.n_readings}")
+
+    @property
+    def standard_uncertainty(self) -> float | None:
+        """Of the mean, std/√n [Hz]; ``None`` where the scatter is not stated."""
+        return None if self.frequency_std is None else self.frequency_std / float(np.sqrt(self.n_readings))
+
+    @property
+    def estimate(self) -> Estimate:
+        """The frequency with its uncertainty; without a stated scatter only the calibration's own scatter counts."""
+        return Estimate(
+            value=self.frequency,
+            standard_uncertainty=self.standard_uncertainty or 0.0,
+            degrees_of_freedom=self.n_readings - 1 if self.n_readings > 1 else np.inf,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PositionError:
+    """Prediction errors at a position that was left out of the fit."""
+
+    position: float  # [m]
+    frequency_error_rms: float  # [Hz]
+    preload_error_rms: float | None  # [N]; None where a reading lies above what any preload gives
+
+
+@dataclass(frozen=True, slots=True)
+class ValidRange:
+    """The values of a quantity that a calibration has seen, from the smallest to the largest."""
+
+    lower: float
+    upper: float
+
+    def covers(self, value: float, *, margin: float = 0.0) -> bool:
+        """Tell whether a value lies inside, or at most a margin (in the same unit) outside."""
+        return self.lower - margin <= value <= self.upper + margin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """Eq. (8) of Nguyen et al. (2018) as regressed for one axis and one excitation source."""
+
+    parameters: VectorEstimate  # k1…k4 and, where known, µ and k_T: SI units, joint covariance, degrees of freedom
+    parameter_names: tuple[str, ...]  # in the order of ``parameters``
+    declared: tuple[str, ...]  # those of them that were declared, not fitted: independent of the residuals
+    reproducibility: float  # scatter between measurements beyond their own stated uncertainty [Hz]
+    residual_sd: float  # of one reading about the fit, with n − p degrees of freedom [Hz]
+    residual_rms: float  # [Hz]
+    residual_max: float  # [Hz]
+    condition_number: float
+    leave_one_position_out: tuple[PositionError, ...]  # empty with three positions: none can be spared
+    weighting: Weighting
+    n_readings: int
+    position: ValidRange  # [m]
+    preload: ValidRange  # [N]
+    payload: ValidRange  # [kg]
+    temperature: ValidRange | None  # [°C]; None: not stated
+    reference_payload: float  # to which µ belongs and readings are corrected [kg]
+    reference_temperature: float | None  # [°C]
+    excitation_source: ExcitationSource | None  # None: not stated (a table of frequencies)
+    excitation_quantity: ExcitationQuantity | None
+    phase_reference: PhaseReference | None = None  # None: the table of frequencies does not tell
+    minimum_band_excitation: float | None = None  # rms of the excitation that the band needs [N·m] or [N]
+
+    def __post_init__(self) -> None:
+        if self.parameter_names[:4] != COEFFICIENT_NAMES or len(self.parameter_names) != self.parameters.values.size:
+            raise OutsideValidityError(
+                f"parameters must be {', '.join(COEFFICIENT_NAMES)} and at most {INVERSE_MOVING_MASS} and "
+                f"{TEMPERATURE_COEFFICIENT}; got {self.parameter_names} for {self.parameters.values.size} values"
+            )
+        _ = self.coefficients  # a calibration whose k3 is not positive cannot exist
+
+    @property
+    def coefficients(self) -> PreloadFeatureCoefficients:
+        """k1…k4 at the reference payload and temperature."""
+        return PreloadFeatureCoefficients(*(float(k) for k in self.parameters.values[:4]))
+
+    def parameter(self, name: str) -> Estimate | None:
+        """Return one parameter in SI units, or ``None`` if it is neither fitted nor declared."""
+        if name not in self.parameter_names:
+            return None
+        i = self.parameter_names.index(name)
+        dof = np.inf if name in self.declared else self.parameters.degrees_of_freedom
+        return Estimate(float(self.parameters.values[i]), float(self.parameters.standard_uncertainties[i]), dof)
+
+    @property
+    def influence(self) -> InfluenceCoefficients:
+        """µ and k_T; zero where not known."""
+        mu, k_t = self.parameter(INVERSE_MOVING_MASS), self.parameter(TEMPERATURE_COEFFICIENT)
+        return InfluenceCoefficients(mu.value if mu else 0.0, k_t.value if k_t else 0.0)
+
+    @property
+    def moving_mass(self) -> Estimate | None:
+        """Effective mass M that moves in the axial mode, without payload [kg]; ``None`` if not known."""
+        mu = self.parameter(INVERSE_MOVING_MASS)
+        if mu is None:
+            return None
+        return Estimate(
+            1.0 / mu.value - self.reference_payload, mu.standard_uncertainty / mu.value**2, mu.degrees_of_freedom
+        )
+
+    def excess(self, conditions: Conditions) -> tuple[float, float]:
+        """Payload [kg] and temperature [K] above the reference; what is not stated is taken as the reference."""
+        payload, temperature = conditions.payload_mass, conditions.temperature
+        return (
+            0.0 if payload is None else payload - self.reference_payload,
+            0.0
+            if temperature is None or self.reference_temperature is None
+            else temperature - self.reference_temperature,
+        )
+
+
+def feature_design(position: FloatArray, preload: FloatArray) -> FloatArray:
+    """Lay out Eq. (8) for k1…k4: columns x² [m²], x [m], preload^(−1/3) [N^(−1/3)], 1; shape (n_windows, 4)."""
+    return np.column_stack([position**2, position, np.cbrt(1.0 / preload), np.ones_like(position)])
+
+
+def known_parameters(
+    fitted: VectorEstimate, names: Sequence[str], declared: dict[str, Estimate]
+) -> tuple[VectorEstimate, tuple[str, ...]]:
+    """Append declared parameters to fitted ones; the two are independent of each other."""
+    extra = [(name, estimate) for name, estimate in declared.items() if name not in names]
+    n, p = fitted.values.size + len(extra), fitted.values.size
+    covariance = np.zeros((n, n))
+    covariance[:p, :p] = fitted.covariance
+    covariance[range(p, n), range(p, n)] = [e.standard_uncertainty**2 for _, e in extra]
+    values = np.concatenate([fitted.values, [e.value for _, e in extra]])
+    return (
+        VectorEstimate(values, covariance, fitted.degrees_of_freedom),
+        (*names, *(name for name, _ in extra)),
+    )

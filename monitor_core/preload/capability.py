@@ -1,0 +1,94 @@
+"""What a calibration promises before anything is measured: where to look for the mode, and which loss can be seen."""
+
+import numpy as np
+from scipy import special
+
+from monitor_core.preload.calibration import Calibration
+from monitor_core.preload.feature import axial_frequency, preload_from_feature
+from monitor_core.preload.influence import from_reference
+from monitor_core.recording import Conditions
+
+#: The band reaches from a preload nearly lost to one a bit over the highest calibrated, by these factors.
+NEARLY_LOST, OVERLOADED = 0.1, 1.5
+#: What an untagged payload or temperature may shift the frequency by, relative.
+BAND_MARGIN = 0.01
+
+
+def expected_band(calibration: Calibration, conditions: Conditions) -> tuple[float, float]:
+    """Tell between which frequencies the axial mode can be.
+
+    Eq. (8) of Nguyen et al. (2018) from 10 % of the lowest to 150 % of the highest calibrated preload, under the stated
+    payload and temperature, widened by 1 % and four standard deviations of a reading.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the axis.
+    conditions : Conditions
+        Position, and payload and temperature where stated.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end. [Hz]
+
+    Raises
+    ------
+    OutsideValidityError
+        If Eq. (8) gives no frequency at that position (far outside the calibrated ones).
+
+    Examples
+    --------
+    With Table 2 of the paper (measured there from 50 to 300 N: 172.9 to 179.8 Hz), the band at 500 mm is about 157 to
+    183 Hz.
+    """
+    payload, temperature = calibration.excess(conditions)
+    preload = np.array([NEARLY_LOST * calibration.preload.lower, OVERLOADED * calibration.preload.upper])
+    at_reference = axial_frequency(conditions.position, preload, calibration.coefficients) ** -2.0
+    low, high = from_reference(at_reference, payload, temperature, calibration.influence) ** -0.5
+    scatter = 4.0 * calibration.residual_sd
+    return float(low * (1.0 - BAND_MARGIN) - scatter), float(high * (1.0 + BAND_MARGIN) + scatter)
+
+
+def minimum_detectable_loss(
+    calibration: Calibration, preload: float | None = None, position: float | None = None, n_measurements: int = 1
+) -> float:
+    r"""Tell the smallest loss of preload that will be seen.
+
+    Seen means: starting from a healthy preload that is known from many measurements, the mean of ``n_measurements``
+    lies below the one-sided 95 % prediction bound with a probability of 90 %. With s the standard deviation of a
+    reading in the calibration (n − p degrees of freedom) the frequency must fall by
+    :math:`(t_{.95} + t_{.90})\,s/\sqrt{n}`; Eq. (8) of Nguyen et al. (2018) turns the fall into newtons.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the axis.
+    preload : float, optional
+        Healthy preload; the highest calibrated one if not given. [N]
+    position : float, optional
+        Table position; if not given, the one of the calibrated range where the loss is hardest to see. [m]
+    n_measurements : int
+        How many measurements are averaged. [-]
+
+    Returns
+    -------
+    float
+        Loss. [N]
+
+    Raises
+    ------
+    OutsideValidityError
+        If the preload is not positive.
+
+    Examples
+    --------
+    With Table 2 of the paper (means of 20 readings, 0.25 Hz) at 300 N and 500 mm, 0.78 Hz at about 100 N/Hz: some 70 N.
+    """
+    k, dof = calibration.coefficients, calibration.parameters.degrees_of_freedom
+    healthy = calibration.preload.upper if preload is None else preload
+    where = np.linspace(calibration.position.lower, calibration.position.upper, 101)
+    f = axial_frequency(where if position is None else np.array([position]), healthy, k)
+    fall = (special.stdtrit(dof, 0.95) + special.stdtrit(dof, 0.90)) * calibration.residual_sd / np.sqrt(n_measurements)
+    feature = k.k3 * np.cbrt(1.0 / healthy) + 2.0 * fall / f**3
+    return float(np.max(healthy - preload_from_feature(feature, k)))

@@ -1,0 +1,116 @@
+"""Drag torque: the second indicator of preload, independent of any natural frequency."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from monitor_core.arrays import FloatArray
+from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, Window
+from monitor_core.uncertainty import Estimate
+
+#: Span over which the position is differentiated [s]: short against a ramp of 30 ms, long against encoder steps.
+_VELOCITY_SPAN = 0.005
+#: The table travels while it is faster than this part of its highest speed ...
+_MOVING = 0.5
+#: ... for at least so long [s].
+_SHORTEST_TRAVEL = 0.016
+#: Left out at each end of a travel: the acceleration, and most of the ringing after it.
+_TRIMMED = 0.25
+#: What is left is at constant velocity if its speed varies by less than this part (standard deviation), and comparable
+#: with the other travels if its mean differs from their median by less than twice as much.
+_SPEED_TOLERANCE = 0.05
+#: Pairs of travels, there and back, below which their scatter says nothing.
+_FEWEST_PAIRS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class DragTorque:
+    """Friction torque of the screw at constant velocity, apart from what does not change sign with the direction."""
+
+    drag: Estimate  # (T₊ − T₋)/2 [N·m]
+    offset: Estimate  # (T₊ + T₋)/2: weight of a slanted axis, zero error of the torque channel [N·m]
+    speed: float  # travelling speed [m/s]; drag torques are comparable at one speed only
+    n_pairs: int  # constant-velocity travels, one of each direction
+
+
+def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
+    r"""Mean torque of the constant-velocity travels of both directions.
+
+    .. math::
+
+        T_\mathrm{drag} = \frac{T_+ - T_-}{2}, \qquad T_\mathrm{offset} = \frac{T_+ + T_-}{2}
+
+    The dynamic preload drag torque of section 3.7 of [1]_, which is measured over both directions.
+
+    Parameters
+    ----------
+    windows : sequence of Window, shape (n_windows,)
+        Of one measurement, with motor torque and position trace. [-]
+
+    Returns
+    -------
+    DragTorque or Rejection
+        Refused for a force, for mixed torque sources, and with too few travels (no motion, no position).
+
+    Notes
+    -----
+    Forward travels are paired with those back in the order of their time, and the standard uncertainties come from the
+    scatter of the pairs: what both share, be it friction or zero error, then enters the right one of the two.
+    Friction depends on speed: travels that are not within a tenth of the median speed are left out.
+
+    References
+    ----------
+    .. [1] ISO 3408-3:2006, Ball screws: Acceptance conditions and acceptance tests.
+    """
+    for window in windows:
+        if window.excitation_quantity is not ExcitationQuantity.TORQUE:
+            return Rejection(
+                RejectionReason.EXCITATION_SOURCE_MISMATCH,
+                f"drag torque needs windows of torque in N·m; got {window.excitation_quantity.value}",
+            )
+    if len({window.excitation_source for window in windows}) > 1:
+        return Rejection(
+            RejectionReason.EXCITATION_SOURCE_MISMATCH, "drag torque needs one torque source; got sensor and drive"
+        )
+    travels = [travel for window in windows for travel in _constant_velocity_travels(window)]
+    velocity, torque = np.array(travels).reshape(-1, 2).T
+    speed = float(np.median(np.abs(velocity))) if travels else 0.0
+    comparable = np.abs(np.abs(velocity) - speed) <= 2.0 * _SPEED_TOLERANCE * speed
+    forward, back = torque[comparable & (velocity > 0.0)], torque[comparable & (velocity < 0.0)]
+    n_pairs = min(forward.size, back.size)
+    if n_pairs < _FEWEST_PAIRS:
+        return Rejection(
+            RejectionReason.TOO_FEW_AVERAGES,
+            f"drag torque needs at least {_FEWEST_PAIRS} constant-velocity travels in each direction, with position; "
+            f"got {forward.size} forward and {back.size} back in {len(windows)} windows",
+        )
+    forward, back = forward[:n_pairs], back[:n_pairs]
+    return DragTorque(
+        drag=_mean_of(0.5 * (forward - back)), offset=_mean_of(0.5 * (forward + back)), speed=speed, n_pairs=n_pairs
+    )
+
+
+def _constant_velocity_travels(window: Window) -> Iterator[tuple[float, float]]:
+    """Yield mean velocity [m/s] and mean torque [N·m] of each travel of a window."""
+    rate = window.sample_rate
+    span = 2 * round(0.5 * _VELOCITY_SPAN * rate) + 1
+    if window.position_trace is None or window.n_samples < max(span, _SHORTEST_TRAVEL * rate) or span < 3:
+        return
+    velocity = signal.savgol_filter(window.position_trace, span, polyorder=1, deriv=1, delta=1.0 / rate)
+    moving = np.abs(velocity) > _MOVING * np.abs(velocity).max()
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False]))))
+    for begin, end in edges.reshape(-1, 2):
+        if end - begin < _SHORTEST_TRAVEL * rate:
+            continue
+        trimmed = round(_TRIMMED * (end - begin))
+        inner = slice(begin + trimmed, end - trimmed)
+        mean = float(velocity[inner].mean())
+        if velocity[inner].std() < _SPEED_TOLERANCE * abs(mean):
+            yield mean, float(window.excitation[inner].mean(dtype=np.float64))
+
+
+def _mean_of(values: FloatArray) -> Estimate:
+    return Estimate(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(values.size), values.size - 1)

@@ -1,0 +1,253 @@
+"""From readings to a calibration: weighted least squares of Eq. (8) with payload and temperature where they vary."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from scipy import special
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.modal import PhaseReference
+from monitor_core.preload.calibration import (
+    COEFFICIENT_NAMES,
+    INVERSE_MOVING_MASS,
+    TEMPERATURE_COEFFICIENT,
+    Calibration,
+    ModalReading,
+    PositionError,
+    ValidRange,
+    Weighting,
+    feature_design,
+    known_parameters,
+)
+from monitor_core.preload.influence import (
+    TEMPERATURE_RESOLUTION,
+    InfluenceCoefficients,
+    from_reference,
+    payload_factor,
+    to_reference,
+)
+from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
+from monitor_core.preload.regression import LeastSquaresFit, weighted_least_squares
+from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.uncertainty import Estimate, VectorEstimate
+
+
+def calibrate(
+    readings: Sequence[ModalReading],
+    *,
+    weighting: Weighting | Literal["none", "std"],
+    excitation_source: ExcitationSource | None,
+    excitation_quantity: ExcitationQuantity | None = None,
+    moving_mass: Estimate | None = None,
+    temperature_coefficient: Estimate | None = None,
+    phase_reference: PhaseReference | None = None,
+    minimum_band_excitation: float | None = None,
+) -> Calibration:
+    r"""Regress k1…k4 of Eq. (8), with µ and k_T where the readings vary payload and temperature.
+
+    .. math::
+
+        \frac{1}{f^2} = \Bigl(1 + \frac{m - m_0}{M + m_0}\Bigr)
+            \Bigl(k_1 x^2 + k_2 x + k_3\,\mathrm{preload}^{-1/3} + k_4 + k_T (T - T_0)\Bigr)
+
+    Eq. (8) of [1]_; the factor is its Eq. (6). The lowest payload is the reference :math:`m_0`, the mean temperature
+    :math:`T_0`.
+
+    Parameters
+    ----------
+    readings : sequence of ModalReading
+        At three or more positions and two or more preloads. Payload and temperature are stated for all of them or for
+        none; no payload stated means an empty table, 0 kg.
+    weighting : Weighting
+        ``std`` weights by the stated standard uncertainties of the frequencies. Where these come from the fit of one
+        record, scatter between measurements is usually many times larger and ``none`` uses the readings better.
+    excitation_source : ExcitationSource or None
+        The calibration holds for this source alone; ``None`` where a table of frequencies does not tell.
+    excitation_quantity : ExcitationQuantity or None
+        Torque or force; as above.
+    moving_mass : Estimate, optional
+        Effective mass that moves without payload, used where the readings hold one payload only. [kg]
+    temperature_coefficient : Estimate, optional
+        Used where the temperatures span less than ``TEMPERATURE_RESOLUTION``. [s²/K]
+    phase_reference, minimum_band_excitation : optional
+        Carried along for the gates before the estimate.
+
+    Returns
+    -------
+    Calibration
+        The covariance rests on the residuals (n − p degrees of freedom): unweighted on their variance alone, weighted
+        on the stated uncertainties plus the scatter between measurements that the residuals show beyond them.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If positions, preloads or the number of readings cannot determine the coefficients, or if the frequency does
+        not rise measurably with the preload.
+    OutsideValidityError
+        If a preload is missing, an influence quantity is stated for some readings only, or a weight is missing.
+
+    Notes
+    -----
+    Errors are taken as independent between readings. An error common to all readings of one level, such as a preload
+    that was not quite what it was set to, shows in the residuals but is no smaller for many readings: several levels
+    are worth more than many readings of one.
+
+    Examples
+    --------
+    Table 2 of [1]_ gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed Table 3 misses
+    it by 1.49 Hz rms (``docs/errata.md``).
+
+    References
+    ----------
+    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
+    """
+    weighting = Weighting(weighting)
+    columns = reading_columns(readings, weighting)
+    refuse_too_few_settings(columns)
+    weight = np.ones_like(columns.frequency)
+    if weighting is Weighting.STD:
+        weight = 1.0 / (columns.slope * columns.standard_uncertainty)
+
+    payload_excess, temperature_excess = columns.payload_excess, columns.temperature_excess
+    temperature = columns.temperature
+    fitted_names = list(COEFFICIENT_NAMES)
+    if np.any(payload_excess > 0.0):
+        fitted_names.append(INVERSE_MOVING_MASS)
+    if np.ptp(temperature_excess) >= TEMPERATURE_RESOLUTION:
+        fitted_names.append(TEMPERATURE_COEFFICIENT)
+    fit = _fit(columns, weight, fitted_names)
+    reproducibility = _reproducibility(columns, weight, fit)
+    fitted = fit.parameters
+    if weighting is Weighting.STD:
+        # scatter between measurements is common to all readings, so the weights are not their inverse variances
+        variance = columns.slope**2 * (columns.standard_uncertainty**2 + reproducibility**2)
+        fitted = VectorEstimate(fitted.values, fit.covariance_under(variance), fitted.degrees_of_freedom)
+    _refuse_blind_mode(fitted)
+
+    declared = _declared(moving_mass, temperature_coefficient, float(columns.payload.min()))
+    parameters, names = known_parameters(fitted, fitted_names, declared)
+    at = {name: float(v) for name, v in zip(fitted_names, fitted.values, strict=True)}
+    influence = InfluenceCoefficients(at.get(INVERSE_MOVING_MASS, 0.0), at.get(TEMPERATURE_COEFFICIENT, 0.0))
+    reference = to_reference(columns.inverse_square, payload_excess, temperature_excess, influence)
+    predicted = from_reference(
+        feature_design(columns.position, columns.preload) @ fitted.values[:4],
+        payload_excess,
+        temperature_excess,
+        influence,
+    )
+    residual = columns.frequency - predicted**-0.5
+    return Calibration(
+        parameters=parameters,
+        parameter_names=names,
+        declared=tuple(name for name in names if name not in fitted_names),
+        reproducibility=reproducibility,
+        residual_sd=float(np.sqrt(np.sum(residual**2) / fitted.degrees_of_freedom)),
+        residual_rms=float(np.sqrt(np.mean(residual**2))),
+        residual_max=float(np.max(np.abs(residual))),
+        condition_number=fit.condition_number,
+        leave_one_position_out=_leave_one_position_out(columns, weight, reference),
+        weighting=weighting,
+        n_readings=len(readings),
+        position=_range(columns.position),
+        preload=_range(columns.preload),
+        payload=_range(columns.payload),
+        temperature=None if temperature is None else _range(temperature),
+        reference_payload=float(columns.payload.min()),
+        reference_temperature=None if temperature is None else float(temperature.mean()),
+        excitation_source=excitation_source,
+        excitation_quantity=excitation_quantity,
+        phase_reference=phase_reference,
+        minimum_band_excitation=minimum_band_excitation,
+    )
+
+
+def _range(values: FloatArray) -> ValidRange:
+    return ValidRange(float(values.min()), float(values.max()))
+
+
+def _declared(
+    moving_mass: Estimate | None, temperature_coefficient: Estimate | None, reference_payload: float
+) -> dict[str, Estimate]:
+    declared = {}
+    if moving_mass is not None:
+        total = moving_mass.value + reference_payload
+        if not moving_mass.value > 0.0:
+            raise OutsideValidityError(f"moving_mass must be positive; got {moving_mass.value} kg")
+        declared[INVERSE_MOVING_MASS] = Estimate(1.0 / total, moving_mass.standard_uncertainty / total**2)
+    if temperature_coefficient is not None:
+        declared[TEMPERATURE_COEFFICIENT] = temperature_coefficient
+    return declared
+
+
+def _refuse_blind_mode(fitted: VectorEstimate) -> None:
+    """Without a significant, positive k3 no interval of the preload has an upper end."""
+    k3, uncertainty = fitted.values[2], fitted.standard_uncertainties[2]
+    if k3 <= special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
+        raise NotIdentifiableError(
+            "the frequency does not rise measurably with the preload: k3 must be positive beyond its 95 % uncertainty; "
+            f"got {k3:.3g} ± {uncertainty:.2g} s²·N^(1/3). Spread the preloads further, or choose another mode"
+        )
+
+
+def _fit(columns: ReadingColumns, weight: FloatArray, names: list[str]) -> LeastSquaresFit:
+    """Gauss–Newton over the parameters; one step is exact unless µ is among them, which multiplies the rest."""
+    design = feature_design(columns.position, columns.preload)
+    if TEMPERATURE_COEFFICIENT in names:
+        design = np.column_stack([design, columns.temperature_excess])
+    y, payload_excess = columns.inverse_square, columns.payload_excess
+    if INVERSE_MOVING_MASS not in names:
+        return weighted_least_squares(design, y, weight)
+    i = names.index(INVERSE_MOVING_MASS)
+    mu, beta = 0.0, np.linalg.lstsq(design, y, rcond=None)[0]
+    for _ in range(50):
+        factor, unloaded = payload_factor(payload_excess, mu), design @ beta
+        jacobian = np.insert(factor[:, np.newaxis] * design, i, payload_excess * unloaded, axis=1)
+        # linearised about (mu, beta): y ≈ factor·(design @ b) + (m − mu)·payload_excess·unloaded
+        fit = weighted_least_squares(jacobian, y + mu * payload_excess * unloaded, weight)
+        step = abs(fit.parameters.values[i] - mu)
+        mu, beta = float(fit.parameters.values[i]), np.delete(fit.parameters.values, i)
+        if mu <= 0.0:
+            raise NotIdentifiableError(f"payload must lower the frequency; the readings give 1/M = {mu:.3g} 1/kg")
+        if step <= 1e-9 * mu:
+            return fit
+    raise NotIdentifiableError("the moving mass did not converge: frequency and payload do not go together")
+
+
+def _reproducibility(columns: ReadingColumns, weight: FloatArray, fit: LeastSquaresFit) -> float:
+    r"""Scatter between measurements [Hz] that their stated uncertainties do not explain.
+
+    Method of moments (DerSimonian–Laird for a regression): the weighted residual sum of squares has the expectation
+    :math:`\sum (1-h_i) w_i^2 g_i^2 (\sigma_i^2 + c^2)`, g = 2/f³; solved for c, and 0 where σ explains it all.
+    """
+    share = (1.0 - fit.leverage) * (weight * columns.slope) ** 2
+    excess = np.sum((weight * fit.residual) ** 2) - np.sum(share * columns.standard_uncertainty**2)
+    return float(np.sqrt(max(0.0, excess / np.sum(share))))
+
+
+def _leave_one_position_out(
+    columns: ReadingColumns, weight: FloatArray, reference: FloatArray
+) -> tuple[PositionError, ...]:
+    """Predict each position from the others; payload and temperature stay corrected by the whole fit."""
+    groups = position_groups(columns.position)
+    if len(groups) < 4:
+        return ()
+    design = feature_design(columns.position, columns.preload)
+    errors = []
+    for out in groups:
+        kept = np.setdiff1d(np.arange(columns.position.size), out)
+        if np.unique(columns.preload[kept]).size < 2 or kept.size <= design.shape[1]:
+            continue
+        k = weighted_least_squares(design[kept], reference[kept], weight[kept]).parameters.values
+        frequency_error = (reference[out] - design[out] @ k) / columns.slope[out]
+        theta = (reference[out] - design[out][:, [0, 1, 3]] @ k[[0, 1, 3]]) / k[2]
+        preload_error = theta**-3.0 - columns.preload[out] if np.all(theta > 0.0) else None
+        errors.append(
+            PositionError(
+                position=float(columns.position[out].mean()),
+                frequency_error_rms=float(np.sqrt(np.mean(frequency_error**2))),
+                preload_error_rms=None if preload_error is None else float(np.sqrt(np.mean(preload_error**2))),
+            )
+        )
+    return tuple(errors)

@@ -1,0 +1,89 @@
+"""Least squares with scaled columns, honest covariance and a refusal when the data cannot determine the answer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray, read_only
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.uncertainty import VectorEstimate
+
+#: Condition number of the column-scaled design above which settings differ by less than they can be set: for Eq. (8)
+#: three positions within about a millimetre of each other. (Table 2 of Nguyen et al.: 45.)
+CONDITION_LIMIT = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeastSquaresFit:
+    """Outcome of :func:`weighted_least_squares`."""
+
+    parameters: VectorEstimate  # covariance scaled by the residual variance
+    residual: FloatArray  # observed − fitted, shape (n,), in the unit of the observations
+    estimator: FloatArray  # G in β = G·observed, shape (p, n)
+    leverage: FloatArray  # diagonal of the (weighted) hat matrix, shape (n,)
+    condition_number: float  # of the weighted, column-scaled design
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "residual", read_only(self.residual))
+        object.__setattr__(self, "estimator", read_only(self.estimator))
+        object.__setattr__(self, "leverage", read_only(self.leverage))
+
+    def covariance_under(self, variance: FloatArray) -> FloatArray:
+        """Covariance of the parameters if the observations scatter with these variances, shape (n,)."""
+        return (self.estimator * variance) @ self.estimator.T
+
+
+def weighted_least_squares(design: FloatArray, observed: FloatArray, weight: FloatArray) -> LeastSquaresFit:
+    r"""Solve :math:`\min_\beta \sum_i w_i^2 (y_i - X_i\beta)^2` and tell how well the data determine β.
+
+    Parameters
+    ----------
+    design : ndarray, shape (n, p)
+        :math:`X`; columns may differ by orders of magnitude, they are scaled to unit length. [unit of y / unit of β]
+    observed : ndarray, shape (n,)
+        :math:`y`. [any]
+    weight : ndarray, shape (n,)
+        :math:`w_i`, inverse standard deviations up to a common factor. [1 / unit of y]
+
+    Returns
+    -------
+    LeastSquaresFit
+        With the covariance :math:`s^2 (X^T W^2 X)^{-1}`, :math:`s^2 = \sum w_i^2 r_i^2/(n-p)`: a common factor in the
+        weights cancels.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there are no more observations than parameters, or if the columns are dependent.
+
+    Examples
+    --------
+    The line through (1, 1), (2, 2), (3, 2), as in any textbook: 2/3 + x/2.
+
+    >>> x = np.array([1.0, 2.0, 3.0])
+    >>> fit = weighted_least_squares(np.column_stack([np.ones(3), x]), np.array([1.0, 2.0, 2.0]), np.ones(3))
+    >>> fit.parameters.values.round(4).tolist()
+    [0.6667, 0.5]
+    """
+    n, p = design.shape
+    if n <= p:
+        raise NotIdentifiableError(f"{p} coefficients need at least {p + 1} readings to be judged; got {n}")
+    weighted = design * weight[:, np.newaxis]
+    scale = np.linalg.norm(weighted, axis=0)
+    if not np.all(scale > 0.0):
+        raise NotIdentifiableError("a coefficient has no influence on any reading: its column of the design is zero")
+    u, singular, vt = np.linalg.svd(weighted / scale, full_matrices=False)
+    condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
+    if condition > CONDITION_LIMIT:
+        raise NotIdentifiableError(
+            f"the readings cannot separate the {p} coefficients: condition number {condition:.1e}, "
+            f"at most {CONDITION_LIMIT:.0e} expected; spread positions, preloads and influence quantities further"
+        )
+    estimator = (vt.T / singular) @ u.T * weight / scale[:, np.newaxis]
+    beta = estimator @ observed
+    residual = observed - design @ beta
+    variance = float(np.sum((weight * residual) ** 2)) / (n - p)
+    covariance = variance * (estimator / weight**2) @ estimator.T
+    return LeastSquaresFit(
+        VectorEstimate(beta, covariance, n - p), residual, estimator, np.sum(u**2, axis=1), condition
+    )

@@ -1,0 +1,161 @@
+"""What was recorded: windows, sessions, and the conditions under which they were taken (ISO 13374: DA)."""
+
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import StrEnum
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray, SampleArray, read_only, read_only_samples
+from monitor_core.errors import InvalidWindowError
+
+
+class ExcitationQuantity(StrEnum):
+    """What drives the axis in a window."""
+
+    TORQUE = "torque"  #: [N·m]
+    FORCE = "force"  #: [N]
+
+
+class ExcitationSource(StrEnum):
+    """Where the excitation was taken. A calibration holds for one source only (they see different poles)."""
+
+    SENSOR = "sensor"
+    DRIVE = "drive"
+
+
+class Direction(StrEnum):
+    """Direction of travel during a window."""
+
+    POSITIVE = "+"
+    NEGATIVE = "-"
+    BOTH = "both"
+
+
+class RejectionReason(StrEnum):
+    """Why a window or a measurement was refused. Stored and counted like any other outcome."""
+
+    # of one window
+    NOT_FINITE = "not-finite"
+    CLIPPED = "clipped"
+    DEAD_CHANNEL = "dead-channel"
+    STUCK_CHANNEL = "stuck-channel"
+    TOO_SHORT = "too-short"
+    SLOW_LENGTH = "slow-length"
+    SAMPLE_RATE_MISMATCH = "sample-rate-mismatch"
+    LENGTH_MISMATCH = "length-mismatch"
+    POSITION_SPAN_TOO_WIDE = "position-span-too-wide"
+    LITTLE_EXCITATION = "little-excitation"
+    OUTLYING_WINDOW = "outlying-window"
+    POSITION_MISMATCH = "position-mismatch"
+    MEASUREMENT_CLOSED = "measurement-closed"
+    # of one measurement
+    TOO_FEW_AVERAGES = "too-few-averages"
+    NO_PEAK_IN_BAND = "no-peak-in-band"
+    LOW_COHERENCE = "low-coherence"
+    WRONG_PHASE = "wrong-phase"
+    AMBIGUOUS_MODES = "ambiguous-modes"
+    UNCERTAIN_FREQUENCY = "uncertain-frequency"
+    FIT_FAILED = "fit-failed"
+    EXCITATION_SOURCE_MISMATCH = "excitation-source-mismatch"
+    NOT_CALIBRATED = "not-calibrated"
+    OUTSIDE_CALIBRATION = "outside-calibration"
+    WAVEFORM_DAMAGED = "waveform-damaged"
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """A refusal: an outcome, not an exception."""
+
+    reason: RejectionReason
+    detail: str  # what was expected, what was got, with units
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Influence quantities of a window or a measurement. ``None`` means: not stated."""
+
+    position: float  # table position from the fixed bearing [m]
+    payload_mass: float | None = None  # workpiece and fixture on the table [kg]
+    temperature: float | None = None  # [°C]
+    preload: float | None = None  # only where it was set on purpose, as in a calibration [N]
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.position):
+            raise InvalidWindowError(f"position must be finite; got {self.position} m")
+        if self.payload_mass is not None and not self.payload_mass >= 0.0:
+            raise InvalidWindowError(f"payload_mass must not be negative; got {self.payload_mass} kg")
+        if self.temperature is not None and not self.temperature > -273.15:
+            raise InvalidWindowError(f"temperature must lie above -273.15 °C; got {self.temperature} °C")
+        if self.preload is not None and not self.preload > 0.0:
+            raise InvalidWindowError(f"preload must be positive; got {self.preload} N")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """One simultaneous record of excitation (motor torque or a force) and nut acceleration.
+
+    The samples keep the precision in which they were recorded and may contain anything that an acquisition system can
+    produce: whether they are fit to be judged is the question of :mod:`monitor_core.quality`, not of this record.
+    """
+
+    excitation: SampleArray  # shape (n_samples,) [N·m] or [N]
+    response: SampleArray  # acceleration, shape (n_samples,) [m/s²]
+    sample_rate: float  # [Hz]
+    started_at: datetime  # with a time zone
+    conditions: Conditions
+    measurement: str  # windows that share it are averaged together
+    excitation_quantity: ExcitationQuantity = ExcitationQuantity.TORQUE
+    excitation_source: ExcitationSource = ExcitationSource.SENSOR
+    direction: Direction = Direction.BOTH
+    position_span: float = 0.0  # travel during the window [m]
+    position_trace: FloatArray | None = None  # shape (n_samples,) [m]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "excitation", read_only_samples(self.excitation))
+        object.__setattr__(self, "response", read_only_samples(self.response))
+        if self.excitation.ndim != 1 or self.excitation.shape != self.response.shape:
+            raise InvalidWindowError(
+                "excitation and response must be one-dimensional and of one length; "
+                f"got shapes {self.excitation.shape} and {self.response.shape}"
+            )
+        if self.excitation.size == 0:
+            raise InvalidWindowError("a window must hold at least one sample; got none")
+        if self.position_trace is not None:
+            object.__setattr__(self, "position_trace", read_only(self.position_trace))
+            if self.position_trace.shape != self.excitation.shape:
+                raise InvalidWindowError(
+                    f"position must have as many samples as the excitation ({self.excitation.size}); "
+                    f"got shape {self.position_trace.shape}"
+                )
+        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0.0):
+            raise InvalidWindowError(f"sample_rate must be positive; got {self.sample_rate} Hz")
+        if self.started_at.tzinfo is None:
+            raise InvalidWindowError(f"started_at must carry a time zone; got {self.started_at.isoformat()}")
+        if not self.position_span >= 0.0:
+            raise InvalidWindowError(f"position_span must not be negative; got {self.position_span} m")
+        if not self.measurement:
+            raise InvalidWindowError("measurement must name the measurement the window belongs to; got an empty text")
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples in each channel."""
+        return int(self.excitation.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """A recorded series of windows of one axis, in time order."""
+
+    axis_id: str
+    windows: tuple[Window, ...]
+    description: str = ""
+    created: datetime | None = None
+    measurements: tuple[str, ...] = field(init=False)  # names, in order of first appearance
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "measurements", tuple(dict.fromkeys(w.measurement for w in self.windows)))
+
+    def windows_of(self, measurement: str) -> tuple[Window, ...]:
+        """Return the windows of one measurement, in time order."""
+        return tuple(w for w in self.windows if w.measurement == measurement)

@@ -1,0 +1,286 @@
+"""A calibration as a JSON document, with the unit of every number in its key (the keys of ``preload calibrate``).
+
+Numbers that follow from others (``moving_mass_kg``, ``minimum_detectable_loss_n``) are written for people and scripts
+and not read back; unknown keys are left alone.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import MonitorCoreError, RecordingFormatError
+from monitor_core.modal import PhaseReference
+from monitor_core.preload.calibration import (
+    COEFFICIENT_NAMES,
+    INVERSE_MOVING_MASS,
+    TEMPERATURE_COEFFICIENT,
+    Calibration,
+    PositionError,
+    ValidRange,
+    Weighting,
+)
+from monitor_core.preload.capability import minimum_detectable_loss
+from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.recordings.fields import Fields
+from monitor_core.recordings.files import read_text
+from monitor_core.uncertainty import VectorEstimate
+
+FORMAT, VERSION = "preload-calibration", 1
+_COEFFICIENT_KEYS = dict(zip(COEFFICIENT_NAMES, ("k1_s2_per_m2", "k2_s2_per_m", "k3_s2_n13", "k4_s2"), strict=True))
+_INFLUENCE_KEYS = {
+    INVERSE_MOVING_MASS: "inverse_moving_mass_per_kg",
+    TEMPERATURE_COEFFICIENT: "temperature_coefficient_s2_per_k",
+}
+_PARAMETER_KEYS = {**_COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
+_PARAMETER_NAMES = {key: name for name, key in _PARAMETER_KEYS.items()}
+_EXCITATION_UNITS = {ExcitationQuantity.TORQUE: "N.m", ExcitationQuantity.FORCE: "N", None: None}
+
+
+def calibration_document(calibration: Calibration) -> dict[str, object]:
+    """Lay out a calibration as a document of finite numbers, texts, lists and ``None``.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of one axis.
+
+    Returns
+    -------
+    dict
+        Ready for :func:`json.dumps`; :func:`calibration_from_document` reads it back.
+
+    Raises
+    ------
+    OutsideValidityError
+        If Eq. (8) gives no frequency within the calibrated range, so that no loss can be stated.
+    """
+    values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
+    mass, phase = calibration.moving_mass, calibration.phase_reference
+    position, temperature = calibration.position, calibration.temperature
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "coefficients": {key: values[name] for name, key in _COEFFICIENT_KEYS.items()},
+        **{key: values.get(name) for name, key in _INFLUENCE_KEYS.items()},
+        "covariance": calibration.parameters.covariance.tolist(),
+        "covariance_order": [_PARAMETER_KEYS[name] for name in calibration.parameter_names],
+        "degrees_of_freedom": calibration.parameters.degrees_of_freedom,
+        "declared": [_PARAMETER_KEYS[name] for name in calibration.declared],
+        "moving_mass_kg": mass.value if mass else None,
+        "moving_mass_standard_uncertainty_kg": mass.standard_uncertainty if mass else None,
+        "reference_payload_kg": calibration.reference_payload,
+        "reference_temperature_c": calibration.reference_temperature,
+        "residual_rms_hz": calibration.residual_rms,
+        "residual_max_hz": calibration.residual_max,
+        "residual_sd_hz": calibration.residual_sd,
+        "reproducibility_hz": calibration.reproducibility,
+        "condition_number": calibration.condition_number,
+        "minimum_detectable_loss_n": minimum_detectable_loss(calibration),
+        "leave_one_position_out": [
+            {
+                "position_mm": error.position * 1e3,
+                "frequency_error_rms_hz": error.frequency_error_rms,
+                "preload_error_rms_n": error.preload_error_rms,
+            }
+            for error in calibration.leave_one_position_out
+        ],
+        "weighting": calibration.weighting.value,
+        "n_readings": calibration.n_readings,
+        "valid_range": {
+            "position_mm": [position.lower * 1e3, position.upper * 1e3],
+            "preload_n": [calibration.preload.lower, calibration.preload.upper],
+            "payload_kg": [calibration.payload.lower, calibration.payload.upper],
+            "temperature_c": None if temperature is None else [temperature.lower, temperature.upper],
+        },
+        "excitation_source": calibration.excitation_source,
+        "excitation_quantity": calibration.excitation_quantity,
+        "phase_reference": None if phase is None else {"polarity": phase.polarity, "delay_s": phase.delay},
+        "minimum_band_excitation": calibration.minimum_band_excitation,
+        "minimum_band_excitation_unit": _EXCITATION_UNITS[calibration.excitation_quantity],
+    }
+
+
+def calibration_from_document(document: object, where: str = "calibration") -> Calibration:
+    """Read what :func:`calibration_document` wrote.
+
+    Parameters
+    ----------
+    document : object
+        A parsed JSON document.
+    where : str
+        Its name, for messages.
+
+    Returns
+    -------
+    Calibration
+        The one written, up to the rounding of millimetres.
+
+    Raises
+    ------
+    RecordingFormatError
+        If anything does not fit, in one sentence.
+    """
+    top = _fields(document, where)
+    top.exactly("format", FORMAT)
+    if top.number("version", "-") != VERSION:
+        raise RecordingFormatError(f"{where}: expected version {VERSION}; got {top.number('version', '-'):g}")
+    try:
+        return _calibration(top)
+    except RecordingFormatError:
+        raise
+    except MonitorCoreError as error:  # a record refused to exist with these values
+        raise RecordingFormatError(f"{where}: {error}") from error
+
+
+def write_calibration(path: Path, calibration: Calibration) -> None:
+    """Write a calibration as a JSON file."""
+    path.write_text(json.dumps(calibration_document(calibration), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration from a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        Of a file that :func:`write_calibration` or ``preload calibrate --json`` wrote.
+
+    Returns
+    -------
+    Calibration
+        See :func:`calibration_from_document`.
+
+    Raises
+    ------
+    RecordingFormatError
+        If the file is no JSON document or does not fit.
+    """
+    text = read_text(path)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise RecordingFormatError(f"{path.name}: expected a JSON document; {error}") from error
+    return calibration_from_document(document, path.name)
+
+
+def _calibration(top: Fields) -> Calibration:
+    coefficients, ranges = _table(top, "coefficients"), _table(top, "valid_range")
+    values = {key: coefficients.number(key, "SI") for key in _COEFFICIENT_KEYS.values()}
+    values.update({key: top.number(key, "SI") for key in _INFLUENCE_KEYS.values() if key in top})
+    order = _keys(top, "covariance_order")
+    if sorted(order) != sorted(values):
+        raise RecordingFormatError(
+            f"{top.where}, covariance_order: expected {', '.join(values)}; got {', '.join(order)}"
+        )
+    position = _range(ranges, "position_mm", "mm")
+    return Calibration(
+        parameters=VectorEstimate(
+            np.array([values[key] for key in order]),
+            _covariance(top, len(order)),
+            top.positive("degrees_of_freedom", "-"),
+        ),
+        parameter_names=tuple(_PARAMETER_NAMES[key] for key in order),
+        declared=tuple(_PARAMETER_NAMES[key] for key in _keys(top, "declared")),
+        reproducibility=_not_negative(top, "reproducibility_hz", "Hz"),
+        residual_sd=_not_negative(top, "residual_sd_hz", "Hz"),
+        residual_rms=_not_negative(top, "residual_rms_hz", "Hz"),
+        residual_max=_not_negative(top, "residual_max_hz", "Hz"),
+        condition_number=top.positive("condition_number", "-"),
+        leave_one_position_out=_position_errors(top),
+        weighting=top.choice("weighting", Weighting),
+        n_readings=top.count("n_readings"),
+        position=ValidRange(position.lower * 1e-3, position.upper * 1e-3),
+        preload=_range(ranges, "preload_n", "N"),
+        payload=_range(ranges, "payload_kg", "kg"),
+        temperature=_range(ranges, "temperature_c", "°C") if "temperature_c" in ranges else None,
+        reference_payload=_not_negative(top, "reference_payload_kg", "kg"),
+        reference_temperature=top.optional_number("reference_temperature_c", "°C"),
+        excitation_source=top.choice("excitation_source", ExcitationSource) if "excitation_source" in top else None,
+        excitation_quantity=(
+            top.choice("excitation_quantity", ExcitationQuantity) if "excitation_quantity" in top else None
+        ),
+        phase_reference=_phase_reference(top),
+        minimum_band_excitation=top.optional_number("minimum_band_excitation", "N.m or N"),
+    )
+
+
+def _fields(value: object, where: str) -> Fields:
+    """Return the keys of a JSON object; null means the same as a key that is not there."""
+    if not isinstance(value, dict):
+        raise RecordingFormatError(f"{where}: expected a JSON object; got {type(value).__name__}")
+    return Fields({key: entry for key, entry in value.items() if entry is not None}, where)
+
+
+def _table(fields: Fields, name: str) -> Fields:
+    return _fields(fields.values.get(name), f"{fields.where}, {name}")
+
+
+def _list(fields: Fields, name: str) -> list[object]:
+    value = fields.values.get(name)
+    if not isinstance(value, list):
+        raise RecordingFormatError(f"{fields.where}, {name}: expected a list; got {type(value).__name__}")
+    return value
+
+
+def _keys(fields: Fields, name: str) -> list[str]:
+    keys = [str(key) for key in _list(fields, name)]
+    if unknown := [key for key in keys if key not in _PARAMETER_NAMES]:
+        raise RecordingFormatError(
+            f"{fields.where}, {name}: expected some of {', '.join(_PARAMETER_NAMES)}; got {unknown[0]!r}"
+        )
+    return keys
+
+
+def _numbers(values: object, n: int, place: str) -> list[float]:
+    if not isinstance(values, list) or len(values) != n:
+        raise RecordingFormatError(f"{place}: expected a list of {n} numbers; got {values!r:.60}")
+    return [Fields({"item": value}, place).number("item", "SI") for value in values]
+
+
+def _covariance(fields: Fields, n: int) -> FloatArray:
+    rows, place = _list(fields, "covariance"), f"{fields.where}, covariance"
+    if len(rows) != n:
+        raise RecordingFormatError(f"{place}: expected {n} rows as in covariance_order; got {len(rows)}")
+    matrix = np.array([_numbers(row, n, place) for row in rows])
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    normal = matrix / np.where(scale > 0.0, scale, 1.0) / np.where(scale > 0.0, scale, 1.0)[:, np.newaxis]
+    # rounding of a nearly dependent fit leaves eigenvalues a little below zero
+    if not np.allclose(normal, normal.T, atol=1e-9) or np.linalg.eigvalsh(normal)[0] < -1e-9:
+        raise RecordingFormatError(f"{place}: expected a symmetric matrix without negative variances")
+    return matrix
+
+
+def _range(fields: Fields, name: str, unit: str) -> ValidRange:
+    lower, upper = _numbers(_list(fields, name), 2, f"{fields.where}, {name}")
+    if lower > upper:
+        raise RecordingFormatError(f"{fields.where}, {name}: expected [lower, upper]; got [{lower}, {upper}] {unit}")
+    return ValidRange(lower, upper)
+
+
+def _not_negative(fields: Fields, name: str, unit: str) -> float:
+    value = fields.number(name, unit)
+    if value < 0.0:
+        raise RecordingFormatError(f"{fields.where}, {name}: must not be negative; got {value} {unit}")
+    return value
+
+
+def _position_errors(top: Fields) -> tuple[PositionError, ...]:
+    name = "leave_one_position_out"
+    entries = [_fields(value, f"{top.where}, {name}") for value in _list(top, name)]
+    return tuple(
+        PositionError(
+            entry.number("position_mm", "mm") * 1e-3,
+            _not_negative(entry, "frequency_error_rms_hz", "Hz"),
+            entry.optional_number("preload_error_rms_n", "N"),
+        )
+        for entry in entries
+    )
+
+
+def _phase_reference(top: Fields) -> PhaseReference | None:
+    if "phase_reference" not in top:
+        return None
+    fields = _table(top, "phase_reference")
+    return PhaseReference(int(fields.number("polarity", "-")), fields.number("delay_s", "s"))

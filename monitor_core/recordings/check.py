@@ -1,0 +1,134 @@
+"""Is this file what it should be? Recognises every format by its content and reads it to the end."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings.channel_map import read_channel_map
+from monitor_core.recordings.files import read_text, require_file
+from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.recordings.session_hdf5 import open_session
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MOST_PROBLEMS = 20
+#: How a file begins, where its format has a signature.
+_STARTS: dict[str, bytes | tuple[bytes, ...]] = {
+    "tdms": b"TDSm",
+    "npz": b"PK",
+    "mat": b"MATLAB",
+    "uff58": b"    -1",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """What a file is, whether it holds to its format, and each thing that does not fit in one sentence."""
+
+    format: str
+    valid: bool
+    problems: tuple[str, ...]
+
+
+def check_file(path: Path) -> FileReport:
+    """Recognise a file by its content and read all of it.
+
+    Parameters
+    ----------
+    path : Path
+        A session, a modal table, a calibration, a channel map, or a raw file (TDMS, UFF58, MAT, NPZ, text columns). A
+        raw file is checked for being readable; what it means is for a channel map to say.
+
+    Returns
+    -------
+    FileReport
+        Of a session every window is looked at, and at most 20 problems are listed.
+
+    Raises
+    ------
+    MissingReaderError
+        If the format needs an optional library that is not installed: that is no fault of the file.
+    """
+    try:
+        name = _recognise(require_file(path))
+    except RecordingFormatError as error:
+        return FileReport("unknown", False, (str(error),))
+    found = list(islice(_problems(name, path), _MOST_PROBLEMS + 1))
+    if len(found) > _MOST_PROBLEMS:
+        found[_MOST_PROBLEMS:] = [f"{path.name}: further problems are not listed"]
+    return FileReport(name, not found, tuple(found))
+
+
+def _recognise(path: Path) -> str:
+    with path.open("rb") as stream:
+        head = stream.read(1024)
+    if head.startswith(_HDF5):
+        return _format_of_hdf5(path)
+    for name, starts in _STARTS.items():
+        if head.startswith(starts):
+            return name
+    if path.suffix.lower() == ".mat":  # version 4 has no signature
+        return "mat"
+    text = read_text(path).lstrip()
+    if text.startswith("{"):
+        return "preload-calibration"
+    if path.suffix.lower() == ".toml":
+        return "channel-map"
+    columns = [cell.strip().lower() for cell in text.partition("\n")[0].replace(";", ",").split(",")]
+    return "modal-table" if any(cell.startswith("frequency") for cell in columns) else "csv"
+
+
+def _format_of_hdf5(path: Path) -> str:
+    """Two of our formats are HDF5; a file that is damaged or says neither is judged as a session."""
+    import h5py  # noqa: PLC0415
+
+    try:
+        with h5py.File(path, "r") as file:
+            return "preload-frf-set" if file.attrs.get("format") == "preload-frf-set" else "preload-session"
+    except (OSError, RuntimeError, KeyError, ValueError):
+        return "preload-session"
+
+
+def _problems(name: str, path: Path) -> Iterator[str]:
+    try:
+        if name == "preload-session":
+            yield from _problems_of_session(path)
+        else:
+            _READERS[name](path)
+    except RecordingFormatError as error:
+        yield str(error)
+
+
+def _problems_of_session(path: Path) -> Iterator[str]:
+    with open_session(path) as reader:
+        for name in reader.measurement_of:
+            try:
+                reader.window(name)
+            except RecordingFormatError as error:
+                yield str(error)
+
+
+def _read_calibration(path: Path) -> object:
+    # imported here: a calibration brings the preload mathematics along, which no other format needs
+    from monitor_core.recordings.calibration_file import read_calibration  # noqa: PLC0415
+
+    return read_calibration(path)
+
+
+def _refuse_frf_set(path: Path) -> object:
+    raise RecordingFormatError(f"{path.name}: an FRF set (preload-frf-set); this version has no reader for it")
+
+
+_READERS: dict[str, Callable[[Path], object]] = {
+    "preload-calibration": _read_calibration,
+    "preload-frf-set": _refuse_frf_set,
+    "modal-table": read_modal_table,
+    "channel-map": read_channel_map,
+    "tdms": tdms.read_channels,
+    "uff58": uff58.read_channels,
+    "mat": mat.read_channels,
+    "npz": npz.read_channels,
+    "csv": csv_samples.read_channels,
+}

@@ -1,0 +1,59 @@
+"""What every reader does first: look at the file before trusting it, and speak with one voice when it does not fit."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from monitor_core.errors import MonitorCoreError, RecordingFormatError
+
+#: Longest channel that is read: over an hour at 16 kHz. A header that promises more is refused before memory is given.
+MAX_SAMPLES = 2**26
+
+
+def require_file(path: Path) -> Path:
+    """Return the path if it is a regular file that is not empty.
+
+    Raises
+    ------
+    RecordingFormatError
+        If nothing is there, if it is a folder, a pipe or a device, or if it is empty.
+    """
+    if not path.exists():
+        raise RecordingFormatError(f"{path.name}: expected a file; there is none at this path")
+    if not path.is_file():
+        raise RecordingFormatError(f"{path.name}: expected a regular file; got a folder, pipe or device")
+    if path.stat().st_size == 0:
+        raise RecordingFormatError(f"{path.name}: expected a recording; the file is empty (0 bytes)")
+    return path
+
+
+def read_text(path: Path) -> str:
+    """Return the file as UTF-8 text without its byte order mark."""
+    try:
+        return require_file(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RecordingFormatError(
+            f"{path.name}: expected UTF-8 text; byte {error.start} is {error.object[error.start]:#04x}"
+        ) from error
+
+
+def require_plausible_length(n_samples: int, where: str) -> None:
+    """Refuse a length that no window has, before anything is allocated for it."""
+    if n_samples > MAX_SAMPLES:
+        raise RecordingFormatError(f"{where}: expected at most {MAX_SAMPLES} samples; the header promises {n_samples}")
+
+
+@contextmanager
+def refusing(where: str, expected: str) -> Iterator[None]:
+    """Turn whatever a file library raises on a damaged file into one sentence of ours.
+
+    The libraries behind the readers (HDF5, npTDMS, pyuff, scipy.io, zipfile) raise nearly every built-in class and
+    bare ``Exception`` when bytes are not what they expect: this is the one place where all of it is caught.
+    """
+    try:
+        yield
+    except MonitorCoreError:
+        raise
+    except Exception as error:  # see above: pyuff raises bare Exception, h5py half a dozen classes
+        reason = " ".join(str(error).split())[:200] or "no reason given"
+        raise RecordingFormatError(f"{where}: expected {expected}; got {type(error).__name__}: {reason}") from error

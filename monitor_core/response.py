@@ -1,0 +1,57 @@
+"""Frequency responses and modes: measured and modelled are one type."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
+from monitor_core.errors import OutsideValidityError
+from monitor_core.uncertainty import Estimate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyResponse:
+    """A response quantity per unit excitation over frequency.
+
+    ``quantity`` says which (ISO 7626): ``accelerance`` [m/(N·s²)] or ``torque_accelerance`` [m/(N·m·s²)], the latter
+    because a torque becomes an axial force only behind the screw lead.
+    """
+
+    frequency: FloatArray  # shape (n_frequencies,) [Hz]
+    response: ComplexArray  # shape (n_frequencies,)
+    quantity: str
+    coherence: FloatArray | None = None  # ordinary coherence γ², shape (n_frequencies,); None for a modelled response
+    n_averages: float = 1.0  # effective number of independent averages
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", read_only(self.frequency))
+        object.__setattr__(self, "response", read_only_complex(self.response))
+        if self.frequency.shape != self.response.shape or self.frequency.ndim != 1:
+            raise OutsideValidityError(
+                f"frequency and response must be of one length; got {self.frequency.shape} and {self.response.shape}"
+            )
+        if self.coherence is not None:
+            object.__setattr__(self, "coherence", read_only(self.coherence))
+            if self.coherence.shape != self.frequency.shape:
+                raise OutsideValidityError(
+                    f"coherence must have the shape of frequency {self.frequency.shape}; got {self.coherence.shape}"
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalParameters:
+    """One mode: natural frequency and damping ratio with their joint covariance, and the residue's phase.
+
+    ``residue`` is −B(f_n) of the fitted B(f)/(f_n² − f² + 2jζ f_n f): positive real for an accelerance of a passive
+    axis with both channels in their natural polarity and no delay between them.
+    """
+
+    frequency: Estimate  # natural frequency f_n [Hz]
+    damping_ratio: Estimate  # ζ [-]
+    frequency_damping_covariance: float  # [Hz]
+    residue: complex
+
+    @property
+    def residue_phase(self) -> float:
+        """Phase of the residue in radians; 0 for an accelerance in natural polarity without delay."""
+        return float(np.angle(self.residue))

@@ -1,0 +1,159 @@
+"""Frequency response and ordinary coherence from averaged spectra."""
+
+from dataclasses import dataclass
+from typing import Literal, assert_never
+
+import numpy as np
+
+from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.response import FrequencyResponse
+from monitor_core.spectral.coherence import effective_averages
+from monitor_core.spectral.spectra import BandSpectra, Taper
+
+Estimator = Literal["H1", "H2", "Hv"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrossSpectra:
+    """Sums over windows of tapered auto- and cross-powers; the scale common to all three is arbitrary."""
+
+    frequency: FloatArray  # shape (n_frequencies,) [Hz]
+    excitation_power: FloatArray  # Σ |X|², shape (n_frequencies,)
+    response_power: FloatArray  # Σ |Y|², shape (n_frequencies,)
+    cross_power: ComplexArray  # Σ X* Y, shape (n_frequencies,)
+    n_windows: int
+    taper: Taper = "hann"
+    overlap: float = 0.0  # share of a window that the next one repeats [-]
+
+    @property
+    def n_averages(self) -> float:
+        """Effective number of independent averages."""
+        return effective_averages(self.n_windows, self.overlap, taper=self.taper)
+
+    def __add__(self, other: "CrossSpectra") -> "CrossSpectra":
+        """Add the windows of another sum over the same lines."""
+        alike = (self.taper, self.overlap) == (other.taper, other.overlap)
+        if not alike or not np.array_equal(self.frequency, other.frequency):
+            raise OutsideValidityError("sums must be over the same lines, of the same taper and overlap")
+        return CrossSpectra(
+            self.frequency,
+            self.excitation_power + other.excitation_power,
+            self.response_power + other.response_power,
+            self.cross_power + other.cross_power,
+            self.n_windows + other.n_windows,
+            self.taper,
+            self.overlap,
+        )
+
+
+def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann", overlap: float = 0.0) -> CrossSpectra:
+    """Sum the tapered powers of windows.
+
+    Window by window (``cross_spectra(first) + cross_spectra(second)``) or all at once give the same numbers, because
+    the sums are in double precision whatever the samples were.
+
+    Parameters
+    ----------
+    spectra : BandSpectra
+        Raw lines, of which the outermost two are used up by the taper.
+    taper : {"hann", "rectangular"}
+        See :meth:`BandSpectra.tapered`.
+    overlap : float
+        Share of a window that the next one repeats; 0 for separate moves. [-]
+
+    Returns
+    -------
+    CrossSpectra
+        Sums at the inner lines.
+    """
+    frequency, x, y = spectra.tapered(taper)
+    return CrossSpectra(
+        frequency,
+        np.sum(x.real**2 + x.imag**2, axis=0, dtype=np.float64),
+        np.sum(y.real**2 + y.imag**2, axis=0, dtype=np.float64),
+        np.sum(x.conj() * y, axis=0, dtype=np.complex128),
+        spectra.n_windows,
+        taper,
+        overlap,
+    )
+
+
+def estimate_frf(cross: CrossSpectra, *, estimator: Estimator = "H1", quantity: str) -> FrequencyResponse:
+    r"""Estimate the frequency response and the ordinary coherence.
+
+    .. math::
+
+        H_1 = \frac{S_{xy}}{S_{xx}},\quad H_2 = \frac{S_{yy}}{S_{yx}},\quad
+        H_v = \frac{S_{xy}}{|S_{xy}|}\sqrt{\frac{S_{yy}}{S_{xx}}},\quad
+        \gamma^2 = \frac{|S_{xy}|^2}{S_{xx} S_{yy}}
+
+    [1]_, sections 6.1 and 9.2. :math:`H_1` is unbiased under noise on the response, :math:`H_2` under noise on the
+    excitation, :math:`H_v` (total least squares, both noises alike after scaling) lies between them.
+
+    Parameters
+    ----------
+    cross : CrossSpectra
+        Sums over windows.
+    estimator : {"H1", "H2", "Hv"}
+        Which of the three.
+    quantity : str
+        What the ratio is, e.g. ``"torque_accelerance"``.
+
+    Returns
+    -------
+    FrequencyResponse
+        With ``coherence=None`` for a single average, where it is 1 whatever the data: it must not be judged.
+
+    Raises
+    ------
+    OutsideValidityError
+        If a channel has no power at all at a line.
+
+    References
+    ----------
+    .. [1] J. S. Bendat, A. G. Piersol, Random Data, 4th ed., Wiley, 2010.
+    """
+    sxx, syy, sxy = cross.excitation_power, cross.response_power, cross.cross_power
+    if not (np.all(sxx > 0.0) and np.all(np.abs(sxy) > 0.0)):
+        raise OutsideValidityError("both channels must have power at every line of the band; got a line without")
+    match estimator:
+        case "H1":
+            response = sxy / sxx
+        case "H2":
+            response = syy / sxy.conj()
+        case "Hv":
+            response = sxy / np.abs(sxy) * np.sqrt(syy / sxx)
+        case _:
+            assert_never(estimator)
+    judged = cross.n_averages > 1.0
+    # Schwarz holds up to rounding; a coherence of 1 + 1e-16 would make square roots of 1 − γ² fail.
+    coherence = np.minimum(np.abs(sxy) ** 2 / (sxx * syy), 1.0) if judged else None
+    return FrequencyResponse(cross.frequency, response, quantity, coherence, cross.n_averages)
+
+
+def least_leaking_taper(spectra: BandSpectra) -> Taper:
+    """Choose the taper that leaves the higher mean coherence.
+
+    What a window cuts off (ringing across its ends under a rectangular taper) and what a taper erases (an impact near
+    an end under Hann) both lower the coherence; nothing about a taper raises it. With a single window there is nothing
+    to compare, and Hann is taken.
+
+    Parameters
+    ----------
+    spectra : BandSpectra
+        Raw lines of the band of interest.
+
+    Returns
+    -------
+    {"hann", "rectangular"}
+        The better taper.
+    """
+    if spectra.n_windows < 2:
+        return "hann"
+    tapers: tuple[Taper, Taper] = ("hann", "rectangular")
+    return max(tapers, key=lambda taper: _mean_coherence(cross_spectra(spectra, taper=taper)))
+
+
+def _mean_coherence(cross: CrossSpectra) -> float:
+    return float(np.mean(np.abs(cross.cross_power) ** 2 / (cross.excitation_power * cross.response_power)))

@@ -1,0 +1,161 @@
+"""Raw spectra of windows in a frequency band, and the Hann taper applied to them in the frequency domain."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.errors import OutsideValidityError
+
+#: Raw lines keep the precision of the samples: float32 gives complex64.
+SpectrumArray = npt.NDArray[np.complex64] | npt.NDArray[np.complex128]
+Taper = Literal["hann", "rectangular"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandSpectra:
+    """Un-windowed DFT lines of excitation and response, one row per window.
+
+    The rectangular window is kept on purpose: the same lines serve the Hann-tapered average
+    (:meth:`tapered`) and the transient-aware fit of :mod:`monitor_core.modal`, which needs lines whose noise is
+    independent from one to the next.
+    """
+
+    frequency: FloatArray  # neighbouring lines, shape (n_frequencies,) [Hz]
+    excitation: SpectrumArray  # shape (n_windows, n_frequencies) [unit of excitation]
+    response: SpectrumArray  # shape (n_windows, n_frequencies) [m/s²]
+    n_samples: int  # in each window
+    sample_rate: float  # [Hz]
+
+    def __post_init__(self) -> None:
+        expected = (self.excitation.shape[0], self.frequency.size)
+        if self.excitation.shape != expected or self.response.shape != expected:
+            raise OutsideValidityError(
+                f"excitation and response must have shape (n_windows, {self.frequency.size}); "
+                f"got {self.excitation.shape} and {self.response.shape}"
+            )
+        for array in (self.frequency, self.excitation, self.response):
+            array.setflags(write=False)
+
+    @property
+    def n_windows(self) -> int:
+        """Number of windows."""
+        return int(self.excitation.shape[0])
+
+    @property
+    def resolution(self) -> float:
+        """Distance of two lines in hertz."""
+        return self.sample_rate / self.n_samples
+
+    def within(self, low: float, high: float) -> "BandSpectra":
+        """Return the lines from ``low`` to ``high`` in hertz, both included."""
+        start, stop = np.searchsorted(self.frequency, [low, np.nextafter(high, np.inf)])
+        lines = slice(int(start), int(stop))
+        return BandSpectra(
+            self.frequency[lines], self.excitation[:, lines], self.response[:, lines], self.n_samples, self.sample_rate
+        )
+
+    def of_windows(self, kept: npt.NDArray[np.bool_]) -> "BandSpectra":
+        """Return the windows for which ``kept`` is true, shape (n_windows,)."""
+        return BandSpectra(
+            self.frequency, self.excitation[kept], self.response[kept], self.n_samples, self.sample_rate
+        )
+
+    def tapered(self, taper: Taper) -> tuple[FloatArray, SpectrumArray, SpectrumArray]:
+        r"""Taper both channels after the transform.
+
+        The periodic Hann window, times two, is
+
+        .. math:: X_h(k) = X(k) - \tfrac12\,[X(k-1) + X(k+1)]
+
+        and uses up the outermost line on either side. The rectangular one drops the same two lines.
+
+        Parameters
+        ----------
+        taper : {"hann", "rectangular"}
+            Hann for what goes on across the ends of the window, rectangular for an impact that rings out inside it: a
+            hit near an end is all but erased by Hann.
+
+        Returns
+        -------
+        tuple of ndarray
+            Frequency, shape (n_frequencies − 2,) [Hz]; excitation and response, shape (n_windows, n_frequencies − 2).
+        """
+        inner = self.frequency[1:-1]
+        if taper == "rectangular":
+            return inner, self.excitation[:, 1:-1], self.response[:, 1:-1]
+        return inner, _hann(self.excitation), _hann(self.response)
+
+
+def band_spectra(
+    excitation: SampleArray, response: SampleArray, sample_rate: float, band: tuple[float, float]
+) -> BandSpectra:
+    """Transform windows of two channels and keep the lines of a band with one more on either side.
+
+    One batched real FFT per channel, in the precision of the samples. The extra line is what the Hann taper in the
+    frequency domain needs. The mean of each window is removed with the line at 0 Hz.
+
+    Parameters
+    ----------
+    excitation : ndarray, shape (n_windows, n_samples)
+        Motor torque or force. [N·m or N]
+    response : ndarray, shape (n_windows, n_samples)
+        Acceleration. [m/s²]
+    sample_rate : float
+        Samples per second. [Hz]
+    band : tuple of float
+        Lowest and highest frequency wanted. [Hz]
+
+    Returns
+    -------
+    BandSpectra
+        Lines from one below to one above the band, as far as they exist between 0 Hz and half the sampling rate.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the channels differ in shape, or the band holds no line between 0 Hz and half the sampling rate.
+
+    Examples
+    --------
+    A cosine of amplitude 2 on line 3 of 16 samples has the line 2·16/2 there:
+
+    >>> import numpy as np
+    >>> cosine = 2.0 * np.cos(2 * np.pi * 3 * np.arange(16) / 16)[None, :]
+    >>> spectra = band_spectra(cosine, cosine, 16.0, (2.0, 4.0))
+    >>> spectra.frequency.tolist(), np.round(np.abs(spectra.response), 12).tolist()
+    ([1.0, 2.0, 3.0, 4.0, 5.0], [[0.0, 0.0, 16.0, 0.0, 0.0]])
+    """
+    if excitation.ndim != 2 or excitation.shape != response.shape:
+        raise OutsideValidityError(
+            "excitation and response must be of one shape (n_windows, n_samples); "
+            f"got {excitation.shape} and {response.shape}"
+        )
+    low, high = band
+    n_samples = excitation.shape[1]
+    resolution = sample_rate / n_samples
+    # 1e-9 of a line: a band edge meant to lie on a line must not miss it by rounding.
+    first = max(int(np.ceil(low / resolution - 1e-9)) - 1, 0)
+    last = min(int(np.floor(high / resolution + 1e-9)) + 1, n_samples // 2)
+    if not (0.0 <= low < high <= sample_rate / 2) or last - first < 2:
+        raise OutsideValidityError(
+            f"band must rise, hold a line of {resolution:g} Hz and lie between 0 and {sample_rate / 2:g} Hz; "
+            f"got {low:g} to {high:g} Hz"
+        )
+    lines = slice(first, last + 1)
+    # contiguous copies of the band, so that the rest of the transform is freed
+    spectra = [np.ascontiguousarray(scipy.fft.rfft(channel, axis=1)[:, lines]) for channel in (excitation, response)]
+    if first == 0:
+        for spectrum in spectra:
+            spectrum[:, 0] = 0.0
+    return BandSpectra(np.arange(first, last + 1) * resolution, spectra[0], spectra[1], n_samples, sample_rate)
+
+
+def _hann(lines: SpectrumArray) -> SpectrumArray:
+    tapered = lines[:, :-2] + lines[:, 2:]
+    tapered *= -0.5
+    tapered += lines[:, 1:-1]
+    return tapered

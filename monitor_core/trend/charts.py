@@ -1,0 +1,97 @@
+"""Control charts as pure step functions: EWMA, CUSUM, Shewhart.
+
+Every chart takes the standardised residual of one measurement, counted **positive towards loss**, and its own previous
+value, and gives its new value. Limits and run lengths are in :mod:`monitor_core.trend.run_length`.
+"""
+
+import math
+
+
+def cusum_step(previous: float, residual: float, reference: float, largest_increment: float = math.inf) -> float:
+    r"""Advance a one-sided cumulative sum by one measurement.
+
+    .. math::
+
+        S_i = \max(0,\; S_{i-1} + \min(z_i - k,\; c))
+
+    Eq. (3) of [1]_; the winsorising constant c is that of [2]_: an outlier may push the sum by c at most.
+
+    Parameters
+    ----------
+    previous : float
+        S of the measurement before, 0 at the start. [-]
+    residual : float
+        Standardised residual z, positive towards the change that is looked for. [-]
+    reference : float
+        k: half the step, in standard deviations, for which the chart is tuned. [-]
+    largest_increment : float
+        c; infinite for the plain chart. [-]
+
+    Returns
+    -------
+    float
+        The new sum, not negative. [-]
+
+    References
+    ----------
+    .. [1] E. S. Page, Biometrika 41 (1954) 100–115.
+    .. [2] D. M. Hawkins, "Robustification of cumulative sum charts by winsorization", J. Qual. Technol. 25 (1993).
+    """
+    return max(0.0, previous + min(residual - reference, largest_increment))
+
+
+def ewma_step(previous: float, residual: float, weight: float) -> float:
+    r"""Advance a two-sided exponentially weighted moving average by one measurement.
+
+    .. math::
+
+        v_i = (1 - \lambda)\, v_{i-1} + \lambda z_i
+
+    Eq. (1) of [1]_. In the long run it scatters with standard deviation :math:`\sqrt{\lambda / (2 - \lambda)}`.
+
+    Parameters
+    ----------
+    previous : float
+        v of the measurement before, 0 at the start. [-]
+    residual : float
+        Standardised residual z. [-]
+    weight : float
+        λ, the weight of the newest measurement. [-]
+
+    Returns
+    -------
+    float
+        The new average. [-]
+
+    References
+    ----------
+    .. [1] S. W. Roberts, Technometrics 1 (1959) 239–250.
+    """
+    return (1.0 - weight) * previous + weight * residual
+
+
+def one_sided_ewma_step(previous: float, residual: float, weight: float) -> float:
+    """Advance an EWMA that looks for change in one direction only: it does not go below zero.
+
+    Parameters and source as for :func:`ewma_step`; the reflecting barrier keeps a long time on the good side from
+    delaying the detection of a change to the bad one.
+    """
+    return max(0.0, ewma_step(previous, residual, weight))
+
+
+def winsorise(residual: float, largest: float) -> float:
+    """Limit the magnitude of a residual, so that one outlier cannot fill a chart.
+
+    Parameters
+    ----------
+    residual : float
+        Standardised residual. [-]
+    largest : float
+        Magnitude above which it counts as this much. [-]
+
+    Returns
+    -------
+    float
+        The residual, or ± the largest. [-]
+    """
+    return max(-largest, min(residual, largest))

@@ -1,0 +1,248 @@
+"""From a wanted false-alarm rate to the limits of the charts, honest about the baseline being an estimate."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import optimize, special
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.trend.baseline import DEPENDENT_BY_CHANCE
+from monitor_core.trend.run_length import cusum_run_length, ewma_run_length, shewhart_run_length
+
+#: EWMA weight: remembers about the last ten measurements.
+EWMA_WEIGHT = 0.2
+#: Share of the false alarms that the Shewhart rule would cause if it were alone.
+SHEWHART_SHARE = 0.1
+#: The Shewhart rule waits for the next measurement to confirm.
+SHEWHART_CONSECUTIVE = 2
+
+
+class LossDirection(StrEnum):
+    """Which way the trended quantity goes when preload is lost."""
+
+    FALL = "fall"  #: preload in newtons, drag torque, natural frequency
+    RISE = "rise"  #: the preload feature of Nguyen's Eq. (8)
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorSettings:
+    """What the owner of an axis decides.
+
+    The false-alarm rate holds for the first year of watching, with a new baseline learned after each false alarm;
+    simulated healthy axes meet it to 10 %, on the quiet side. Who leaves false alarms standing sees about 1.2 times as
+    many, since a misjudged baseline stays. The alert is a hint and its rate a guide: an alert teaches no new baseline,
+    so that about 1.2 to 1.5 times the stated number occur.
+    """
+
+    false_alarms_per_year: float = 1.0
+    false_alerts_per_year: float = 4.0
+    measurements_per_year: float = 365.0
+    baseline_size: int = 20
+    loss: LossDirection = LossDirection.FALL
+
+    def __post_init__(self) -> None:
+        for name in ("false_alarms_per_year", "false_alerts_per_year"):
+            rate = getattr(self, name)
+            if not 0.0 < rate <= 0.1 * self.measurements_per_year:
+                raise OutsideValidityError(
+                    f"{name} must be positive and at most a tenth of measurements_per_year "
+                    f"({self.measurements_per_year:g}); got {rate:g}"
+                )
+        if self.baseline_size < 3:
+            raise OutsideValidityError(f"baseline_size must be at least 3; got {self.baseline_size}")
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorDesign:
+    """Limits that meet the settings. Solved once, used for every measurement."""
+
+    settings: DetectorSettings
+    cusum_reference: float
+    cusum_limit: float
+    shewhart_limit: float
+    ewma_limit: float
+
+    @property
+    def largest_increment(self) -> float:
+        """Most that one measurement may add to the CUSUM: half its limit, so that no outlier alarms alone."""
+        return 0.5 * self.cusum_limit
+
+    @property
+    def largest_residual(self) -> float:
+        """Magnitude above which a residual counts as this much, in CUSUM and EWMA."""
+        return self.cusum_reference + self.largest_increment
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaselineErrors:
+    """Quadrature over what an estimated baseline may get wrong: the residuals that a healthy axis then shows."""
+
+    shift: FloatArray  # mean of the residual, shape (n_nodes,)
+    scale: FloatArray  # standard deviation of the residual, shape (n_nodes,)
+    weight: FloatArray  # sums to 1, shape (n_nodes,)
+
+
+def baseline_errors(baseline_size: int, n_mean: int = 15, n_scatter: int = 15) -> BaselineErrors:
+    r"""Nodes and weights over the sampling distribution of the baseline's mean and scatter.
+
+    The mean errs by :math:`\delta \sim N(0, 1/m)` and the scatter by the factor :math:`\sqrt{\chi^2_{m-1}/(m-1)}`,
+    independently; the residual divided by :math:`s\sqrt{1+1/m}` is then normal with the shift and scale returned.
+
+    Parameters
+    ----------
+    baseline_size : int
+        m. [-]
+    n_mean, n_scatter : int
+        Nodes for mean and scatter, both Gauss–Hermite: the scatter by way of its normal score. [-]
+
+    Returns
+    -------
+    BaselineErrors
+        ``n_mean * n_scatter`` nodes.
+    """
+    mean, mean_weight = special.roots_hermitenorm(n_mean)
+    score, score_weight = special.roots_hermitenorm(n_scatter)
+    half_dof = 0.5 * (baseline_size - 1)
+    scatter = np.sqrt(special.gammaincinv(half_dof, special.ndtr(score)) / half_dof)
+    divisor = scatter * math.sqrt(1.0 + 1.0 / baseline_size)
+    shift = mean[:, None] / math.sqrt(baseline_size) / divisor[None, :]
+    weight = np.outer(mean_weight / mean_weight.sum(), score_weight / score_weight.sum())
+    return BaselineErrors(shift.ravel(), np.broadcast_to(1.0 / divisor, shift.shape).ravel(), weight.ravel())
+
+
+def expected_false_alarms(hazard: FloatArray, weight: FloatArray, *, n_measurements: int, relearning: int) -> float:
+    """Predict the number of false alarms during the first measurements after learning.
+
+    Each axis drew one of the baselines; an alarm that proves false is cleared by learning a new one, which takes
+    ``relearning`` measurements during which there is no alarm. Between alarms the hazard is constant. The count is
+    the flow through that cycle. (The stationary rate of 1/ARL for ever on the same baseline would be dominated by a
+    few misjudged baselines that alarm every other week, and no owner puts up with that.)
+
+    Parameters
+    ----------
+    hazard : ndarray, shape (n_nodes,)
+        Alarms per measurement on each baseline, 1/ARL. [-]
+    weight : ndarray, shape (n_nodes,)
+        Probability of each baseline. What is missing to 1 are baselines that never alarm. [-]
+    n_measurements : int
+        Measurements after the first baseline was learned. [-]
+    relearning : int
+        Size of a baseline. [-]
+
+    Returns
+    -------
+    float
+        Expected number. [-]
+    """
+    watching = weight.copy()
+    alarms = np.zeros(n_measurements)
+    for i in range(n_measurements):
+        alarms[i] = hazard @ watching
+        watching *= 1.0 - hazard
+        if i >= relearning:
+            watching += weight * alarms[i - relearning]
+    return float(alarms.sum())
+
+
+def cusum_reference(false_alarms_per_year: float, baseline_size: int) -> float:
+    r"""Choose the reference value of the CUSUM.
+
+    .. math::
+
+        k = \frac14 + \frac{\max(0, z_{1-a})}{\sqrt m}
+
+    A quarter finds slow wear soonest. But a baseline whose mean errs by more than k lets the sum drift into an alarm
+    on a healthy axis: where alarms are to be rarer than one a year (a < ½), k also covers that error of the baseline,
+    so that its remaining probability is about a.
+
+    Parameters
+    ----------
+    false_alarms_per_year : float
+        a. [-]
+    baseline_size : int
+        m. [-]
+
+    Returns
+    -------
+    float
+        k, in standard deviations. [-]
+    """
+    z = -float(special.ndtri(min(false_alarms_per_year, 0.5)))
+    return 0.25 + z / math.sqrt(baseline_size)
+
+
+def design_detector(settings: DetectorSettings) -> DetectorDesign:
+    """Solve the limits of CUSUM, Shewhart rule and EWMA from the wanted rates.
+
+    Alarm: the CUSUM beyond its limit, or :data:`SHEWHART_CONSECUTIVE` residuals in a row beyond the Shewhart limit,
+    which alone would cause :data:`SHEWHART_SHARE` of the rate. Alert: the EWMA beyond its limit on either side, because
+    a rise of preload is no loss but tells that something has changed.
+
+    Parameters
+    ----------
+    settings : DetectorSettings
+        Wanted rates, measurements per year and size of the baseline.
+
+    Returns
+    -------
+    DetectorDesign
+        The limits.
+
+    Notes
+    -----
+    A rate is the expected number in the first year of watching after the baseline, a new baseline being learned after
+    each false alarm. In later years it is lower, since misjudged baselines have been replaced.
+    """
+    errors = baseline_errors(settings.baseline_size)
+    residual = {"shift": errors.shift, "scale": errors.scale}
+    n_measurements = max(1, round(settings.measurements_per_year))
+
+    def expected(run_length: FloatArray) -> float:
+        return expected_false_alarms(
+            1.0 / run_length,
+            (1.0 - DEPENDENT_BY_CHANCE) * errors.weight,
+            n_measurements=n_measurements,
+            relearning=settings.baseline_size,
+        )
+
+    alarms = settings.false_alarms_per_year
+    reference = cusum_reference(alarms, settings.baseline_size)
+    shewhart_limit = _solve(
+        lambda limit: expected(shewhart_run_length(limit, consecutive=SHEWHART_CONSECUTIVE, **residual)),
+        SHEWHART_SHARE * alarms,
+    )
+    cusum_limit = _solve(
+        lambda limit: expected(
+            cusum_run_length(
+                limit,
+                reference=reference,
+                largest_increment=0.5 * limit,
+                confirmed_limit=shewhart_limit,
+                **residual,
+            )
+        ),
+        alarms,
+    )
+    largest_residual = reference + 0.5 * cusum_limit
+    ewma_limit = _solve(
+        lambda limit: expected(
+            ewma_run_length(limit, weight=EWMA_WEIGHT, largest_residual=largest_residual, **residual)
+        ),
+        settings.false_alerts_per_year,
+    )
+    return DetectorDesign(settings, reference, cusum_limit, shewhart_limit, ewma_limit)
+
+
+def _solve(expected_number: Callable[[float], float], wanted: float) -> float:
+    """Find the limit at which a falling expectation meets the wanted number."""
+    lower, upper = 0.5, 1.0
+    while expected_number(lower) < wanted:
+        lower *= 0.5
+    while expected_number(upper) > wanted:
+        lower, upper = upper, 1.5 * upper
+    # the logarithm is nearly straight in the limit; an expectation of exactly 0 lies far below every wanted number
+    return float(optimize.brentq(lambda x: math.log(max(expected_number(x), 1e-300) / wanted), lower, upper, xtol=1e-3))

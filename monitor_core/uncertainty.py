@@ -1,0 +1,78 @@
+"""Numbers that will be judged, and the intervals around them (GUM / VIM words)."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import FloatArray, read_only
+from monitor_core.errors import OutsideValidityError
+
+
+class IntervalKind(StrEnum):
+    """Which question an interval answers."""
+
+    CONFIDENCE = "confidence"  #: where the mean of the population lies
+    PREDICTION = "prediction"  #: where the next measurement will lie
+    TOLERANCE = "tolerance"  #: where a stated share of the population lies
+    COVERAGE = "coverage"  #: where the measurand lies, all known uncertainties included (GUM)
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An interval that says which kind it is and how often it covers."""
+
+    lower: float
+    upper: float
+    kind: IntervalKind
+    level: float = 0.95
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.upper:
+            raise OutsideValidityError(f"lower must not exceed upper; got [{self.lower}, {self.upper}]")
+        if not 0.0 < self.level < 1.0:
+            raise OutsideValidityError(f"level must lie between 0 and 1; got {self.level}")
+
+    def covers(self, value: float) -> bool:
+        """Tell whether a value lies inside, bounds included."""
+        return self.lower <= value <= self.upper
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value with its standard uncertainty and the degrees of freedom behind it."""
+
+    value: float
+    standard_uncertainty: float
+    degrees_of_freedom: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise OutsideValidityError(f"value must be finite; got {self.value}")
+        if not self.standard_uncertainty >= 0.0:
+            raise OutsideValidityError(f"standard_uncertainty must not be negative; got {self.standard_uncertainty}")
+        if not self.degrees_of_freedom > 0.0:
+            raise OutsideValidityError(f"degrees_of_freedom must be positive; got {self.degrees_of_freedom}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VectorEstimate:
+    """Several values with their joint covariance."""
+
+    values: FloatArray  # shape (n,)
+    covariance: FloatArray  # shape (n, n)
+    degrees_of_freedom: float = math.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(self.values))
+        object.__setattr__(self, "covariance", read_only(self.covariance))
+        n = self.values.shape[0]
+        if self.covariance.shape != (n, n):
+            raise OutsideValidityError(f"covariance must have shape ({n}, {n}); got {self.covariance.shape}")
+
+    @property
+    def standard_uncertainties(self) -> npt.NDArray[np.float64]:
+        """Square roots of the diagonal, shape (n,)."""
+        return np.sqrt(np.diag(self.covariance))

@@ -1,0 +1,99 @@
+"""``/v1/axes``: registration, configuration, and how each axis stands."""
+
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.api.services import Services, services
+from service.operations.axes import AxisConfiguration
+from service.operations.trend import AxisStatus
+
+router = APIRouter(tags=["axes"])
+
+AxisId = Annotated[
+    str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$", description="letters, digits, dot, dash, underscore")
+]
+
+
+class AxisIn(BaseModel):
+    """An axis as an operator registers it."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "examples": [
+                {
+                    "name": "Machining centre 3, X",
+                    "configuration": {
+                        "search_band_hz": [140, 230],
+                        "excitation_source": "sensor",
+                        "moving_mass_kg": 21.8,
+                    },
+                }
+            ]
+        },
+    )
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    configuration: AxisConfiguration = AxisConfiguration()
+
+
+class AxisOut(BaseModel):
+    """An axis and how it stands."""
+
+    id: str
+    name: str
+    created_at: datetime
+    configuration: AxisConfiguration
+    active_calibration: int | None
+    state: str
+    state_since: datetime | None
+    last_measurement: dict[str, Any] | None
+    refused_windows: dict[str, int]
+    open_alarms: int
+
+
+class AxesOut(BaseModel):
+    """All axes."""
+
+    axes: list[AxisOut]
+
+
+def axis_out(status: AxisStatus) -> AxisOut:
+    """Return an axis on the wire."""
+    row = status.row
+    return AxisOut(
+        id=row.id,
+        name=row.name,
+        created_at=row.created_at,
+        configuration=AxisConfiguration.model_validate(row.configuration),
+        active_calibration=row.active_calibration_id,
+        state=status.state,
+        state_since=status.since,
+        last_measurement=status.last_measurement,
+        refused_windows=status.refused_windows,
+        open_alarms=status.open_alarms,
+    )
+
+
+@router.put("/axes/{axis}", response_model=AxisOut)
+def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Services, Depends(services)]) -> AxisOut:
+    """Register an axis, or change its name and configuration."""
+    _, created = on.axes.register(axis, body.name, body.configuration)
+    response.status_code = 201 if created else 200
+    return axis_out(on.trend.status(axis))
+
+
+@router.get("/axes", response_model=AxesOut)
+def list_axes(on: Annotated[Services, Depends(services)]) -> AxesOut:
+    """List the axes and how each stands."""
+    return AxesOut(axes=[axis_out(on.trend.status(row.id)) for row in on.axes.list()])
+
+
+@router.get("/axes/{axis}", response_model=AxisOut)
+def get_axis(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
+    """Return one axis and how it stands."""
+    return axis_out(on.trend.status(axis))

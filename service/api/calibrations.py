@@ -1,0 +1,167 @@
+"""``/v1/axes/{axis}/calibrations``: fit or bring one, review it, activate it, see what was in force when."""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal, Self
+
+from fastapi import APIRouter, Depends, Request, Response
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+
+from monitor_core.preload import ModalReading
+from monitor_core.recording import Conditions
+from service.api.services import Services, services
+from service.operations.calibrations import CalibrationOverview
+from service.store.tables import CalibrationRow
+
+router = APIRouter(tags=["calibrations"])
+
+
+class ReadingIn(BaseModel):
+    """One row of a modal table."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    position_mm: float
+    preload_n: Annotated[float, Field(gt=0)]
+    frequency_hz: Annotated[float, Field(gt=0)]
+    frequency_std_hz: Annotated[float | None, Field(gt=0)] = None
+    n_readings: Annotated[int, Field(ge=1)] = 1
+    payload_kg: Annotated[float | None, Field(ge=0)] = None
+    temperature_c: float | None = None
+
+    def to_core(self) -> ModalReading:
+        """Return the core's record, in SI units."""
+        return ModalReading(
+            frequency=self.frequency_hz,
+            conditions=Conditions(self.position_mm * 1e-3, self.payload_kg, self.temperature_c, self.preload_n),
+            frequency_std=self.frequency_std_hz,
+            n_readings=self.n_readings,
+        )
+
+
+class MeasurementRange(BaseModel):
+    """Stored measurements whose preload was set on purpose, by time."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    start: AwareDatetime | None = Field(default=None, alias="from")
+    end: AwareDatetime | None = Field(default=None, alias="to")
+
+
+class CalibrationIn(BaseModel):
+    """Where a calibration comes from: stored measurements, a modal table, or the file of `preload calibrate`."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={"examples": [{"measurements": {}, "comment": "new nut, guided calibration"}]},
+    )
+
+    measurements: MeasurementRange | None = None
+    readings: Annotated[list[ReadingIn] | None, Field(min_length=4, max_length=10_000)] = None
+    document: dict[str, Any] | None = Field(default=None, description="the JSON that `preload calibrate` wrote")
+    weighting: Literal["std", "none"] | None = Field(
+        default=None, description="std where every reading states its scatter, else none"
+    )
+    comment: Annotated[str, Field(max_length=1000)] = ""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        given = [name for name in ("measurements", "readings", "document") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"exactly one of measurements, readings and document is expected; got {', '.join(given) or 'none'}"
+            )
+        return self
+
+
+class CalibrationOut(BaseModel):
+    """A stored calibration; `document` is the file format of `preload calibrate`."""
+
+    id: int
+    axis: str
+    created_at: datetime
+    comment: str
+    active: bool
+    document: dict[str, Any]
+
+
+class ActivationOut(BaseModel):
+    """Which calibration came into force when, and why."""
+
+    calibration: int
+    activated_at: datetime
+    reason: str
+
+
+class CalibrationsOut(BaseModel):
+    """The calibrations of an axis and the history of their activation, newest first."""
+
+    calibrations: list[CalibrationOut]
+    history: list[ActivationOut]
+
+
+class ActivationIn(BaseModel):
+    """Why the calibration is put in force."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra={"examples": [{"reason": "reviewed"}]})
+
+    reason: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+def calibration_out(row: CalibrationRow, active: int | None) -> CalibrationOut:
+    """Return a calibration on the wire."""
+    return CalibrationOut(
+        id=row.id,
+        axis=row.axis_id,
+        created_at=row.created_at,
+        comment=row.comment,
+        active=row.id == active,
+        document=row.document,
+    )
+
+
+def calibrations_out(overview: CalibrationOverview) -> CalibrationsOut:
+    """Return all calibrations of an axis on the wire."""
+    return CalibrationsOut(
+        calibrations=[calibration_out(row, overview.active) for row in overview.calibrations],
+        history=[
+            ActivationOut(calibration=row.calibration_id, activated_at=row.activated_at, reason=row.reason)
+            for row in overview.activations
+        ],
+    )
+
+
+@router.post("/axes/{axis}/calibrations", response_model=CalibrationOut, status_code=201)
+def post_calibration(
+    axis: str, body: CalibrationIn, response: Response, on: Annotated[Services, Depends(services)]
+) -> CalibrationOut:
+    """Fit k1…k4 (or take them from a file) and store them for review. Nothing is in force before it is activated."""
+    if body.document is not None:
+        row = on.calibrations.bring(axis, body.document, body.comment)
+    elif body.readings is not None:
+        readings = [reading.to_core() for reading in body.readings]
+        row = on.calibrations.fit_readings(axis, readings, body.weighting, body.comment)
+    else:
+        span = body.measurements or MeasurementRange()
+        row = on.calibrations.fit_measurements(axis, (span.start, span.end), body.weighting, body.comment)
+    response.headers["Location"] = f"/v1/axes/{axis}/calibrations/{row.id}"
+    return calibration_out(row, None)
+
+
+@router.get("/axes/{axis}/calibrations", response_model=CalibrationsOut)
+def list_calibrations(axis: str, on: Annotated[Services, Depends(services)]) -> CalibrationsOut:
+    """List the calibrations of an axis and which was in force since when."""
+    return calibrations_out(on.calibrations.overview(axis))
+
+
+@router.post("/axes/{axis}/calibrations/{calibration}/activate", response_model=CalibrationsOut)
+def activate_calibration(
+    axis: str,
+    calibration: int,
+    body: ActivationIn,
+    request: Request,
+    on: Annotated[Services, Depends(services)],
+) -> CalibrationsOut:
+    """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between."""
+    on.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
+    return calibrations_out(on.calibrations.overview(axis))

@@ -1,0 +1,96 @@
+"""``/v1/jobs``: long work with its progress, and ``/v1/axes/{axis}/replays`` that starts one kind of it."""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.api.services import Services, services
+from service.store.tables import JobRow
+
+router = APIRouter(tags=["jobs"])
+
+
+class ReplayIn(BaseModel):
+    """Which recorded session to replay, and how fast."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, json_schema_extra={"examples": [{"session": "slow-wear", "speed": None}]}
+    )
+
+    session: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$", description="one of GET /v1/sessions")]
+    speed: Annotated[float | None, Field(gt=0, description="times real time; null is as fast as possible")] = None
+
+
+class JobOut(BaseModel):
+    """A job as it stands."""
+
+    id: str
+    kind: str
+    axis: str
+    arguments: dict[str, Any]
+    status: Literal["queued", "running", "done", "failed", "cancelled"]
+    done: int
+    total: int | None
+    result: dict[str, Any] | None
+    error: str | None
+    created_at: datetime
+    updated_at: datetime
+
+
+class JobsOut(BaseModel):
+    """Jobs, newest first."""
+
+    jobs: list[JobOut]
+
+
+class SessionsOut(BaseModel):
+    """Recorded sessions that can be replayed."""
+
+    sessions: list[str]
+
+
+def job_out(row: JobRow) -> JobOut:
+    """Return a job on the wire."""
+    return JobOut(
+        id=row.id, kind=row.kind, axis=row.axis_id, arguments=row.arguments, status=row.status, done=row.done,
+        total=row.total, result=row.result, error=row.error, created_at=row.created_at, updated_at=row.updated_at,
+    )  # fmt: skip
+
+
+@router.get("/sessions", response_model=SessionsOut)
+def list_sessions(on: Annotated[Services, Depends(services)]) -> SessionsOut:
+    """List the recorded sessions in the replay folder."""
+    return SessionsOut(sessions=on.replays.sessions())
+
+
+@router.post("/axes/{axis}/replays", response_model=JobOut, status_code=202)
+def start_replay(axis: str, body: ReplayIn, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
+    """Replay a recorded session into an axis, as a job with progress; the same code as for live windows."""
+    on.replays.require(body.session)
+    row = on.jobs.submit("replay", axis, body.model_dump())
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)
+
+
+@router.get("/jobs", response_model=JobsOut)
+def list_jobs(
+    on: Annotated[Services, Depends(services)],
+    axis: str | None = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+) -> JobsOut:
+    """List jobs, newest first."""
+    return JobsOut(jobs=[job_out(row) for row in on.jobs.list(axis, limit)])
+
+
+@router.get("/jobs/{job}", response_model=JobOut)
+def get_job(job: str, on: Annotated[Services, Depends(services)]) -> JobOut:
+    """Return a job with its progress."""
+    return job_out(on.jobs.get(job))
+
+
+@router.post("/jobs/{job}/cancel", response_model=JobOut)
+def cancel_job(job: str, on: Annotated[Services, Depends(services)]) -> JobOut:
+    """Ask a job to stop; work already done stays done."""
+    return job_out(on.jobs.cancel(job))

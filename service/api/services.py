@@ -1,0 +1,36 @@
+"""What the routers work with: the operations of one application, and how a route gets them."""
+
+from dataclasses import dataclass
+from typing import cast
+
+from fastapi import Request
+
+from service.jobs import JobRunner
+from service.observability import Metrics
+from service.operations.alarms import Alarms
+from service.operations.axes import Axes
+from service.operations.calibrations import Calibrations
+from service.operations.ingest import Ingest
+from service.operations.replay import Replays
+from service.operations.trend import Trend
+from service.store.database import Database
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The operations, made once per application."""
+
+    database: Database
+    metrics: Metrics
+    axes: Axes
+    ingest: Ingest
+    trend: Trend
+    calibrations: Calibrations
+    alarms: Alarms
+    replays: Replays
+    jobs: JobRunner
+
+
+def services(request: Request) -> Services:
+    """Return the operations of the application that serves this request."""
+    return cast(Services, request.app.state.services)

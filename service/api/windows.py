@@ -1,0 +1,174 @@
+"""``POST /v1/axes/{axis}/windows``: windows in, outcomes out."""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal, Self
+
+from fastapi import APIRouter, Depends, Request, Response
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter, model_validator
+
+from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body, raw_body
+from service.api.services import Services, services
+from service.operations.ingest import WindowStatus
+
+router = APIRouter(tags=["windows"])
+
+
+class WindowIn(BaseModel):
+    """One window, as an acquisition system sends it. Names and units are those of the session file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    started_at: AwareDatetime
+    measurement: Annotated[str, Field(min_length=1, max_length=200, description="windows that share it are averaged")]
+    sample_rate_hz: Annotated[float, Field(gt=0, le=1e6)]
+    position_mm: Annotated[float, Field(ge=-100_000, le=100_000, description="from the fixed bearing")]
+    position_span_mm: Annotated[float, Field(ge=0, le=100_000, description="travel during the window")]
+    excitation: Samples
+    response: Samples
+    excitation_quantity: Literal["torque", "force"] = "torque"
+    excitation_unit: Literal["N.m", "N"]
+    excitation_source: Literal["sensor", "drive"]
+    response_quantity: Literal["acceleration"] = "acceleration"
+    response_unit: Literal["m/s2"]
+    position_trace_m: Samples | None = None
+    direction: Literal["+", "-", "both"] = "both"
+    payload_kg: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    temperature_c: Annotated[float, Field(gt=-273.15, le=1000)] | None = None
+    preload_n: Annotated[
+        float | None, Field(gt=0, le=1e7, description="only where it was set on purpose, as in a calibration")
+    ] = None
+
+    @model_validator(mode="after")
+    def _unit_fits_quantity(self) -> Self:
+        expected = "N.m" if self.excitation_quantity == "torque" else "N"
+        if self.excitation_unit != expected:
+            raise ValueError(
+                f"excitation_unit of a {self.excitation_quantity} must be {expected}; got {self.excitation_unit}"
+            )
+        return self
+
+    def to_core(self) -> Window:
+        """Return the core's record, in SI units."""
+        return Window(
+            excitation=self.excitation,
+            response=self.response,
+            sample_rate=self.sample_rate_hz,
+            started_at=self.started_at,
+            conditions=Conditions(self.position_mm * 1e-3, self.payload_kg, self.temperature_c, self.preload_n),
+            measurement=self.measurement,
+            excitation_quantity=ExcitationQuantity(self.excitation_quantity),
+            excitation_source=ExcitationSource(self.excitation_source),
+            direction=Direction(self.direction),
+            position_span=self.position_span_mm * 1e-3,
+            position_trace=self.position_trace_m,
+        )
+
+
+class WindowsIn(BaseModel):
+    """Several windows in one request."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    windows: Annotated[list[WindowIn], Field(min_length=1, max_length=1000)]
+    complete: bool = Field(
+        default=False, description="these windows complete their measurements: judge them now, do not wait for more"
+    )
+
+
+class WindowOut(BaseModel):
+    """What became of one window."""
+
+    started_at: datetime
+    measurement: str
+    status: Literal["accepted", "refused", "already-there"]
+    reason: str | None = None
+    detail: str | None = None
+
+
+class WindowsOut(BaseModel):
+    """What became of the windows, and of the measurements that were judged with them."""
+
+    accepted: int
+    refused: int
+    already_there: int
+    windows: list[WindowOut]
+    measurements: Annotated[list[dict[str, Any]], Field(description="measurements judged in this request")]
+
+
+def _one_or_several(body: object) -> str:
+    return "several" if isinstance(body, dict) and "windows" in body else "one"
+
+
+_BODY: TypeAdapter[WindowsIn | WindowIn] = TypeAdapter(
+    Annotated[Annotated[WindowsIn, Tag("several")] | Annotated[WindowIn, Tag("one")], Discriminator(_one_or_several)]
+)
+_EXAMPLE = {
+    "started_at": "2026-03-02T06:00:00.000000Z",
+    "measurement": "2026-03-02-early-shift",
+    "sample_rate_hz": 1024.0,
+    "position_mm": 500.0,
+    "position_span_mm": 2.0,
+    "excitation_unit": "N.m",
+    "excitation_source": "sensor",
+    "response_unit": "m/s2",
+    "payload_kg": 0.0,
+    "temperature_c": 21.5,
+    "excitation": [0.01, 0.42, 0.87],
+    "response": [0.2, 3.1, -1.7],
+}
+_REQUEST = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            JSON_TYPE: {
+                "schema": {
+                    "oneOf": [{"$ref": "#/components/schemas/WindowIn"}, {"$ref": "#/components/schemas/WindowsIn"}]
+                },
+                "examples": {
+                    "one window": {"value": _EXAMPLE},
+                    "a whole measurement": {"value": {"windows": [_EXAMPLE], "complete": True}},
+                },
+            },
+            MSGPACK_TYPE: {"schema": {"description": "the same members; samples as bytes of little-endian float32"}},
+        },
+    }
+}
+
+
+@router.post("/axes/{axis}/windows", response_model=WindowsOut, status_code=200, openapi_extra=_REQUEST)
+def post_windows(
+    axis: str,
+    request: Request,
+    response: Response,
+    body: Annotated[bytes, Depends(raw_body)],
+    on: Annotated[Services, Depends(services)],
+) -> WindowsOut:
+    """Store one window or a whole measurement, judge what is complete, and say what came of it.
+
+    Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
+    the same `started_at` is refused with 409, and then nothing of the request is stored.
+    """
+    posted = parse_body(_BODY, body, request.headers.get("content-type"))
+    windows = posted.windows if isinstance(posted, WindowsIn) else [posted]
+    complete = posted.complete if isinstance(posted, WindowsIn) else False
+    receipt = on.ingest.ingest(axis, [window.to_core() for window in windows], complete=complete)
+    counts = {status: sum(item.status is status for item in receipt.windows) for status in WindowStatus}
+    if counts[WindowStatus.ALREADY_THERE] < len(windows):
+        response.status_code = 201
+    return WindowsOut(
+        accepted=counts[WindowStatus.ACCEPTED],
+        refused=counts[WindowStatus.REFUSED],
+        already_there=counts[WindowStatus.ALREADY_THERE],
+        windows=[
+            WindowOut(
+                started_at=item.started_at,
+                measurement=item.measurement,
+                status=item.status.value,
+                reason=item.reason,
+                detail=item.detail,
+            )
+            for item in receipt.windows
+        ],
+        measurements=list(receipt.measurements),
+    )

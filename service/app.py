@@ -1,0 +1,82 @@
+"""``create_app``: puts the parts together. One application, one database, one folder of waveforms."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+
+from fastapi import FastAPI
+from fastapi.staticfiles import StaticFiles
+from fastapi_offline import FastAPIOffline
+
+from service.api import alarms, axes, calibrations, health, jobs, trend, windows
+from service.api.problems import install_problem_handlers
+from service.api.services import Services
+from service.jobs import JobRunner
+from service.observability import Metrics, install_request_metrics
+from service.operations.alarms import Alarms
+from service.operations.axes import Axes
+from service.operations.calibrations import Calibrations
+from service.operations.ingest import Ingest
+from service.operations.judge import Judge
+from service.operations.lanes import Lanes
+from service.operations.replay import Replays
+from service.operations.trend import Trend
+from service.settings import Settings
+from service.store.database import Database
+from service.store.waveforms import WaveformStore
+from service.web import pages
+
+DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
+its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """Return the application; nothing is opened before it starts."""
+    metrics = Metrics()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        services = _build_services(settings, metrics)
+        app.state.services = services
+        services.ingest.finish_interrupted()
+        services.jobs.resume()
+        try:
+            yield
+        finally:
+            services.jobs.close()
+            services.database.close()
+
+    app = FastAPIOffline(
+        title="Preload Monitor", version=version("preload-monitor"), description=DESCRIPTION, lifespan=lifespan
+    )
+    app.state.settings = settings
+    install_problem_handlers(app)
+    install_request_metrics(app, metrics)
+    for resource in (axes, windows, trend, calibrations, alarms, jobs):
+        app.include_router(resource.router, prefix="/v1")
+    app.include_router(health.router)
+    app.include_router(pages.router)
+    app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
+
+    return app
+
+
+def _build_services(settings: Settings, metrics: Metrics) -> Services:
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    database = Database(settings.resolved_database_url())
+    database.migrate()
+    waveforms = WaveformStore(settings.data_dir)
+    lanes = Lanes()
+    ingest = Ingest(database, waveforms, Judge(database, waveforms, metrics), lanes, metrics)
+    replays = Replays(settings.replay_dir, ingest)
+    return Services(
+        database=database,
+        metrics=metrics,
+        axes=Axes(database),
+        ingest=ingest,
+        trend=Trend(database),
+        calibrations=Calibrations(database, waveforms, lanes),
+        alarms=Alarms(database, lanes),
+        replays=replays,
+        jobs=JobRunner(database, {"replay": replays.run}),
+    )

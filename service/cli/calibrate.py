@@ -1,0 +1,93 @@
+"""``preload calibrate DATA``: k1…k4 of Nguyen's Eq. (8) with covariance, from a modal table or a session."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.pipeline import calibrate_from_measurements
+from monitor_core.preload import Calibration, Weighting
+from monitor_core.preload import calibrate as fit_calibration
+from monitor_core.recording import ExcitationSource
+from monitor_core.recordings.calibration_file import calibration_document, write_calibration
+from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.uncertainty import Estimate
+from service.cli.modal_input import modal_reading
+from service.cli.output import json_option, print_json, print_table
+from service.cli.session_input import axis_settings, band_option, fitted_modes, is_session, judge_session
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path))
+@click.option(
+    "--weighting",
+    type=click.Choice([str(w) for w in Weighting]),
+    help="std where a modal table states frequency_std_hz for every row, else none.",
+)
+@click.option("--excitation-source", type=click.Choice([str(s) for s in ExcitationSource]), help="Of a modal table.")
+@click.option(
+    "--moving-mass-kg", nargs=2, type=float, metavar="KG UNCERTAINTY",
+    help="What moves without payload, and its standard uncertainty; used where the data hold one payload only.",
+)  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Also write the calibration to a file.")
+@band_option
+@json_option
+def calibrate(
+    data: Path,
+    weighting: str | None,
+    excitation_source: str | None,
+    moving_mass_kg: tuple[float, float] | None,
+    out: Path | None,
+    band_hz: tuple[float, float] | None,
+    as_json: bool,
+) -> None:
+    """Fit k1…k4 to measured natural frequencies at several positions and preloads."""
+    mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
+    if is_session(data):
+        calibration = _from_session(data, weighting, mass, band_hz)
+    else:
+        source = None if excitation_source is None else ExcitationSource(excitation_source)
+        calibration = _from_table(data, weighting, mass, source)
+    document = calibration_document(calibration)
+    if out is not None:
+        write_calibration(out, calibration)
+    if as_json:
+        print_json(document)
+    else:
+        _print(data, document)
+
+
+def _from_session(
+    path: Path, weighting: str | None, mass: Estimate | None, band_hz: tuple[float, float] | None
+) -> Calibration:
+    settings = axis_settings(band_hz, mass)
+    modes = fitted_modes(list(judge_session(path, settings)))
+    if not modes:
+        raise NotIdentifiableError(
+            f"{path.name}: a calibration needs measurements with preload_n set that can be judged; got none"
+        )
+    return calibrate_from_measurements(modes, settings=settings, weighting=Weighting(weighting or Weighting.NONE))
+
+
+def _from_table(
+    path: Path, weighting: str | None, mass: Estimate | None, source: ExcitationSource | None
+) -> Calibration:
+    readings = [modal_reading(row) for row in read_modal_table(path)]
+    stated = all(reading.frequency_std is not None for reading in readings)
+    chosen = Weighting(weighting) if weighting else (Weighting.STD if stated else Weighting.NONE)
+    return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass)
+
+
+def _print(data: Path, document: dict[str, Any]) -> None:
+    print_table(
+        f"Calibration from {data.name} ({document['n_readings']} readings, weighting {document['weighting']})",
+        ("quantity", "value"),
+        [
+            *((name, f"{value:.6g}") for name, value in document["coefficients"].items()),
+            ("residual, rms / max", f"{document['residual_rms_hz']:.4f} / {document['residual_max_hz']:.4f} Hz"),
+            ("reproducibility", f"{document['reproducibility_hz']:.4f} Hz"),
+            ("condition number", f"{document['condition_number']:.1f}"),
+            ("minimum detectable loss", f"{document['minimum_detectable_loss_n']:.0f} N"),
+        ],
+    )

@@ -1,0 +1,50 @@
+"""Entry point of ``preload``: exit 0 done, 2 bad input (one line on standard error), 1 anything else."""
+
+import sys
+from importlib.metadata import version
+
+import click
+from threadpoolctl import threadpool_limits
+
+from monitor_core.errors import MonitorCoreError
+from service.cli.calibrate import calibrate
+from service.cli.check import check
+from service.cli.demo import demo
+from service.cli.estimate import estimate
+from service.cli.frf import frf
+from service.cli.replay import replay
+from service.cli.serve import serve
+from service.errors import ServiceError
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(version("preload-monitor"), prog_name="preload")
+def preload() -> None:
+    """Ball-screw preload in newtons from motor torque and nut acceleration."""
+
+
+for command in (demo, serve, replay, frf, calibrate, estimate, check):
+    preload.add_command(command)
+
+
+def main() -> None:
+    """Run the command line."""
+    # The matrices are small: several BLAS threads only wait for each other, tenfold slower on a busy machine.
+    threadpool_limits(limits=1)
+    try:
+        sys.exit(preload.main(standalone_mode=False) or 0)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        sys.exit(2)
+    except click.ClickException as error:
+        _refuse(error.format_message())
+    except (MonitorCoreError, ServiceError, OSError) as error:
+        _refuse(str(error))
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("stopped", err=True)
+        sys.exit(1)
+
+
+def _refuse(message: str) -> None:
+    click.echo("preload: " + " ".join(message.split()), err=True)
+    sys.exit(2)

@@ -1,0 +1,54 @@
+"""How commands print: JSON for programs, tables for people, progress on standard error."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print one document; what is not finite becomes null, since JSON has no other word for it."""
+    click.echo(json.dumps(finite_or_null(document), indent=2, allow_nan=False))
+
+
+def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """Replace infinities and NaN by null, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Sequence):
+        return [finite_or_null(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table for a person."""
+    table = Table(title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column, justify="right" if rows and _is_number(rows[0][columns.index(column)]) else "left")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=None if Console().is_terminal else 140).print(table)
+
+
+def progress_bar() -> Progress:
+    """Return a progress bar on standard error; it stays silent where that is no terminal."""
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=console, disable=not console.is_terminal,
+    )  # fmt: skip
+
+
+def _is_number(text: str) -> bool:
+    return text[:1].isdigit() or text[:1] in "−-—"

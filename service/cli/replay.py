@@ -1,0 +1,48 @@
+"""``preload replay SESSION --url URL --axis ID``: post a recorded session to a running service."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from monitor_core.recordings.session_hdf5 import SessionReader, open_session
+from service.cli.client import Client
+from service.cli.output import json_option, print_json, progress_bar
+from service.operations.replay import Pace
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+@click.option("--axis", required=True, help="Axis to post to; registered with defaults if it is new.")
+@click.option(
+    "--speed", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as possible if not given."
+)
+@json_option
+def replay(session: Path, url: str, axis: str, speed: float | None, as_json: bool) -> None:
+    """Post a recorded session, one measurement a request; windows that are there already are passed over."""
+    with open_session(session) as reader, Client(url) as client:
+        if client.register_if_new(axis):
+            click.echo(f"axis '{axis}' was not registered: registered with default settings", err=True)
+        counts = post_session(reader, client, axis, speed)
+    if as_json:
+        print_json(counts)
+    else:
+        click.echo(", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in counts.items()))
+
+
+def post_session(reader: SessionReader, client: Client, axis: str, speed: float | None = None) -> dict[str, int]:
+    """Post all measurements of an open session and count what became of the windows."""
+    pace = Pace(speed)
+    counts = {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
+    with progress_bar() as progress:
+        task = progress.add_task(f"{axis}", total=len(reader.measurement_of))
+        for name in reader.measurements:
+            windows = reader.windows_of(name)
+            pace.wait_for(windows[0].started_at)
+            answer: dict[str, Any] = client.post_measurement(axis, windows)
+            counts["windows_posted"] += answer["accepted"] + answer["refused"]
+            counts["windows_refused"] += answer["refused"]
+            counts["windows_already_there"] += answer["already_there"]
+            progress.advance(task, len(windows))
+    return counts

@@ -1,0 +1,85 @@
+"""What ``frf``, ``calibrate`` and ``estimate`` share: measurements of a session file, gated and fitted."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement
+from monitor_core.preload import Calibration
+from monitor_core.recording import Rejection, RejectionReason
+from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.uncertainty import Estimate
+from service.cli.output import progress_bar
+
+SESSION_SUFFIXES = (".h5", ".hdf5")
+
+band_option = click.option(
+    "--band-hz",
+    nargs=2,
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="LOW HIGH",
+    help="Where the axial mode is looked for; without it nearly everywhere below 0.4 of the sampling rate.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionMeasurement:
+    """One measurement of a session: what came of it, and of the windows that were refused."""
+
+    name: str
+    position_mm: float
+    preload: float | None  # as set on purpose [N]
+    outcome: MeasurementOutcome
+    refused_windows: tuple[Rejection, ...]
+
+
+def is_session(path: Path) -> bool:
+    """Tell a session file from a modal table by its name."""
+    return path.suffix.lower() in SESSION_SUFFIXES
+
+
+def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | None = None) -> AxisSettings:
+    """Return the settings that the command's options state."""
+    if band_hz is not None and not band_hz[0] < band_hz[1]:
+        raise click.BadParameter(f"--band-hz takes LOW before HIGH; got {band_hz[0]:g} {band_hz[1]:g}")
+    return AxisSettings(search_band=band_hz, moving_mass=moving_mass)
+
+
+def judge_session(
+    path: Path, settings: AxisSettings, calibration: Calibration | None = None
+) -> Iterator[SessionMeasurement]:
+    """Judge the measurements of a session one after another, with progress; memory stays flat."""
+    with open_session(path) as reader, progress_bar() as progress:
+        task = progress.add_task(path.name, total=len(reader.measurements))
+        for name in reader.measurements:
+            windows = reader.windows_of(name)
+            checked = [(window, check_window(window, settings, calibration)) for window in windows]
+            refused = tuple(quality for _, quality in checked if isinstance(quality, Rejection))
+            accepted = [window for window, quality in checked if not isinstance(quality, Rejection)]
+            first = windows[0].conditions
+            yield SessionMeasurement(
+                name,
+                first.position * 1e3,
+                first.preload,
+                judge_measurement(accepted, settings, calibration) if accepted else _nothing_accepted(refused),
+                refused,
+            )
+            progress.advance(task)
+
+
+def fitted_modes(judged: list[SessionMeasurement]) -> list[ModalMeasurement]:
+    """Return the modes of the measurements whose preload was set on purpose and that were not refused."""
+    return [
+        item.outcome.modal
+        for item in judged
+        if item.preload is not None and isinstance(item.outcome.modal, ModalMeasurement)
+    ]
+
+
+def _nothing_accepted(refused: tuple[Rejection, ...]) -> MeasurementOutcome:
+    reasons = ", ".join(sorted({str(rejection.reason) for rejection in refused}))
+    rejection = Rejection(RejectionReason.TOO_FEW_AVERAGES, f"every window was refused: {reasons}")
+    return MeasurementOutcome(rejection, rejection, rejection)

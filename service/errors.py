@@ -1,0 +1,73 @@
+"""What the service refuses, and the one table from error class to HTTP status."""
+
+from monitor_core.errors import (
+    InvalidWindowError,
+    MissingReaderError,
+    MonitorCoreError,
+    NotIdentifiableError,
+    OutsideValidityError,
+    RecordingFormatError,
+)
+
+
+class ServiceError(Exception):
+    """Root of what the service refuses on purpose."""
+
+
+class UnknownResourceError(ServiceError):
+    """Nothing is stored under that name."""
+
+
+class ConflictError(ServiceError):
+    """What was sent contradicts what is stored."""
+
+
+class UnreadableBodyError(ServiceError):
+    """The request body is not what its content type says."""
+
+
+class UnsupportedContentError(ServiceError):
+    """The content type is not one that this resource reads."""
+
+
+class BodyTooLargeError(ServiceError):
+    """The request body exceeds the limit."""
+
+
+class PreconditionError(ServiceError):
+    """The resource changed since the caller last saw it."""
+
+
+class WaveformDamagedError(ServiceError):
+    """A stored waveform is missing or not what was written."""
+
+
+class BusyError(ServiceError):
+    """Too much work is waiting; the caller should come back."""
+
+
+#: Most specific class first. The name of the problem type is stable; clients may rely on it.
+STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
+    (UnknownResourceError, 404, "unknown-resource"),
+    (ConflictError, 409, "conflict"),
+    (UnreadableBodyError, 400, "unreadable-body"),
+    (UnsupportedContentError, 415, "unsupported-content"),
+    (BodyTooLargeError, 413, "body-too-large"),
+    (PreconditionError, 412, "precondition-failed"),
+    (WaveformDamagedError, 500, "waveform-damaged"),
+    (BusyError, 503, "busy"),
+    (InvalidWindowError, 422, "invalid-window"),
+    (NotIdentifiableError, 422, "not-identifiable"),
+    (OutsideValidityError, 422, "outside-validity"),
+    (RecordingFormatError, 422, "recording-format"),
+    (MissingReaderError, 501, "missing-reader"),
+    (MonitorCoreError, 422, "refused"),
+)
+
+
+def status_of(error: Exception) -> tuple[int, str]:
+    """Return the HTTP status and the stable problem name of an error."""
+    for kind, status, name in STATUS_OF_ERROR:
+        if isinstance(error, kind):
+            return status, name
+    return 500, "internal-error"

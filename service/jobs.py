@@ -1,0 +1,118 @@
+"""Long work in the background: one thread, in order of arrival, progress in the database, resumed after a restart."""
+
+import logging
+import threading
+import uuid
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+from service.clock import now
+from service.store import axes, jobs
+from service.store.database import Database
+from service.store.tables import JobRow
+
+log = logging.getLogger(__name__)
+
+
+class JobCancelledError(Exception):
+    """The job was asked to stop, or the service is stopping."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobHandle:
+    """What running work may do: read its arguments, report progress, learn that it should stop."""
+
+    job_id: str
+    axis_id: str
+    arguments: dict[str, Any]
+    report: Callable[[int, int | None], None]  # done, total; raises JobCancelledError when it should stop
+
+
+#: Work of one kind: returns the job's result.
+Work = Callable[[JobHandle], dict[str, Any]]
+
+
+class JobRunner:
+    """Runs jobs one after another. A job is restarted from its beginning after a crash, so work must be repeatable."""
+
+    def __init__(self, database: Database, work: dict[str, Work]) -> None:
+        self._database = database
+        self._work = work
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
+        self._stopping = threading.Event()
+
+    def resume(self) -> None:
+        """Queue the jobs that a stop or a crash left unfinished."""
+        with self._database.read() as session:
+            unfinished = [row.id for row in jobs.unfinished_jobs(session)]
+        for job_id in unfinished:
+            self._pool.submit(self._run, job_id)
+
+    def submit(self, kind: str, axis_id: str, arguments: dict[str, Any]) -> JobRow:
+        """Store a new job and queue it."""
+        at = now()
+        row = JobRow(
+            id=str(uuid.uuid4()), kind=kind, axis_id=axis_id, arguments=arguments, status=jobs.QUEUED,
+            done=0, total=None, result=None, error=None, created_at=at, updated_at=at,
+        )  # fmt: skip
+        with self._database.write() as session:
+            axes.get_axis(session, axis_id)
+            session.add(row)
+        self._pool.submit(self._run, row.id)
+        return row
+
+    def get(self, job_id: str) -> JobRow:
+        """Return a job as it stands."""
+        with self._database.read() as session:
+            return jobs.get_job(session, job_id)
+
+    def list(self, axis_id: str | None, limit: int) -> list[JobRow]:
+        """Return jobs, newest first."""
+        with self._database.read() as session:
+            return jobs.list_jobs(session, axis_id, limit)
+
+    def cancel(self, job_id: str) -> JobRow:
+        """Ask a job to stop; work already done stays done."""
+        with self._database.write() as session:
+            row = jobs.get_job(session, job_id)
+            if row.status in (jobs.QUEUED, jobs.RUNNING):
+                row.status, row.updated_at = jobs.CANCELLED, now()
+            return row
+
+    def close(self) -> None:
+        """Stop; running work ends at its next report and is resumed at the next start."""
+        self._stopping.set()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _run(self, job_id: str) -> None:
+        with self._database.write() as session:
+            row = jobs.get_job(session, job_id)
+            if row.status not in (jobs.QUEUED, jobs.RUNNING):
+                return
+            row.status, row.updated_at = jobs.RUNNING, now()
+        handle = JobHandle(job_id, row.axis_id, row.arguments, lambda done, total: self._report(job_id, done, total))
+        try:
+            result = self._work[row.kind](handle)
+        except JobCancelledError:
+            return  # cancelled: the row says so; stopping: the row still says running, and is resumed
+        except Exception as error:
+            log.exception("job %s failed", job_id)
+            self._finish(job_id, jobs.FAILED, None, f"{type(error).__name__}: {error}"[:1000])
+        else:
+            self._finish(job_id, jobs.DONE, result, None)
+
+    def _report(self, job_id: str, done: int, total: int | None) -> None:
+        if self._stopping.is_set():
+            raise JobCancelledError
+        with self._database.write() as session:
+            row = jobs.get_job(session, job_id)
+            if row.status == jobs.CANCELLED:
+                raise JobCancelledError
+            row.done, row.total, row.updated_at = done, total, now()
+
+    def _finish(self, job_id: str, status: str, result: dict[str, Any] | None, error: str | None) -> None:
+        with self._database.write() as session:
+            row = jobs.get_job(session, job_id)
+            row.status, row.result, row.error, row.updated_at = status, result, error, now()

@@ -1,0 +1,123 @@
+"""Calibrations: fitted or brought, stored for review, activated with history."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.modal import ModalMeasurement, measure_mode
+from monitor_core.pipeline import calibrate_from_measurements, search_band
+from monitor_core.preload import ModalReading, Weighting, calibrate
+from monitor_core.recording import ExcitationSource
+from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
+from service.clock import now
+from service.errors import PreconditionError
+from service.operations.axes import AxisConfiguration
+from service.operations.lanes import Lanes
+from service.operations.settings_of_axis import core_settings
+from service.store import calibrations, measurements
+from service.store.archive import accepted_windows
+from service.store.axes import get_axis
+from service.store.database import Database
+from service.store.tables import ActivationRow, AxisRow, CalibrationRow
+from service.store.waveforms import WaveformStore
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationOverview:
+    """The calibrations of an axis, newest first, and which is in force."""
+
+    calibrations: list[CalibrationRow]
+    activations: list[ActivationRow]
+    active: int | None
+
+
+class Calibrations:
+    """Fit, store and activate calibrations."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes) -> None:
+        self._database = database
+        self._waveforms = waveforms
+        self._lanes = lanes
+
+    def fit_measurements(
+        self, axis_id: str, span: tuple[datetime | None, datetime | None], weighting: str | None, comment: str
+    ) -> CalibrationRow:
+        """Fit to stored measurements whose preload was set on purpose, from their waveforms."""
+        start, end = span
+        with self._database.read() as session:
+            axis = get_axis(session, axis_id)
+            rows = measurements.trend_page(session, axis_id, start=start, end=end, after=None, limit=10_000)
+        settings = core_settings(_configuration(axis))
+        measured = []
+        for row in rows:
+            with self._database.read() as session:
+                windows = accepted_windows(session, self._waveforms, row.id)
+            if not windows or windows[0].conditions.preload is None:
+                continue
+            modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
+            if isinstance(modal, ModalMeasurement):
+                measured.append(modal)
+        if not measured:
+            raise NotIdentifiableError(
+                f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "
+                "them at three or more positions and two or more preloads"
+            )
+        fitted = calibrate_from_measurements(
+            measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE)
+        )
+        return self._store(axis_id, calibration_document(fitted), comment)
+
+    def fit_readings(
+        self, axis_id: str, readings: Sequence[ModalReading], weighting: str | None, comment: str
+    ) -> CalibrationRow:
+        """Fit to the rows of a modal table; they are taken to be of the excitation source that the axis states."""
+        with self._database.read() as session:
+            configuration = _configuration(get_axis(session, axis_id))
+        stated = all(reading.frequency_std is not None for reading in readings)
+        fitted = calibrate(
+            readings,
+            weighting=Weighting(weighting or (Weighting.STD if stated else Weighting.NONE)),
+            excitation_source=ExcitationSource(configuration.excitation_source),
+            moving_mass=core_settings(configuration).moving_mass,
+        )
+        return self._store(axis_id, calibration_document(fitted), comment)
+
+    def bring(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
+        """Store a calibration that ``preload calibrate`` wrote."""
+        return self._store(axis_id, calibration_document(calibration_from_document(document)), comment)
+
+    def activate(self, axis_id: str, calibration_id: int, reason: str, *, expected_active: str | None) -> None:
+        """Put a calibration in force; the charts begin with a new baseline, since they watch another number now."""
+        with self._lanes.of(axis_id), self._database.write() as session:
+            axis = get_axis(session, axis_id)
+            row = calibrations.get_calibration(session, axis_id, calibration_id)
+            if expected_active is not None and expected_active.strip('"') != str(axis.active_calibration_id):
+                raise PreconditionError(
+                    f"If-Match names calibration {expected_active}; in force is {axis.active_calibration_id}"
+                )
+            axis.active_calibration_id = row.id
+            axis.monitor_state = None
+            session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
+
+    def overview(self, axis_id: str) -> CalibrationOverview:
+        """Return the calibrations of an axis and their history."""
+        with self._database.read() as session:
+            axis = get_axis(session, axis_id)
+            return CalibrationOverview(
+                calibrations.list_calibrations(session, axis_id),
+                calibrations.list_activations(session, axis_id),
+                axis.active_calibration_id,
+            )
+
+    def _store(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
+        row = CalibrationRow(axis_id=axis_id, document=document, comment=comment, created_at=now())
+        with self._database.write() as session:
+            get_axis(session, axis_id)
+            session.add(row)
+        return row
+
+
+def _configuration(axis: AxisRow) -> AxisConfiguration:
+    return AxisConfiguration.model_validate(axis.configuration)

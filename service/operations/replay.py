@@ -1,0 +1,70 @@
+"""Replay of recorded sessions: the windows of a file through the same ingest as live ones."""
+
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from monitor_core.recordings.session_hdf5 import open_session
+from service.errors import UnknownResourceError
+from service.jobs import JobHandle
+from service.operations.ingest import Ingest, WindowStatus
+
+SUFFIX = ".session.h5"
+
+
+class Pace:
+    """Waits so that recorded time passes at a multiple of real time; without a speed it never waits."""
+
+    def __init__(self, speed: float | None) -> None:
+        self._speed = speed
+        self._origin: tuple[datetime, float] | None = None
+
+    def wait_for(self, moment: datetime) -> None:
+        """Return when the recorded moment has come."""
+        if self._speed is None:
+            return
+        if self._origin is None:
+            self._origin = (moment, time.monotonic())
+        recorded, started = self._origin
+        due = started + (moment - recorded).total_seconds() / self._speed
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
+class Replays:
+    """Offers the sessions of one folder and replays them; the work of a job of kind ``replay``."""
+
+    def __init__(self, folder: Path, ingest: Ingest) -> None:
+        self._folder = folder
+        self._ingest = ingest
+
+    def sessions(self) -> list[str]:
+        """Return the names of the sessions that can be replayed."""
+        if not self._folder.is_dir():
+            return []
+        return sorted(path.name.removesuffix(SUFFIX) for path in self._folder.glob(f"*{SUFFIX}"))
+
+    def require(self, session: str) -> None:
+        """Refuse the name of a session that is not there."""
+        if session not in self.sessions():
+            known = ", ".join(self.sessions()) or "none"
+            raise UnknownResourceError(f"no recorded session '{session}' in the replay folder; there are: {known}")
+
+    def run(self, job: JobHandle) -> dict[str, Any]:
+        """Replay one session; windows that are stored already are passed over."""
+        pace = Pace(job.arguments["speed"])
+        counts = dict.fromkeys(WindowStatus, 0)
+        with open_session(self._folder / (job.arguments["session"] + SUFFIX)) as session:
+            total, done = len(session.measurement_of), 0
+            for measurement in session.measurements:
+                windows = list(session.windows_of(measurement))
+                pace.wait_for(windows[0].started_at)
+                for item in self._ingest.ingest(job.axis_id, windows, complete=True).windows:
+                    counts[item.status] += 1
+                done += len(windows)
+                job.report(done, total)
+        return {
+            "windows_posted": counts[WindowStatus.ACCEPTED] + counts[WindowStatus.REFUSED],
+            "windows_refused": counts[WindowStatus.REFUSED],
+            "windows_already_there": counts[WindowStatus.ALREADY_THERE],
+        }

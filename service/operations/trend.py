@@ -1,0 +1,109 @@
+"""Reading: how an axis stands, its trend, one measurement with the evidence behind its value."""
+
+import base64
+import binascii
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from service.clock import now
+from service.errors import UnreadableBodyError
+from service.operations.axes import AxisConfiguration
+from service.operations.monitor_state import state_now
+from service.store import alarms, axes, measurements
+from service.store.database import Database
+from service.store.tables import AxisRow, MeasurementRow, WindowRow
+
+
+@dataclass(frozen=True, slots=True)
+class AxisStatus:
+    """An axis and how it stands at this moment."""
+
+    row: AxisRow
+    state: str
+    since: datetime | None
+    last_measurement: dict[str, Any] | None
+    refused_windows: dict[str, int]
+    open_alarms: int
+
+
+@dataclass(frozen=True, slots=True)
+class TrendPage:
+    """A page of the trend."""
+
+    measurements: list[MeasurementRow]
+    next_cursor: str | None
+
+
+class Trend:
+    """Answers questions about what was measured."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def status(self, axis_id: str) -> AxisStatus:
+        """Tell how an axis stands; silence for too long is ``unknown``."""
+        with self._database.read() as session:
+            row = axes.get_axis(session, axis_id)
+            configuration = AxisConfiguration.model_validate(row.configuration)
+            state, since = state_now(row.monitor_state, now(), configuration.silent_after_hours)
+            last = measurements.last_looked_at(session, axis_id)
+            return AxisStatus(
+                row=row,
+                state=state,
+                since=since,
+                last_measurement=None if last is None else last.outcome,
+                refused_windows=measurements.refused_windows(session, axis_id),
+                open_alarms=len(alarms.open_alarms(session, axis_id)),
+            )
+
+    def page(
+        self, axis_id: str, *, start: datetime | None, end: datetime | None, cursor: str | None, limit: int
+    ) -> TrendPage:
+        """Return measurements in time order, refused ones included."""
+        after = None if cursor is None else _decode_cursor(cursor)
+        with self._database.read() as session:
+            axes.get_axis(session, axis_id)
+            rows = measurements.trend_page(session, axis_id, start=start, end=end, after=after, limit=limit + 1)
+        more = len(rows) > limit
+        rows = rows[:limit]
+        return TrendPage(rows, _encode_cursor(rows[-1]) if more else None)
+
+    def measurement(self, axis_id: str, measurement_id: int) -> tuple[MeasurementRow, list[WindowRow]]:
+        """Return one measurement with its windows."""
+        with self._database.read() as session:
+            row = measurements.get_measurement(session, axis_id, measurement_id)
+            return row, measurements.windows_of(session, measurement_id)
+
+
+def thin_out(points: list[MeasurementRow], max_points: int) -> list[MeasurementRow]:
+    """Keep at most ``max_points``: of each stretch of time the lowest and the highest preload.
+
+    Extremes are kept because a reader looks for them; a mean would hide the one low value that matters.
+    """
+    if len(points) <= max_points:
+        return points
+    bins = max(max_points // 2, 1)
+    kept: dict[int, MeasurementRow] = {}
+    for i in range(bins):
+        stretch = points[i * len(points) // bins : (i + 1) * len(points) // bins]
+        valued = [row for row in stretch if row.preload_n is not None]
+        extremes = (min(valued, key=_preload), max(valued, key=_preload)) if valued else (stretch[0],)
+        kept |= {row.id: row for row in extremes}
+    return sorted(kept.values(), key=lambda row: (row.started_at, row.id))
+
+
+def _preload(row: MeasurementRow) -> float:
+    return row.preload_n if row.preload_n is not None else float("inf")
+
+
+def _encode_cursor(row: MeasurementRow) -> str:
+    return base64.urlsafe_b64encode(f"{row.started_at.isoformat()}|{row.id}".encode()).decode()
+
+
+def _decode_cursor(cursor: str) -> tuple[datetime, int]:
+    try:
+        moment, identity = base64.urlsafe_b64decode(cursor.encode()).decode().split("|")
+        return datetime.fromisoformat(moment), int(identity)
+    except (ValueError, binascii.Error) as error:
+        raise UnreadableBodyError("cursor is not one that this service gave out; start again without it") from error

@@ -1,0 +1,31 @@
+"""Settings of the service, from the environment (``PRELOAD_*``)."""
+
+from pathlib import Path
+
+from pydantic import Field, SecretStr
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+#: In a source checkout the bundled sessions stand beside the packages.
+BUNDLED_SESSIONS = Path(__file__).resolve().parent.parent / "replay_data"
+
+
+class Settings(BaseSettings):
+    """What an operator may set. Each name is read from the environment with the prefix ``PRELOAD_``."""
+
+    model_config = SettingsConfigDict(env_prefix="PRELOAD_", extra="forbid", frozen=True)
+
+    host: str = Field(default="127.0.0.1", description="Address to listen on; loopback unless set.")
+    port: int = Field(default=8710, ge=0, le=65535, description="TCP port; 0 takes a free one.")
+    data_dir: Path = Field(default=Path("var"), description="Folder of the database and the raw waveforms.")
+    database_url: SecretStr | None = Field(
+        default=None, description="SQLAlchemy URL; unset means SQLite in data_dir. May hold a password: never logged."
+    )
+    replay_dir: Path = Field(default=BUNDLED_SESSIONS, description="Folder of recorded sessions offered for replay.")
+    max_body_mib: int = Field(default=64, ge=1, le=1024, description="Largest request body that is accepted.")
+    log_level: str = Field(default="INFO", pattern="^(DEBUG|INFO|WARNING|ERROR)$")
+
+    def resolved_database_url(self) -> str:
+        """Return the database URL, the embedded SQLite file when none is set."""
+        if self.database_url is not None:
+            return self.database_url.get_secret_value()
+        return f"sqlite:///{(self.data_dir / 'preload.db').resolve()}"

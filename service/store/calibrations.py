@@ -1,0 +1,36 @@
+"""Rows of calibrations and of which was in force when."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from monitor_core.preload import Calibration
+from monitor_core.recordings.calibration_file import calibration_from_document
+from service.errors import UnknownResourceError
+from service.store.tables import ActivationRow, AxisRow, CalibrationRow
+
+
+def get_calibration(session: Session, axis_id: str, calibration_id: int) -> CalibrationRow:
+    """Return one calibration of an axis or say that there is none."""
+    row = session.get(CalibrationRow, calibration_id)
+    if row is None or row.axis_id != axis_id:
+        raise UnknownResourceError(f"axis '{axis_id}' has no calibration {calibration_id}")
+    return row
+
+
+def active_calibration(session: Session, axis: AxisRow) -> Calibration | None:
+    """Return the calibration in force, as the core's record."""
+    if axis.active_calibration_id is None:
+        return None
+    return calibration_from_document(get_calibration(session, axis.id, axis.active_calibration_id).document)
+
+
+def list_calibrations(session: Session, axis_id: str) -> list[CalibrationRow]:
+    """Return the calibrations of an axis, newest first."""
+    query = select(CalibrationRow).where(CalibrationRow.axis_id == axis_id).order_by(CalibrationRow.id.desc())
+    return list(session.scalars(query))
+
+
+def list_activations(session: Session, axis_id: str) -> list[ActivationRow]:
+    """Return the history of activations of an axis, newest first."""
+    query = select(ActivationRow).where(ActivationRow.axis_id == axis_id).order_by(ActivationRow.id.desc())
+    return list(session.scalars(query))

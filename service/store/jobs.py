@@ -1,0 +1,31 @@
+"""Rows of jobs."""
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.errors import UnknownResourceError
+from service.store.tables import JobRow
+
+QUEUED, RUNNING, DONE, FAILED, CANCELLED = "queued", "running", "done", "failed", "cancelled"
+
+
+def get_job(session: Session, job_id: str) -> JobRow:
+    """Return one job or say that there is none."""
+    row = session.get(JobRow, job_id)
+    if row is None:
+        raise UnknownResourceError(f"there is no job '{job_id}'")
+    return row
+
+
+def list_jobs(session: Session, axis_id: str | None, limit: int) -> list[JobRow]:
+    """Return jobs, newest first."""
+    query = select(JobRow)
+    if axis_id is not None:
+        query = query.where(JobRow.axis_id == axis_id)
+    return list(session.scalars(query.order_by(JobRow.created_at.desc()).limit(limit)))
+
+
+def unfinished_jobs(session: Session) -> list[JobRow]:
+    """Return jobs that were waiting or at work when the service last stopped, oldest first."""
+    query = select(JobRow).where(JobRow.status.in_((QUEUED, RUNNING))).order_by(JobRow.created_at)
+    return list(session.scalars(query))

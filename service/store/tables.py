@@ -1,0 +1,175 @@
+"""Tables. Every column that holds a quantity carries its unit in its name."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import JSON, BigInteger, DateTime, Float, ForeignKey, Index, Integer, MetaData, String, UniqueConstraint
+from sqlalchemy.engine import Dialect
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.types import TypeDecorator
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """A moment in UTC: aware in Python, naive UTC in the database (SQLite keeps no zone)."""
+
+    impl = DateTime
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Refuse times without a zone; store UTC."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError(f"a stored time must carry a zone; got {value.isoformat()}")
+        return value.astimezone(UTC).replace(tzinfo=None)
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Give the zone back."""
+        return None if value is None else value.replace(tzinfo=UTC)
+
+
+#: SQLite only counts up an INTEGER primary key.
+Identity = BigInteger().with_variant(Integer, "sqlite")
+
+
+class Base(DeclarativeBase):
+    """Root of the tables."""
+
+    # Constraints have names, so that a later migration can change them on every database.
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s_%(referred_table_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
+
+
+class AxisRow(Base):
+    """A monitored axis."""
+
+    __tablename__ = "axes"
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    name: Mapped[str] = mapped_column(String(200))
+    configuration: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+    active_calibration_id: Mapped[int | None] = mapped_column(Identity)
+    monitor_state: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # of the charts, after the last measurement
+
+
+class CalibrationRow(Base):
+    """A calibration; its document is the file format of ``preload calibrate``."""
+
+    __tablename__ = "calibrations"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    document: Mapped[dict[str, Any]]
+    comment: Mapped[str] = mapped_column(String(1000))
+    created_at: Mapped[datetime]
+
+
+class ActivationRow(Base):
+    """The history of which calibration was in force since when."""
+
+    __tablename__ = "calibration_activations"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    calibration_id: Mapped[int] = mapped_column(ForeignKey("calibrations.id"))
+    activated_at: Mapped[datetime]
+    reason: Mapped[str] = mapped_column(String(1000))
+
+
+class MeasurementRow(Base):
+    """Windows of one name at one position, averaged together, and what came of them."""
+
+    __tablename__ = "measurements"
+    __table_args__ = (
+        UniqueConstraint("axis_id", "name"),
+        Index("ix_measurements_axis_started", "axis_id", "started_at", "id"),
+    )
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
+    name: Mapped[str] = mapped_column(String(200))
+    started_at: Mapped[datetime]
+    position_mm: Mapped[float]
+    status: Mapped[str] = mapped_column(String(16))  # open | complete | judged | refused
+    judged_at: Mapped[datetime | None]
+    calibration_id: Mapped[int | None] = mapped_column(ForeignKey("calibrations.id"))
+    frequency_hz: Mapped[float | None]
+    preload_n: Mapped[float | None]
+    interval_lower_n: Mapped[float | None]
+    interval_upper_n: Mapped[float | None]
+    monitor_state: Mapped[str | None] = mapped_column(String(16))  # of the axis, after this measurement
+    refusal_reason: Mapped[str | None] = mapped_column(String(40))
+    outcome: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # the whole answer, as the API gives it
+    response: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # FRF in the band, for "why this value"
+
+
+class WindowRow(Base):
+    """One window: where its waveform lies and whether it was accepted."""
+
+    __tablename__ = "windows"
+    __table_args__ = (UniqueConstraint("axis_id", "started_at"),)
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
+    measurement_id: Mapped[int] = mapped_column(ForeignKey("measurements.id"), index=True)
+    started_at: Mapped[datetime]
+    received_at: Mapped[datetime]
+    content_sha256: Mapped[str] = mapped_column(String(64))
+    file_path: Mapped[str] = mapped_column(String(400))
+    file_sha256: Mapped[str] = mapped_column(String(64))
+    index_in_file: Mapped[int]
+    refusal_reason: Mapped[str | None] = mapped_column(String(40))
+    refusal_detail: Mapped[str | None] = mapped_column(String(500))
+
+
+class AlarmRow(Base):
+    """An alarm with the evidence it rests on."""
+
+    __tablename__ = "alarms"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    measurement_id: Mapped[int] = mapped_column(ForeignKey("measurements.id"))
+    kind: Mapped[str] = mapped_column(String(40))
+    raised_at: Mapped[datetime]
+    status: Mapped[str] = mapped_column(String(16))  # active | acknowledged | cleared
+    evidence: Mapped[dict[str, Any]]
+
+
+class AlarmEventRow(Base):
+    """Each change of an alarm: old → new, when, why."""
+
+    __tablename__ = "alarm_events"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    alarm_id: Mapped[int] = mapped_column(ForeignKey("alarms.id"), index=True)
+    at: Mapped[datetime]
+    old_status: Mapped[str | None] = mapped_column(String(16))
+    new_status: Mapped[str] = mapped_column(String(16))
+    reason: Mapped[str] = mapped_column(String(1000))
+
+
+class JobRow(Base):
+    """Long work with its progress; it survives a restart."""
+
+    __tablename__ = "jobs"
+
+    id: Mapped[str] = mapped_column(String(36), primary_key=True)
+    kind: Mapped[str] = mapped_column(String(20))
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    arguments: Mapped[dict[str, Any]]
+    status: Mapped[str] = mapped_column(String(16))  # queued | running | done | failed | cancelled
+    done: Mapped[int]
+    total: Mapped[int | None]
+    result: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    error: Mapped[str | None] = mapped_column(String(1000))
+    created_at: Mapped[datetime]
+    updated_at: Mapped[datetime]

@@ -1,0 +1,57 @@
+"""``/``: the fleet, worst first. ``/axes/{axis}``: one axis with trend, refusals, calibration and alarms."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.templating import Jinja2Templates
+
+from service.api.alarms import alarm_out
+from service.api.axes import axis_out
+from service.api.services import Services, services
+
+FOLDER = Path(__file__).parent
+STATIC = FOLDER / "static"
+
+router = APIRouter(include_in_schema=False)
+templates = Jinja2Templates(directory=FOLDER / "templates")
+
+#: Worst first; an axis nobody can judge comes before one that is well.
+SEVERITY = ("alarm", "alert", "unknown", "learning", "normal")
+
+
+def minutes(moment: datetime | None) -> str:
+    """Show a moment to the minute, in UTC and saying so."""
+    return "—" if moment is None else moment.strftime("%Y-%m-%d %H:%M UTC")
+
+
+def significant(value: float | None, digits: int = 4) -> str:
+    """Show a number with so many significant digits."""
+    return "—" if value is None else f"{value:.{digits}g}"
+
+
+templates.env.filters["minutes"] = minutes
+templates.env.filters["significant"] = significant
+
+
+@router.get("/")
+def fleet_page(request: Request, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show all axes, worst first."""
+    axes = [axis_out(on.trend.status(row.id)) for row in on.axes.list()]
+    axes.sort(key=lambda axis: (SEVERITY.index(axis.state), axis.id))
+    return templates.TemplateResponse(request, "fleet.html", {"axes": axes})
+
+
+@router.get("/axes/{axis}")
+def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show one axis."""
+    status = axis_out(on.trend.status(axis))
+    overview = on.calibrations.overview(axis)
+    active = next((row for row in overview.calibrations if row.id == overview.active), None)
+    alarms = [alarm_out(view) for view in on.alarms.list(axis, None, None, 50)]
+    return templates.TemplateResponse(
+        request,
+        "axis.html",
+        {"axis": status, "calibration": active, "history": overview.activations, "alarms": alarms},
+    )
