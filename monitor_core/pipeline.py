@@ -7,6 +7,7 @@
     advance            axis state, outcome   → axis state (baseline, charts, alarm)
 """
 
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -115,6 +116,7 @@ def judge_measurement(
         band=search_band(settings, calibration, windows[0]),
         gate=settings.mode,
         phase=None if calibration is None else calibration.phase_reference,
+        maximum_modes=2 if calibration is None else calibration.maximum_modes,
     )
     return MeasurementOutcome(modal, _preload(modal, windows[0], calibration), estimate_drag_torque(windows))
 
@@ -172,16 +174,18 @@ def calibrate_from_measurements(
     readings = [
         ModalReading(m.mode.frequency.value, m.conditions, m.mode.frequency.standard_uncertainty) for m in measurements
     ]
-    sources = {m.excitation_source for m in measurements}
-    if len(sources) != 1:
-        raise OutsideValidityError(
-            f"a calibration holds for one excitation source; the measurements are of {', '.join(sorted(sources))}"
-        )
+    excitations = {(m.excitation_quantity, m.excitation_source) for m in measurements}
+    if len(excitations) != 1:
+        got = ", ".join(sorted(f"{quantity} from {source}" for quantity, source in excitations))
+        raise OutsideValidityError(f"a calibration holds for one kind of excitation; the measurements are of {got}")
+    quantity, source = excitations.pop()
     return calibrate(
         readings,
         weighting=weighting,
-        excitation_source=sources.pop(),
+        excitation_source=source,
+        excitation_quantity=quantity,
         moving_mass=settings.moving_mass,
+        maximum_modes=1 if statistics.median(m.n_modes for m in measurements) < 2 else 2,
         phase_reference=calibrate_phase([m.mode for m in measurements]),
     )
 

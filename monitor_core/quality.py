@@ -97,9 +97,7 @@ def gate_window(
 
 
 def _check_sampling(window: Window, gate: QualityGate) -> Rejection | None:
-    if gate.sample_rate is not None and not math.isclose(
-        window.sample_rate, gate.sample_rate, rel_tol=_RATE_TOLERANCE
-    ):
+    if gate.sample_rate is not None and not math.isclose(window.sample_rate, gate.sample_rate, rel_tol=_RATE_TOLERANCE):
         return Rejection(
             RejectionReason.SAMPLE_RATE_MISMATCH,
             f"sampling rate must be {gate.sample_rate:g} Hz; got {window.sample_rate:g} Hz",
@@ -165,13 +163,13 @@ def _is_clipped(samples: SampleArray) -> bool:
     """Tell whether samples pile up at their maximum.
 
     The maximum is held by at least three samples, and by more than the four levels below it together: a smooth peak,
-    however coarsely quantised, has twice as many there. The maximum must be far from the rest level (half the range),
+    however coarsely quantised, has twice as many there. The maximum must lie off the rest level (a tenth of the range),
     and be reached either by three neighbours, or from different values each time: a noise-free periodic signal meets
     its maximum again and again, always from the same value.
     """
     top = samples.max()
     at_top = np.flatnonzero(samples == top)
-    if at_top.size < 3 or float(top) - float(np.median(samples)) < 0.25 * float(top - samples.min()):
+    if at_top.size < 3 or float(top) - float(np.median(samples)) < 0.1 * float(top - samples.min()):
         return False
     levels = np.unique(samples)
     span = float(top - levels[0])

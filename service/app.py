@@ -2,17 +2,22 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import version
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 
 from service.api import alarms, axes, calibrations, health, jobs, trend, windows
-from service.api.problems import install_problem_handlers
+from service.api.body import require_json
+from service.api.limits import RequestLimits
+from service.api.observer import RequestObserver
+from service.api.openapi import describe
+from service.api.problems import PROBLEM_RESPONSES, install_problem_handlers
 from service.api.services import Services
 from service.jobs import JobRunner
-from service.observability import Metrics, install_request_metrics
+from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
@@ -22,6 +27,7 @@ from service.operations.lanes import Lanes
 from service.operations.replay import Replays
 from service.operations.trend import Trend
 from service.settings import Settings
+from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 from service.web import pages
@@ -44,16 +50,27 @@ def create_app(settings: Settings) -> FastAPI:
             yield
         finally:
             services.jobs.close()
+            services.waveforms.close()
             services.database.close()
 
     app = FastAPIOffline(
-        title="Preload Monitor", version=version("preload-monitor"), description=DESCRIPTION, lifespan=lifespan
+        title="Preload Monitor",
+        version=version("preload-monitor"),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        responses=PROBLEM_RESPONSES,
+        swagger_ui_parameters={"validatorUrl": None},  # Swagger would ask a site outside to judge the description
     )
+    app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
-    install_request_metrics(app, metrics)
-    for resource in (axes, windows, trend, calibrations, alarms, jobs):
-        app.include_router(resource.router, prefix="/v1")
+    app.add_middleware(
+        RequestLimits, largest_body=settings.max_body_mib * 2**20, most_waiting=settings.max_waiting_requests
+    )
+    app.add_middleware(RequestObserver, metrics=metrics)
+    app.include_router(windows.router)
+    for resource in (axes, trend, calibrations, alarms, jobs):
+        app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
     app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
@@ -66,11 +83,13 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = Database(settings.resolved_database_url())
     database.migrate()
     waveforms = WaveformStore(settings.data_dir)
-    lanes = Lanes()
-    ingest = Ingest(database, waveforms, Judge(database, waveforms, metrics), lanes, metrics)
+    in_force, lanes = CalibrationsInForce(), Lanes()
+    judge = Judge(database, waveforms, in_force, metrics)
+    ingest = Ingest(database, waveforms, in_force, judge, lanes, metrics)
     replays = Replays(settings.replay_dir, ingest)
     return Services(
         database=database,
+        waveforms=waveforms,
         metrics=metrics,
         axes=Axes(database),
         ingest=ingest,

@@ -30,10 +30,6 @@ class UnsupportedContentError(ServiceError):
     """The content type is not one that this resource reads."""
 
 
-class BodyTooLargeError(ServiceError):
-    """The request body exceeds the limit."""
-
-
 class PreconditionError(ServiceError):
     """The resource changed since the caller last saw it."""
 
@@ -46,16 +42,20 @@ class BusyError(ServiceError):
     """Too much work is waiting; the caller should come back."""
 
 
+class StorageError(ServiceError):
+    """Disk or database did not take what was to be stored; nothing of it counts as stored."""
+
+
 #: Most specific class first. The name of the problem type is stable; clients may rely on it.
 STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
     (UnknownResourceError, 404, "unknown-resource"),
     (ConflictError, 409, "conflict"),
     (UnreadableBodyError, 400, "unreadable-body"),
     (UnsupportedContentError, 415, "unsupported-content"),
-    (BodyTooLargeError, 413, "body-too-large"),
     (PreconditionError, 412, "precondition-failed"),
     (WaveformDamagedError, 500, "waveform-damaged"),
     (BusyError, 503, "busy"),
+    (StorageError, 503, "storage-failed"),
     (InvalidWindowError, 422, "invalid-window"),
     (NotIdentifiableError, 422, "not-identifiable"),
     (OutsideValidityError, 422, "outside-validity"),

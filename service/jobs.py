@@ -2,10 +2,12 @@
 
 import logging
 import threading
+import time
 import uuid
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from service.clock import now
@@ -16,18 +18,23 @@ from service.store.tables import JobRow
 log = logging.getLogger(__name__)
 
 
+#: How soon waiting work notices that it was cancelled.
+CANCEL_CHECK_S = 1.0
+
+
 class JobCancelledError(Exception):
     """The job was asked to stop, or the service is stopping."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobHandle:
-    """What running work may do: read its arguments, report progress, learn that it should stop."""
+    """What running work may do: read its arguments, report progress, wait, and learn by either that it should stop."""
 
     job_id: str
     axis_id: str
     arguments: dict[str, Any]
-    report: Callable[[int, int | None], None]  # done, total; raises JobCancelledError when it should stop
+    report: Callable[[int, int | None], None]  # done, total
+    sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
 
 
 #: Work of one kind: returns the job's result.
@@ -92,12 +99,14 @@ class JobRunner:
             if row.status not in (jobs.QUEUED, jobs.RUNNING):
                 return
             row.status, row.updated_at = jobs.RUNNING, now()
-        handle = JobHandle(job_id, row.axis_id, row.arguments, lambda done, total: self._report(job_id, done, total))
+        handle = JobHandle(
+            job_id, row.axis_id, row.arguments, partial(self._report, job_id), partial(self._sleep, job_id)
+        )
         try:
             result = self._work[row.kind](handle)
         except JobCancelledError:
             return  # cancelled: the row says so; stopping: the row still says running, and is resumed
-        except Exception as error:
+        except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
             log.exception("job %s failed", job_id)
             self._finish(job_id, jobs.FAILED, None, f"{type(error).__name__}: {error}"[:1000])
         else:
@@ -112,7 +121,14 @@ class JobRunner:
                 raise JobCancelledError
             row.done, row.total, row.updated_at = done, total, now()
 
+    def _sleep(self, job_id: str, seconds: float) -> None:
+        due = time.monotonic() + seconds
+        while (left := due - time.monotonic()) > 0.0:
+            if self._stopping.wait(min(left, CANCEL_CHECK_S)) or self.get(job_id).status == jobs.CANCELLED:
+                raise JobCancelledError
+
     def _finish(self, job_id: str, status: str, result: dict[str, Any] | None, error: str | None) -> None:
         with self._database.write() as session:
             row = jobs.get_job(session, job_id)
-            row.status, row.result, row.error, row.updated_at = status, result, error, now()
+            if row.status == jobs.RUNNING:  # not if it was cancelled after its last report
+                row.status, row.result, row.error, row.updated_at = status, result, error, now()

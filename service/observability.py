@@ -3,15 +3,9 @@
 import json
 import logging
 import sys
-import time
-import uuid
-from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 
-from fastapi import FastAPI, Request, Response
 from prometheus_client import CollectorRegistry, Counter, Histogram
-
-access_log = logging.getLogger("service.access")
 
 
 class Metrics:
@@ -57,22 +51,3 @@ def configure_logging(level: str) -> None:
     logging.basicConfig(level=level, handlers=[handler], force=True)
     logging.getLogger("alembic").setLevel(logging.WARNING)
     logging.getLogger("httpx").setLevel(logging.WARNING)
-
-
-def install_request_metrics(app: FastAPI, metrics: Metrics) -> None:
-    """Time each request, name it with an id, and log it without its query (it could hold anything)."""
-
-    @app.middleware("http")
-    async def _observe(request: Request, call_next: Callable[[Request], Awaitable[Response]]) -> Response:
-        request_id = request.headers.get("x-request-id", "")[:64] or uuid.uuid4().hex
-        started = time.perf_counter()
-        response = await call_next(request)
-        elapsed = time.perf_counter() - started
-        route = getattr(request.scope.get("route"), "path", "unknown")  # the template: bounded label values
-        metrics.requests.labels(request.method, route, response.status_code).observe(elapsed)
-        response.headers["X-Request-ID"] = request_id
-        access_log.info(
-            "%s %s %d", request.method, route, response.status_code,
-            extra={"members": {"request_id": request_id, "seconds": round(elapsed, 6)}},
-        )  # fmt: skip
-        return response

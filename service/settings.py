@@ -22,6 +22,9 @@ class Settings(BaseSettings):
     )
     replay_dir: Path = Field(default=BUNDLED_SESSIONS, description="Folder of recorded sessions offered for replay.")
     max_body_mib: int = Field(default=64, ge=1, le=1024, description="Largest request body that is accepted.")
+    max_waiting_requests: int = Field(
+        default=64, ge=1, description="More requests with a body at one time are asked to come back."
+    )
     log_level: str = Field(default="INFO", pattern="^(DEBUG|INFO|WARNING|ERROR)$")
 
     def resolved_database_url(self) -> str:

@@ -7,19 +7,57 @@ For window :math:`s`, with un-windowed DFT lines :math:`U_s, Y_s` at :math:`f_k`
     Y_s = \frac{B(f)}{A(f)}\,U_s + \frac{T_s(f)}{A(f)} + \sum_t c_{s,t} D(f - f_t) + E_s,\qquad
     A(f) = \prod_i (f_i^2 - f^2 + 2 j \zeta_i f_i f)
 
-``A`` and ``B`` belong to the axis, ``T`` to the window (the ringing that was there when it began, less what is left when
-it ends), ``D`` is the line shape of a sine that no excitation explains. Everything but the poles and the tone
+``A`` and ``B`` belong to the axis, ``T`` to the window (the ringing that was there when it began, less what is left
+when it ends), ``D`` is the line shape of a sine that no excitation explains. Everything but the poles and the tone
 frequencies is linear and is eliminated by projection.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.spectral import BandSpectra
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitLines:
+    """Lines of the fit band, each divided by the standard deviation of its noise (up to one common factor)."""
+
+    frequency: FloatArray  # shape (n_frequencies,) [Hz]
+    excitation: ComplexArray  # whitened, shape (n_windows, n_frequencies)
+    response: ComplexArray  # whitened, shape (n_windows, n_frequencies)
+    weight: FloatArray  # what both were multiplied with, shape (n_frequencies,)
+    n_samples: int
+    sample_rate: float  # [Hz]
+
+    @classmethod
+    def of(cls, spectra: BandSpectra, low: float, high: float, weight: FloatArray | None = None) -> "FitLines":
+        """Take the lines from ``low`` to ``high`` [Hz] in double precision; without weights the noise is white."""
+        band = spectra.within(low, high)
+        w = np.ones(band.frequency.size) if weight is None else weight
+        excitation: ComplexArray = band.excitation.astype(np.complex128) * w
+        response: ComplexArray = band.response.astype(np.complex128) * w
+        return cls(band.frequency, excitation, response, w, band.n_samples, band.sample_rate)
+
+    def weighted(self, weight: FloatArray) -> "FitLines":
+        """Return the same lines with other weights."""
+        change = weight / self.weight
+        return FitLines(
+            self.frequency, self.excitation * change, self.response * change, weight, self.n_samples, self.sample_rate
+        )
+
+    @property
+    def n_windows(self) -> int:
+        """Number of windows."""
+        return int(self.response.shape[0])
+
+    @property
+    def resolution(self) -> float:
+        """Distance of two lines in hertz."""
+        return self.sample_rate / self.n_samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +94,7 @@ class ModelOrder:
 class Basis:
     """What the model is made of at given poles and tone frequencies, on given lines."""
 
-    response_terms: ComplexArray  # gʲ/A for B, shape (n_response_terms, n_frequencies)
+    response_terms: ComplexArray  # gʲ/A for B, for the whitened excitation, shape (n_response_terms, n_frequencies)
     tone_shapes: ComplexArray  # shape (n_tones, n_frequencies)
     nuisance: ComplexArray  # orthonormal basis of the per-window terms, shape (n_frequencies, n_nuisance)
     triangle: ComplexArray  # R of its QR, shape (n_nuisance, n_nuisance)
@@ -67,7 +105,7 @@ class Basis:
         return projected
 
     def tone_amplitudes(self, lines: ComplexArray) -> ComplexArray:
-        """Return each window's tone amplitudes in lines from which the forced response is gone, (n_tones, n_windows)."""
+        """Return the windows' tone amplitudes in lines without forced response, shape (n_tones, n_windows)."""
         amplitudes = scipy.linalg.solve_triangular(self.triangle, (lines @ self.nuisance.conj()).T)
         tones: ComplexArray = amplitudes[amplitudes.shape[0] - self.tone_shapes.shape[0] :]
         return tones
@@ -90,7 +128,8 @@ class Projection:
 def normalised_frequency(frequency: FloatArray | float, lines: FloatArray) -> FloatArray:
     """Map the band of ``lines`` onto −1…1, where powers up to the fourth stay well conditioned."""
     centre, half_width = 0.5 * (lines[0] + lines[-1]), 0.5 * (lines[-1] - lines[0])
-    return (np.asarray(frequency) - centre) / half_width
+    normalised: FloatArray = (np.asarray(frequency, dtype=np.float64) - centre) / half_width
+    return normalised
 
 
 def pole_factor(frequency: FloatArray | float, natural_frequency: float, damping_ratio: float) -> ComplexArray:
@@ -102,7 +141,8 @@ def pole_factor(frequency: FloatArray | float, natural_frequency: float, damping
 def tone_shape(frequency: FloatArray, tone: FloatArray | float, n_samples: int, sample_rate: float) -> ComplexArray:
     """Return the DFT lines of a unit complex sine (Dirichlet kernel), divided by the number of samples."""
     d = (tone - frequency) / sample_rate
-    return np.exp(1j * np.pi * d * (n_samples - 1)) * np.sinc(d * n_samples) / np.sinc(d)
+    shape: ComplexArray = np.exp(1j * np.pi * d * (n_samples - 1)) * np.sinc(d * n_samples) / np.sinc(d)
+    return shape
 
 
 def poles_of(parameters: FloatArray, order: ModelOrder) -> FloatArray:
@@ -111,12 +151,12 @@ def poles_of(parameters: FloatArray, order: ModelOrder) -> FloatArray:
     return np.column_stack([pairs[:, 0], np.exp(pairs[:, 1])])
 
 
-def basis_of(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> Basis:
+def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basis:
     """Build the linear terms of the model.
 
     Parameters
     ----------
-    spectra : BandSpectra
+    lines : FitLines
         Lines of the fit band.
     parameters : ndarray, shape (n_nonlinear,)
         For each mode natural frequency [Hz] and logarithm of the damping ratio [-]; then the tone frequencies. [Hz]
@@ -128,17 +168,18 @@ def basis_of(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) ->
     Basis
         Terms of B, shapes of the tones, orthonormal basis of what belongs to each window.
     """
-    f = spectra.frequency
+    f = lines.frequency
     a = np.prod([pole_factor(f, *pole) for pole in poles_of(parameters, order)], axis=0)
     n_powers = max(order.n_response_terms, order.n_transient_terms)
     powers = normalised_frequency(f, f) ** np.arange(n_powers)[:, None] / a
     tones = parameters[2 * order.n_modes :]
-    shapes = tone_shape(f, tones[:, None], spectra.n_samples, spectra.sample_rate)
-    nuisance, triangle = np.linalg.qr(np.concatenate([powers[: order.n_transient_terms], shapes]).T)
+    shapes = lines.weight * tone_shape(f, tones[:, None], lines.n_samples, lines.sample_rate)
+    transient = lines.weight * powers[: order.n_transient_terms]
+    nuisance, triangle = np.linalg.qr(np.concatenate([transient, shapes]).T)
     return Basis(powers[: order.n_response_terms], shapes, nuisance, triangle)
 
 
-def project(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> Projection:
+def project(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Projection:
     r"""Solve for everything linear at given poles and tone frequencies.
 
     The per-window terms share one basis; its QR is taken once and projected out of response and excitation terms
@@ -149,8 +190,8 @@ def project(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> 
 
     Parameters
     ----------
-    spectra : BandSpectra
-        Lines of the fit band, in double precision.
+    lines : FitLines
+        Lines of the fit band.
     parameters : ndarray, shape (n_nonlinear,)
         As for :func:`basis_of`.
     order : ModelOrder
@@ -161,22 +202,63 @@ def project(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> 
     Projection
         Residual, Jacobian of the residual and the coefficients of B.
     """
-    basis = basis_of(spectra, parameters, order)
-    forced = _solve_response(spectra, basis)
-    derivatives = _derivatives(spectra, parameters, order, basis, forced)
+    basis = basis_of(lines, parameters, order)
+    forced = _solve_response(lines, basis)
+    derivatives = _derivatives(lines, parameters, order, basis, forced)
     flat = basis.annul(derivatives).reshape(order.n_nonlinear, -1)
     columns = forced.columns
     flat -= scipy.linalg.cho_solve(forced.gram, columns.conj() @ flat.T).T @ columns
     return Projection(forced.residual, flat.reshape(derivatives.shape), forced.coefficients)
 
 
-def cost_at(spectra: BandSpectra, parameters: FloatArray, order: ModelOrder) -> float:
+def cost_at(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> float:
     """Return the cost of :func:`project` alone, for the comparison of starts; infinite where B is not determined."""
     try:
-        residual = _solve_response(spectra, basis_of(spectra, parameters, order)).residual
+        residual = _solve_response(lines, basis_of(lines, parameters, order)).residual
     except np.linalg.LinAlgError:
         return math.inf
     return float(np.vdot(residual, residual).real)
+
+
+def forced_cost(lines: FitLines, parameters: FloatArray, order: ModelOrder, nuisance: Basis) -> float:
+    """Return the cost at given poles when the terms of the windows are those of another model."""
+    basis = replace(basis_of(lines, parameters, order), nuisance=nuisance.nuisance, triangle=nuisance.triangle)
+    residual = _solve_response(lines, basis).residual
+    return float(np.vdot(residual, residual).real)
+
+
+def overdispersion(lines: FitLines, parameters: FloatArray, plain: ModelOrder, richer: ModelOrder) -> float:
+    """Return how much more the windows scatter than the noise of single lines says, at least 1.
+
+    Friction acts at a moment, so its noise is alike at neighbouring lines, and a test that counts every line as a
+    witness must be divided by this factor (quasi-likelihood). It is read from the scatter between windows of the very
+    terms that the richer model adds.
+
+    Parameters
+    ----------
+    lines : FitLines
+        Lines of the fit band.
+    parameters : ndarray, shape (n_nonlinear,)
+        Poles and tones, common to both models.
+    plain, richer : ModelOrder
+        Models that differ in the degree of B.
+
+    Returns
+    -------
+    float
+        Variance of the windows' scores over that of white noise; 1 for a single window, which cannot tell. [-]
+    """
+    if lines.n_windows < 2:
+        return 1.0
+    columns = _solve_response(lines, basis_of(lines, parameters, richer)).columns
+    fitted = _solve_response(lines, basis_of(lines, parameters, replace(plain, transient_modes=richer.transient_modes)))
+    n_plain = plain.n_response_terms
+    orthonormal = np.linalg.qr(columns.T)[0][:, n_plain:]
+    scores = (orthonormal.conj() * fitted.residual.reshape(-1, 1)).reshape(lines.n_windows, -1, orthonormal.shape[1])
+    per_window = scores.sum(axis=1)
+    variance = lines.n_windows * float(np.mean(np.var(per_window, axis=0, ddof=1)))
+    expected = float(np.vdot(fitted.residual, fitted.residual).real) / fitted.residual.size
+    return max(1.0, variance / expected)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,36 +269,36 @@ class _ForcedResponse:
     residual: ComplexArray  # shape (n_windows, n_frequencies)
 
 
-def _solve_response(spectra: BandSpectra, basis: Basis) -> _ForcedResponse:
+def _solve_response(lines: FitLines, basis: Basis) -> _ForcedResponse:
     """Solve for B over all windows, with the per-window terms projected out."""
     terms = basis.response_terms
-    columns = basis.annul(terms[:, None, :] * spectra.excitation).reshape(terms.shape[0], -1)
-    target = basis.annul(spectra.response)
+    columns = basis.annul(terms[:, None, :] * lines.excitation).reshape(terms.shape[0], -1)
+    target = basis.annul(lines.response)
     gram = scipy.linalg.cho_factor(columns.conj() @ columns.T)
     b: ComplexArray = scipy.linalg.cho_solve(gram, columns.conj() @ target.ravel())
     return _ForcedResponse(b, columns, gram, target - (b @ columns).reshape(target.shape))
 
 
 def _derivatives(
-    spectra: BandSpectra,
+    lines: FitLines,
     parameters: FloatArray,
     order: ModelOrder,
     basis: Basis,
     response: _ForcedResponse,
 ) -> ComplexArray:
     """Return minus the derivatives of the fitted model at constant linear coefficients."""
-    f = spectra.frequency
-    fitted = spectra.response - response.residual
+    f = lines.frequency
+    fitted = lines.response - response.residual
     derivatives = np.empty((order.n_nonlinear, *fitted.shape), dtype=np.complex128)
     tones = parameters[2 * order.n_modes :]
     if tones.size:
-        forced = (response.coefficients @ basis.response_terms) * spectra.excitation
-        amplitudes = basis.tone_amplitudes(spectra.response - forced)
+        forced = (response.coefficients @ basis.response_terms) * lines.excitation
+        amplitudes = basis.tone_amplitudes(lines.response - forced)
         fitted = fitted - amplitudes.T @ basis.tone_shapes
-        step = 1e-4 * spectra.resolution
+        step = 1e-4 * lines.resolution
         for i, (tone, amplitude) in enumerate(zip(tones, amplitudes, strict=True)):
-            above, below = (tone_shape(f, tone + h, spectra.n_samples, spectra.sample_rate) for h in (step, -step))
-            derivatives[2 * order.n_modes + i] = -np.outer(amplitude, (above - below) / (2.0 * step))
+            above, below = (tone_shape(f, tone + h, lines.n_samples, lines.sample_rate) for h in (step, -step))
+            derivatives[2 * order.n_modes + i] = -np.outer(amplitude, lines.weight * (above - below) / (2.0 * step))
     for i, (fn, zeta) in enumerate(poles_of(parameters, order)):
         factor = pole_factor(f, fn, zeta)
         derivatives[2 * i] = (2.0 * fn + 2j * zeta * f) / factor * fitted

@@ -29,8 +29,9 @@ class Candidate:
 def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[Candidate, ...]:
     """Find the peaks in a band that rise above chance, the highest first.
 
-    A peak is a line higher than its neighbours whose coherence is significant at 5 % and whose magnitude stands out of
-    its surroundings by more than 0.9 dB and by more than four times its own random error.
+    A peak is a line higher than its neighbours whose coherence is significant at 5 % for the band as a whole (0.05
+    shared out among its lines) and whose magnitude stands out of its surroundings by more than 0.9 dB and by more than
+    four times its own random error.
 
     Parameters
     ----------
@@ -57,23 +58,30 @@ def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[
     frequency, coherence = frf.frequency[inside], frf.coherence[inside]
     log_magnitude = np.log(np.abs(frf.response[inside]))
     peaks, properties = scipy.signal.find_peaks(log_magnitude, prominence=_LEAST_PROMINENCE)
-    significant = significance_level(frf.n_averages)
+    significant = significance_level(frf.n_averages, false_alarm_probability=0.05 / max(inside.size, 1))
     found = []
     for i, prominence in zip(peaks, properties["prominences"], strict=True):
         if coherence[i] > significant and prominence > _RIPPLE * random_error(coherence[i], frf.n_averages):
-            damping = _half_power_damping(frf, int(inside[i]))
             found.append(
                 Candidate(
-                    float(frequency[i]), float(np.exp(log_magnitude[i])), float(coherence[i]), float(prominence), damping
+                    frequency=float(frequency[i]),
+                    amplitude=float(np.exp(log_magnitude[i])),
+                    coherence=float(coherence[i]),
+                    prominence=float(prominence),
+                    damping_ratio=_half_power_damping(frf, int(inside[i])),
                 )
             )
     return tuple(sorted(found, key=lambda candidate: -candidate.amplitude))
 
 
 def _half_power_damping(frf: FrequencyResponse, peak: int) -> float:
-    """Return half the width at 1/√2 of the peak, over its frequency; kept to what a machine can have."""
+    """Return the nearer distance to 1/√2 of the peak over its frequency; kept to what a machine can have.
+
+    The farther side may belong to a neighbouring mode.
+    """
     below = np.flatnonzero(np.abs(frf.response) < np.abs(frf.response[peak]) / np.sqrt(2.0))
     left = below[below < peak].max(initial=0)
     right = below[below > peak].min(initial=frf.frequency.size - 1)
-    width = frf.frequency[right] - frf.frequency[left]
-    return float(np.clip(0.5 * width / frf.frequency[peak], *_DAMPING_LIMITS))
+    at = frf.frequency[peak]
+    distance = min(at - frf.frequency[left], frf.frequency[right] - at)
+    return float(np.clip(distance / at, *_DAMPING_LIMITS))

@@ -68,7 +68,7 @@ def calibrate_phase(modes: Sequence[ModalParameters]) -> PhaseReference:
     mean = complex(directions.mean()) if directions.size else 0j
     if abs(mean) < 0.5:
         raise NotIdentifiableError(
-            f"polarity needs residues of about one phase; got {len(modes)} modes whose mean direction is {abs(mean):.2f}"
+            f"polarity needs residues of about one phase; got {len(modes)} of mean direction {abs(mean):.2f}"
         )
     polarity = 1 if mean.real >= 0.0 else -1
     # Phases about their mean, so that none of them wraps.

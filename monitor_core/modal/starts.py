@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
-from monitor_core.modal.model import ModelOrder, cost_at
+from monitor_core.modal.model import FitLines, ModelOrder, cost_at
 from monitor_core.spectral import BandSpectra, cross_spectra, least_leaking_taper
 
 _DAMPING_FACTORS = (1 / 3, 1.0, 3.0)
@@ -15,19 +15,19 @@ _DAMPING_LIMITS = (1e-5, 0.5)
 _RATIONAL_ITERATIONS = 8
 
 
-def start_one_mode(lines: BandSpectra, frequency: float, damping_ratio: float) -> FloatArray:
+def start_one_mode(lines: FitLines, frequency: float, damping_ratio: float) -> FloatArray:
     """Return the likeliest of a few dampings at a frequency, as parameters of the fit."""
     starts = [np.array([frequency, math.log(damping_ratio * factor)]) for factor in _DAMPING_FACTORS]
     return min(starts, key=lambda start: cost_at(lines, start, ModelOrder(1)))
 
 
-def start_two_modes(lines: BandSpectra, one_mode: FloatArray) -> list[FloatArray]:
+def start_two_modes(lines: FitLines, one_mode: FloatArray) -> list[FloatArray]:
     """Return the two likeliest places of two modes: a rational fit, or a second mode somewhere beside the first.
 
     Parameters
     ----------
-    lines : BandSpectra
-        Lines of the fit band, in double precision.
+    lines : FitLines
+        Lines of the fit band.
     one_mode : ndarray, shape (2,)
         Frequency [Hz] and ln ζ of the fit with one mode.
 
@@ -83,10 +83,10 @@ def rational_poles(frequency: FloatArray, response: ComplexArray, weight: FloatA
     powers = g[:, None] ** np.arange(n_modes + 2)
     columns = np.hstack([response[:, None] * powers[:, :n_modes], -powers])
     root_weight = np.sqrt(weight)
-    roots = np.empty(0, dtype=np.complex128)
+    roots: ComplexArray = np.empty(0, dtype=np.complex128)
     for _ in range(_RATIONAL_ITERATIONS):
         a = np.linalg.lstsq(root_weight[:, None] * columns, -root_weight * response * g**n_modes)[0][:n_modes]
-        roots = np.roots([1.0, *a[::-1]])
+        roots = np.roots([1.0, *a[::-1]]).astype(np.complex128)
         root_weight = np.sqrt(weight) / np.abs(np.prod(g[:, None] - roots, axis=1))
     poles = centre + half_width * roots
     natural = np.abs(poles)
@@ -96,8 +96,10 @@ def rational_poles(frequency: FloatArray, response: ComplexArray, weight: FloatA
     return kept[np.argsort(kept[:, 0])]
 
 
-def _measured_response(lines: BandSpectra) -> tuple[FloatArray, ComplexArray, FloatArray]:
+def _measured_response(lines: FitLines) -> tuple[FloatArray, ComplexArray, FloatArray]:
     """Return frequency, H1 and excitation power, to which the inverse variance of H1 is proportional."""
-    cross = cross_spectra(lines, taper=least_leaking_taper(lines))
+    x, y = lines.excitation / lines.weight, lines.response / lines.weight
+    spectra = BandSpectra(lines.frequency, x, y, lines.n_samples, lines.sample_rate)
+    cross = cross_spectra(spectra, taper=least_leaking_taper(spectra))
     power = np.maximum(cross.excitation_power, np.finfo(np.float64).tiny)
     return cross.frequency, cross.cross_power / power, power

@@ -4,28 +4,32 @@ import numpy as np
 import scipy.stats
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.modal.model import tone_shape
+from monitor_core.modal.model import FitLines
 from monitor_core.modal.variable_projection import Solution
-from monitor_core.spectral import BandSpectra
 
 #: Probability that a clean band is said to hold a tone.
 _FALSE_ALARM_PROBABILITY = 1e-3
+_LINES_APART = 1.5
+_LEAST_RISE = 3.0  # of a tone's power over its neighbours'
 
 
-def strongest_tone(spectra: BandSpectra, solution: Solution) -> float | None:
+def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
     r"""Return the frequency of the strongest sine that the fit leaves, or ``None`` if none is significant.
 
-    A sine of unknown amplitude and phase in each window, of one frequency in all, stands out by
+    A sine of unknown amplitude and phase in each window, of one frequency in all, stands out on its line, or, halfway
+    between two, in their difference (the line shape changes sign there):
 
-    .. math:: S(f) = \frac{2}{\sigma^2} \sum_s \frac{|\langle D(\cdot - f), R_s \rangle|^2}{\|D(\cdot - f)\|^2}
+    .. math:: S(f_k) = \frac{2}{\sigma^2} \sum_s |R_s(k)|^2,\qquad
+        S(f_{k+1/2}) = \frac{2}{\sigma^2} \sum_s \tfrac12 |R_s(k) - R_s(k+1)|^2
 
-    which is :math:`\chi^2` with two degrees of freedom per window if there is none. The band is searched at half
-    lines, and the level is divided by the number of independent lines. The half-power band of a mode is left out:
-    there a sine cannot be told from ringing that the model does not quite meet.
+    Both are :math:`\chi^2` with two degrees of freedom per window if there is none; the level is divided by the number
+    of lines. A line and a half on either side of a mode are left out: there a sine cannot be told from ringing that
+    the model does not quite meet. What stands no higher than its neighbourhood is noise of another colour than
+    supposed, and no sine either.
 
     Parameters
     ----------
-    spectra : BandSpectra
+    lines : FitLines
         Lines of the fit band.
     solution : Solution
         Fit whose residual is searched.
@@ -35,23 +39,21 @@ def strongest_tone(spectra: BandSpectra, solution: Solution) -> float | None:
     float or None
         Frequency in hertz.
     """
-    f = spectra.frequency
-    tones = np.linspace(f[0], f[-1], 2 * (f.size - 1) + 1)
-    tones = tones[_outside_half_power_bands(tones, solution)]
-    if tones.size == 0:
-        return None
-    kernels = tone_shape(f, tones[:, None], spectra.n_samples, spectra.sample_rate)
-    kernels /= np.linalg.norm(kernels, axis=1)[:, None]
-    powers = np.sum(np.abs(solution.projection.residual @ kernels.conj().T) ** 2, axis=0)
-    statistic = 2.0 * powers / solution.noise_variance
-    # Each window's share is limited by the residual's own size, so a tone inflates σ² too; the test is conservative.
-    level = scipy.stats.chi2.isf(_FALSE_ALARM_PROBABILITY / f.size, 2 * spectra.n_windows)
-    best = int(np.argmax(statistic))
-    return float(tones[best]) if statistic[best] > level else None
+    f, residual = lines.frequency, solution.projection.residual
+    power = np.sum(np.abs(residual) ** 2, axis=0)
+    between = 0.5 * np.sum(np.abs(np.diff(residual, axis=1)) ** 2, axis=0)
+    places = np.concatenate([f, 0.5 * (f[:-1] + f[1:])])
+    candidates = np.where(_apart_from_modes(places, solution, lines.resolution), np.concatenate([power, between]), 0.0)
+    best = int(np.argmax(candidates))
+    distance = np.abs(f - places[best]) / lines.resolution
+    neighbours = power[(distance > 1.5) & (distance < 6.5)].mean()
+    level = scipy.stats.chi2.isf(_FALSE_ALARM_PROBABILITY / f.size, 2 * lines.n_windows)
+    significant = 2.0 * candidates[best] / solution.noise_variance > level
+    return float(places[best]) if significant and candidates[best] > _LEAST_RISE * neighbours else None
 
 
-def _outside_half_power_bands(tones: FloatArray, solution: Solution) -> BoolArray:
-    outside = np.ones(tones.size, dtype=np.bool_)
-    for natural_frequency, damping_ratio in solution.modes:
-        outside &= np.abs(tones - natural_frequency) > damping_ratio * natural_frequency
-    return outside
+def _apart_from_modes(tones: FloatArray, solution: Solution, resolution: float) -> BoolArray:
+    apart = np.ones(tones.size, dtype=np.bool_)
+    for natural_frequency in solution.modes[:, 0]:
+        apart &= np.abs(tones - natural_frequency) > _LINES_APART * resolution
+    return apart

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.modal.model import ModelOrder, Projection, poles_of, project
-from monitor_core.spectral import BandSpectra
+from monitor_core.modal.model import FitLines, ModelOrder, Projection, poles_of, project
 
 _MAXIMUM_ITERATIONS = 100
 #: Predicted decrease of the cost, in units of the noise variance, below which a step is a hundredth of a standard
@@ -28,7 +27,7 @@ class Solution:
 
     @property
     def noise_variance(self) -> float:
-        """Variance of the complex noise of one line."""
+        """Variance of the complex noise of one whitened line."""
         return 2.0 * self.projection.cost / self.degrees_of_freedom
 
     @property
@@ -38,7 +37,7 @@ class Solution:
 
     @property
     def tones(self) -> FloatArray:
-        """Tone frequencies, shape (n_tones,). [Hz]"""
+        """Frequencies of the tones in hertz, shape (n_tones,)."""
         return self.parameters[2 * self.order.n_modes :]
 
     @property
@@ -49,18 +48,18 @@ class Solution:
         return n_real * math.log(self.projection.cost) + n_parameters * math.log(n_real)
 
 
-def degrees_of_freedom(spectra: BandSpectra, order: ModelOrder) -> int:
+def degrees_of_freedom(lines: FitLines, order: ModelOrder) -> int:
     """Return real data less real parameters."""
-    return 2 * spectra.response.size - order.n_parameters(spectra.n_windows)
+    return 2 * lines.response.size - order.n_parameters(lines.n_windows)
 
 
-def minimise(spectra: BandSpectra, start: FloatArray, order: ModelOrder) -> Solution | None:
+def minimise(lines: FitLines, start: FloatArray, order: ModelOrder) -> Solution | None:
     """Find the local maximum of the likelihood near a start.
 
     Parameters
     ----------
-    spectra : BandSpectra
-        Lines of the fit band, in double precision.
+    lines : FitLines
+        Lines of the fit band.
     start : ndarray, shape (n_nonlinear,)
         Natural frequency [Hz] and ln ζ of each mode, then tone frequencies [Hz].
     order : ModelOrder
@@ -71,27 +70,28 @@ def minimise(spectra: BandSpectra, start: FloatArray, order: ModelOrder) -> Solu
     Solution or None
         ``None`` if there is too little data for so many parameters, or no convergence.
     """
-    dof = degrees_of_freedom(spectra, order)
+    dof = degrees_of_freedom(lines, order)
     if dof <= 0:
         return None
     try:
-        return _descend(spectra, start, order, dof)
+        return _descend(lines, start, order, dof)
     except np.linalg.LinAlgError:  # excitation without the dimensions that B needs, or two equal poles
         return None
 
 
-def _descend(spectra: BandSpectra, start: FloatArray, order: ModelOrder, dof: int) -> Solution | None:
-    parameters = _clip(start, spectra, order)
-    current = project(spectra, parameters, order)
+def _descend(lines: FitLines, start: FloatArray, order: ModelOrder, dof: int) -> Solution | None:
+    parameters = _clip(start, lines, order)
+    current = project(lines, parameters, order)
     marquardt = 1e-3
     for _ in range(_MAXIMUM_ITERATIONS):
         normal, gradient = _normal_equations(current)
         newton_gain = float(gradient @ np.linalg.solve(normal, gradient))
         if newton_gain <= _NEGLIGIBLE_GAIN * current.cost / dof:
             return Solution(order, parameters, current, normal, dof)
-        step = -np.linalg.solve(normal + marquardt * np.diag(np.diag(normal)), gradient)
-        trial_parameters = _clip(parameters + _limit(step, spectra, order), spectra, order)
-        trial = project(spectra, trial_parameters, order)
+        damped = normal + marquardt * np.diag(normal.diagonal())
+        step = np.linalg.solve(damped, -gradient).astype(np.float64)
+        trial_parameters = _clip(parameters + _limit(step, lines, order), lines, order)
+        trial = project(lines, trial_parameters, order)
         if trial.cost < current.cost:
             parameters, current = trial_parameters, trial
             marquardt = max(marquardt / 10.0, 1e-9)
@@ -110,17 +110,17 @@ def _normal_equations(projection: Projection) -> tuple[FloatArray, FloatArray]:
     return normal, gradient
 
 
-def _limit(step: FloatArray, spectra: BandSpectra, order: ModelOrder) -> FloatArray:
+def _limit(step: FloatArray, lines: FitLines, order: ModelOrder) -> FloatArray:
     """Keep a step within an eighth of the band and a factor e in damping; the model is far from linear beyond."""
-    longest = np.full(step.size, (spectra.frequency[-1] - spectra.frequency[0]) / 8.0)
+    longest = np.full(step.size, (lines.frequency[-1] - lines.frequency[0]) / 8.0)
     longest[1 : 2 * order.n_modes : 2] = 1.0
-    longest[2 * order.n_modes :] = spectra.resolution
+    longest[2 * order.n_modes :] = lines.resolution
     return np.clip(step, -longest, longest)
 
 
-def _clip(parameters: FloatArray, spectra: BandSpectra, order: ModelOrder) -> FloatArray:
+def _clip(parameters: FloatArray, lines: FitLines, order: ModelOrder) -> FloatArray:
     """Keep poles within one band width of the band, and damping possible."""
-    low, high = spectra.frequency[0], spectra.frequency[-1]
+    low, high = lines.frequency[0], lines.frequency[-1]
     clipped = parameters.copy()
     modes = slice(0, 2 * order.n_modes, 2)
     clipped[modes] = np.clip(clipped[modes], max(2.0 * low - high, 0.1 * low), 2.0 * high - low)

@@ -107,6 +107,7 @@ class Calibration:
     reference_temperature: float | None  # [°C]
     excitation_source: ExcitationSource | None  # None: not stated (a table of frequencies)
     excitation_quantity: ExcitationQuantity | None
+    maximum_modes: int = 2  # what the frequencies were fitted with; later ones are fitted alike
     phase_reference: PhaseReference | None = None  # None: the table of frequencies does not tell
     minimum_band_excitation: float | None = None  # rms of the excitation that the band needs [N·m] or [N]
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.calibration import (
@@ -25,7 +25,6 @@ from monitor_core.preload.influence import (
     TEMPERATURE_RESOLUTION,
     InfluenceCoefficients,
     from_reference,
-    payload_factor,
     to_reference,
 )
 from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
@@ -42,6 +41,7 @@ def calibrate(
     excitation_quantity: ExcitationQuantity | None = None,
     moving_mass: Estimate | None = None,
     temperature_coefficient: Estimate | None = None,
+    maximum_modes: int = 2,
     phase_reference: PhaseReference | None = None,
     minimum_band_excitation: float | None = None,
 ) -> Calibration:
@@ -71,7 +71,7 @@ def calibrate(
         Effective mass that moves without payload, used where the readings hold one payload only. [kg]
     temperature_coefficient : Estimate, optional
         Used where the temperatures span less than ``TEMPERATURE_RESOLUTION``. [s²/K]
-    phase_reference, minimum_band_excitation : optional
+    maximum_modes, phase_reference, minimum_band_excitation : optional
         Carried along for the gates before the estimate.
 
     Returns
@@ -83,13 +83,15 @@ def calibrate(
     Raises
     ------
     NotIdentifiableError
-        If positions, preloads or the number of readings cannot determine the coefficients, or if the frequency does
-        not rise measurably with the preload.
+        If the readings at the lowest payload cannot determine the coefficients by their positions, preloads or number,
+        or if the frequency does not rise measurably with the preload.
     OutsideValidityError
         If a preload is missing, an influence quantity is stated for some readings only, or a weight is missing.
 
     Notes
     -----
+    k1…k4 and k_T come from the readings at the lowest payload alone, µ from the others against them.
+
     Errors are taken as independent between readings. An error common to all readings of one level, such as a preload
     that was not quite what it was set to, shows in the residuals but is no smaller for many readings: several levels
     are worth more than many readings of one.
@@ -105,26 +107,32 @@ def calibrate(
     """
     weighting = Weighting(weighting)
     columns = reading_columns(readings, weighting)
-    refuse_too_few_settings(columns)
+    payload_excess, temperature_excess = columns.payload_excess, columns.temperature_excess
+    unloaded = payload_excess == 0.0
+    refuse_too_few_settings(columns.position[unloaded], columns.preload[unloaded])
     weight = np.ones_like(columns.frequency)
     if weighting is Weighting.STD:
         weight = 1.0 / (columns.slope * columns.standard_uncertainty)
 
-    payload_excess, temperature_excess = columns.payload_excess, columns.temperature_excess
     temperature = columns.temperature
     fitted_names = list(COEFFICIENT_NAMES)
-    if np.any(payload_excess > 0.0):
-        fitted_names.append(INVERSE_MOVING_MASS)
+    design = feature_design(columns.position, columns.preload)
     if np.ptp(temperature_excess) >= TEMPERATURE_RESOLUTION:
         fitted_names.append(TEMPERATURE_COEFFICIENT)
-    fit = _fit(columns, weight, fitted_names)
-    reproducibility = _reproducibility(columns, weight, fit)
+        design = np.column_stack([design, temperature_excess])
+    fit = weighted_least_squares(design[unloaded], columns.inverse_square[unloaded], weight[unloaded])
+    reproducibility = _reproducibility(columns, unloaded, weight, fit)
+    single_variance = columns.slope**2 * (columns.standard_uncertainty**2 + reproducibility**2)
     fitted = fit.parameters
     if weighting is Weighting.STD:
         # scatter between measurements is common to all readings, so the weights are not their inverse variances
-        variance = columns.slope**2 * (columns.standard_uncertainty**2 + reproducibility**2)
-        fitted = VectorEstimate(fitted.values, fit.covariance_under(variance), fitted.degrees_of_freedom)
+        fitted = VectorEstimate(
+            fitted.values, fit.covariance_under(single_variance[unloaded]), fitted.degrees_of_freedom
+        )
     _refuse_blind_mode(fitted)
+    if not unloaded.all():
+        fitted = _with_payload(fitted, design, columns, single_variance)
+        fitted_names.insert(len(COEFFICIENT_NAMES), INVERSE_MOVING_MASS)
 
     declared = _declared(moving_mass, temperature_coefficient, float(columns.payload.min()))
     parameters, names = known_parameters(fitted, fitted_names, declared)
@@ -143,7 +151,7 @@ def calibrate(
         parameter_names=names,
         declared=tuple(name for name in names if name not in fitted_names),
         reproducibility=reproducibility,
-        residual_sd=float(np.sqrt(np.sum(residual**2) / fitted.degrees_of_freedom)),
+        residual_sd=float(np.sqrt(np.sum(residual[unloaded] ** 2) / fitted.degrees_of_freedom)),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
         residual_max=float(np.max(np.abs(residual))),
         condition_number=fit.condition_number,
@@ -158,6 +166,7 @@ def calibrate(
         reference_temperature=None if temperature is None else float(temperature.mean()),
         excitation_source=excitation_source,
         excitation_quantity=excitation_quantity,
+        maximum_modes=maximum_modes,
         phase_reference=phase_reference,
         minimum_band_excitation=minimum_band_excitation,
     )
@@ -191,38 +200,49 @@ def _refuse_blind_mode(fitted: VectorEstimate) -> None:
         )
 
 
-def _fit(columns: ReadingColumns, weight: FloatArray, names: list[str]) -> LeastSquaresFit:
-    """Gauss–Newton over the parameters; one step is exact unless µ is among them, which multiplies the rest."""
-    design = feature_design(columns.position, columns.preload)
-    if TEMPERATURE_COEFFICIENT in names:
-        design = np.column_stack([design, columns.temperature_excess])
-    y, payload_excess = columns.inverse_square, columns.payload_excess
-    if INVERSE_MOVING_MASS not in names:
-        return weighted_least_squares(design, y, weight)
-    i = names.index(INVERSE_MOVING_MASS)
-    mu, beta = 0.0, np.linalg.lstsq(design, y, rcond=None)[0]
-    for _ in range(50):
-        factor, unloaded = payload_factor(payload_excess, mu), design @ beta
-        jacobian = np.insert(factor[:, np.newaxis] * design, i, payload_excess * unloaded, axis=1)
-        # linearised about (mu, beta): y ≈ factor·(design @ b) + (m − mu)·payload_excess·unloaded
-        fit = weighted_least_squares(jacobian, y + mu * payload_excess * unloaded, weight)
-        step = abs(fit.parameters.values[i] - mu)
-        mu, beta = float(fit.parameters.values[i]), np.delete(fit.parameters.values, i)
-        if mu <= 0.0:
-            raise NotIdentifiableError(f"payload must lower the frequency; the readings give 1/M = {mu:.3g} 1/kg")
-        if step <= 1e-9 * mu:
-            return fit
-    raise NotIdentifiableError("the moving mass did not converge: frequency and payload do not go together")
+def _with_payload(
+    unloaded: VectorEstimate, design: FloatArray, columns: ReadingColumns, single_variance: FloatArray
+) -> VectorEstimate:
+    r"""Append µ, from how far each loaded reading lies from what the unloaded ones predict for it.
+
+    :math:`\mu_i = (y_i / \hat y_i - 1)/m_i`, averaged with weights :math:`m_i^2`. A real axis follows
+    :math:`f \propto 1/\sqrt{M + m}` only roughly (the screw turns and stretches along), so the µ of different payloads
+    and positions scatter more than their own uncertainties. The next payload will scatter alike: that goes into the
+    uncertainty of µ, enlarged for the few readings it is known from, and not into the scatter of unloaded readings.
+    """
+    loaded = columns.payload_excess > 0.0
+    y, m, x = columns.inverse_square[loaded], columns.payload_excess[loaded], design[loaded]
+    predicted = x @ unloaded.values
+    mu = (y / predicted - 1.0) / m
+    share = m**2 / np.sum(m**2)
+    mean = float(share @ mu)
+    if mean <= 0.0:
+        raise NotIdentifiableError(f"payload must lower the frequency; the readings give 1/M = {mean:.3g} 1/kg")
+    variance = float(np.sum(share**2 * single_variance[loaded] / (predicted * m) ** 2))
+    n = mu.size
+    if n > 1:
+        scatter = float(share @ (mu - mean) ** 2) * n / (n - 1)
+        few = (special.stdtrit(n - 1, 0.975) / special.ndtri(0.975)) ** 2
+        variance = max(variance, few * scatter * (1.0 + 1.0 / n))
+    gradient = -((share * y / (predicted**2 * m)) @ x)  # of µ, with respect to the unloaded parameters
+    across = unloaded.covariance @ gradient
+    k = len(COEFFICIENT_NAMES)
+    covariance = np.insert(np.insert(unloaded.covariance, k, across, axis=0), k, np.insert(across, k, 0.0), axis=1)
+    covariance[k, k] = variance + gradient @ across
+    return VectorEstimate(np.insert(unloaded.values, k, mean), covariance, unloaded.degrees_of_freedom)
 
 
-def _reproducibility(columns: ReadingColumns, weight: FloatArray, fit: LeastSquaresFit) -> float:
-    r"""Scatter between measurements [Hz] that their stated uncertainties do not explain.
+def _reproducibility(
+    columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, fit: LeastSquaresFit
+) -> float:
+    r"""Scatter between unloaded measurements [Hz] that their stated uncertainties do not explain.
 
     Method of moments (DerSimonian–Laird for a regression): the weighted residual sum of squares has the expectation
     :math:`\sum (1-h_i) w_i^2 g_i^2 (\sigma_i^2 + c^2)`, g = 2/f³; solved for c, and 0 where σ explains it all.
     """
-    share = (1.0 - fit.leverage) * (weight * columns.slope) ** 2
-    excess = np.sum((weight * fit.residual) ** 2) - np.sum(share * columns.standard_uncertainty**2)
+    share = (1.0 - fit.leverage) * (weight * columns.slope)[unloaded] ** 2
+    stated = columns.standard_uncertainty[unloaded] ** 2
+    excess = np.sum((weight[unloaded] * fit.residual) ** 2) - np.sum(share * stated)
     return float(np.sqrt(max(0.0, excess / np.sum(share))))
 
 

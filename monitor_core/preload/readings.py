@@ -27,7 +27,7 @@ class ReadingColumns:
     @property
     def payload_excess(self) -> FloatArray:
         """Above the lowest payload, the reference [kg]."""
-        return self.payload - self.payload.min()
+        return self.payload - float(self.payload.min())
 
     @property
     def temperature_excess(self) -> FloatArray:
@@ -85,13 +85,13 @@ def position_groups(position: FloatArray) -> list[FloatArray]:
     return np.split(order, np.flatnonzero(np.diff(position[order]) > POSITION_RESOLUTION) + 1)
 
 
-def refuse_too_few_settings(columns: ReadingColumns) -> None:
+def refuse_too_few_settings(position: FloatArray, preload: FloatArray) -> None:
     """Raise NotIdentifiableError, naming what is missing, where Eq. (8) has more unknowns than settings."""
-    positions, preloads = len(position_groups(columns.position)), np.unique(columns.preload).size
+    positions, preloads = len(position_groups(position)), np.unique(preload).size
     missing = []
     if positions < 3:
         missing.append(f"three positions (at least 1 mm apart) for k1, k2, k4, got {positions}")
     if preloads < 2:
         missing.append(f"two preloads for k3, got {preloads}")
     if missing:
-        raise NotIdentifiableError(f"a calibration needs at least {' and '.join(missing)}")
+        raise NotIdentifiableError(f"a calibration needs, at one payload, at least {' and '.join(missing)}")

@@ -96,6 +96,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         },
         "excitation_source": calibration.excitation_source,
         "excitation_quantity": calibration.excitation_quantity,
+        "maximum_modes": calibration.maximum_modes,
         "phase_reference": None if phase is None else {"polarity": phase.polarity, "delay_s": phase.delay},
         "minimum_band_excitation": calibration.minimum_band_excitation,
         "minimum_band_excitation_unit": _EXCITATION_UNITS[calibration.excitation_quantity],
@@ -201,6 +202,7 @@ def _calibration(top: Fields) -> Calibration:
         excitation_quantity=(
             top.choice("excitation_quantity", ExcitationQuantity) if "excitation_quantity" in top else None
         ),
+        maximum_modes=int(top.positive("maximum_modes", "-")),
         phase_reference=_phase_reference(top),
         minimum_band_excitation=top.optional_number("minimum_band_excitation", "N.m or N"),
     )

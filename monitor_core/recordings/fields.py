@@ -33,7 +33,7 @@ class Fields:
         if not isinstance(value, str) or not value:
             raise RecordingFormatError(f"{self._place(name)}: expected a text; got {_shown(value)}")
         if any("\ud800" <= letter <= "\udfff" for letter in value):
-            raise RecordingFormatError(f"{self._place(name)}: expected UTF-8 text; got {ascii(value[:40])}")
+            raise RecordingFormatError(f"{self._place(name)}: expected UTF-8 text; got {value[:40]!a}")
         return str(value)
 
     def number(self, name: str, unit: str) -> float:
@@ -111,5 +111,6 @@ class Fields:
 
 
 def _shown(value: object) -> str:
-    text = repr(value.item() if isinstance(value, np.generic) else value)
-    return f"{type(value).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
+    plain = value.item() if isinstance(value, np.generic) else value
+    text = repr(plain)
+    return f"{type(plain).__name__} {text if len(text) <= 60 else text[:57] + '...'}"

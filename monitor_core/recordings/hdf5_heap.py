@@ -6,15 +6,17 @@ bytes (index, reference count, four reserved bytes, size) and its bytes, padded 
 space at the end. The library follows these sizes without looking at them; here they are looked at before it does.
 """
 
-import mmap
 import struct
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from monitor_core.errors import RecordingFormatError
 
 _COLLECTION = b"GCOL\x01"
 _HEADER = struct.Struct("<HH4xQ")
 _LEAST_SIZE = 4096
+_BLOCK = 2**20  # read in pieces, so that memory stays flat however large the session is
 
 
 def require_sound_heap(path: Path) -> None:
@@ -25,27 +27,41 @@ def require_sound_heap(path: Path) -> None:
     RecordingFormatError
         If the sizes in a global heap collection contradict each other or the length of the file.
     """
-    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        start = data.find(_COLLECTION)
-        while start >= 0:
-            if not _is_sound(data, start):
+    n_bytes = path.stat().st_size
+    with path.open("rb") as scanned, path.open("rb") as stream:
+        for start in _collections(scanned):
+            if not _is_sound(stream, start, n_bytes):
                 raise RecordingFormatError(
                     f"{path.name}: expected an HDF5 file; got one whose texts are damaged (heap at byte {start})"
                 )
+
+
+def _collections(stream: BinaryIO) -> Iterator[int]:
+    """Yield where a header of a collection seems to begin."""
+    offset, carried = 0, b""
+    while block := stream.read(_BLOCK):
+        data = carried + block
+        start = data.find(_COLLECTION)
+        while start >= 0:
+            yield offset + start
             start = data.find(_COLLECTION, start + 1)
+        carried = data[-(len(_COLLECTION) - 1) :]  # a header may lie across two blocks
+        offset += len(data) - len(carried)
 
 
-def _is_sound(data: mmap.mmap, start: int) -> bool:
-    reserved = data[start + 5 : start + 8]
-    size = int.from_bytes(data[start + 8 : start + 16], "little")
+def _is_sound(stream: BinaryIO, start: int, n_bytes: int) -> bool:
+    stream.seek(start)
+    header = stream.read(_HEADER.size)
+    reserved, size = header[5:8], int.from_bytes(header[8:], "little")
     end = start + size
-    if size < _LEAST_SIZE or end > len(data):
+    if size < _LEAST_SIZE or end > n_bytes:
         return reserved != bytes(3)  # five bytes of samples that happen to read like a header
     if reserved != bytes(3):
         return False
-    at, seen = start + 16, set[int]()
+    at, seen = start + _HEADER.size, set[int]()
     while end - at >= _HEADER.size:
-        index, _, length = _HEADER.unpack_from(data, at)
+        stream.seek(at)
+        index, _, length = _HEADER.unpack(stream.read(_HEADER.size))
         if index == 0:
             return bool(_HEADER.size <= length == end - at)
         at += _HEADER.size + -(-length // 8) * 8

@@ -257,7 +257,7 @@ def _unwritten(dataset: "h5py.Dataset") -> bool:
 
 
 def _attributes(group: "h5py.Group", where: str) -> dict[str, object]:
-    """Return the attributes known here. Only numbers and texts are touched: HDF5 crashes on other types when damaged."""
+    """Return the attributes known here. Only numbers and texts are touched: other types crash HDF5 when damaged."""
     import h5py  # noqa: PLC0415
 
     attributes: dict[str, object] = {}

@@ -124,9 +124,7 @@ def random_error(coherence: FloatArray | float, n_averages: float) -> FloatArray
     return np.sqrt((1.0 - g) / (2.0 * _at_least_two(n_averages) * g))
 
 
-def effective_averages(
-    n_windows: int, overlap: float = 0.0, *, taper: Taper = "hann"
-) -> float:
+def effective_averages(n_windows: int, overlap: float = 0.0, *, taper: Taper = "hann") -> float:
     r"""Return how many independent averages a number of overlapped, tapered windows is worth.
 
     .. math:: n_e = \frac{n}{1 + 2\sum_{i\ge 1} (1 - i/n)\,\rho_i},\qquad

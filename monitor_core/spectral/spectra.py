@@ -60,9 +60,7 @@ class BandSpectra:
 
     def of_windows(self, kept: npt.NDArray[np.bool_]) -> "BandSpectra":
         """Return the windows for which ``kept`` is true, shape (n_windows,)."""
-        return BandSpectra(
-            self.frequency, self.excitation[kept], self.response[kept], self.n_samples, self.sample_rate
-        )
+        return BandSpectra(self.frequency, self.excitation[kept], self.response[kept], self.n_samples, self.sample_rate)
 
     def tapered(self, taper: Taper) -> tuple[FloatArray, SpectrumArray, SpectrumArray]:
         r"""Taper both channels after the transform.

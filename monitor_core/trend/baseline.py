@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
+from scipy import special
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.uncertainty import Interval, IntervalKind
 
-#: Level of the test for autocorrelation: so many baselines of independent measurements are taken as dependent.
-DEPENDENT_BY_CHANCE = 0.05
-#: Its critical value for the lag-1 autocorrelation, in units of 1/√m.
-_SIGNIFICANT = 1.645
+#: Critical value for the lag-1 autocorrelation, in units of 1/√m. So high (1 %) that baselines of independent
+#: measurements are hardly ever widened: the stated false-alarm rate stays what it is.
+_SIGNIFICANT = 2.33
 #: A baseline whose measurements depend on each other more than this is a drift; its factor would have no bound.
 _LARGEST_AUTOCORRELATION = 0.9
 
@@ -77,6 +78,15 @@ class Baseline:
         random = max(self.scatter, observation.standard_uncertainty)
         scatter_of_difference = self.dependence * math.sqrt(random**2 + self.scatter**2 / self.size)
         return math.copysign(evidence / scatter_of_difference, difference)
+
+    def prediction_interval(self, level: float = 0.95) -> Interval:
+        r"""Where one more healthy measurement will lie, :math:`\bar x \pm t^* s \sqrt{1 + 1/m}`.
+
+        For people to look at: alarms come from the charts, whose false-alarm rate is stated.
+        """
+        t = float(special.stdtrit(self.degrees_of_freedom, 0.5 + level / 2.0))
+        margin = t * self.scatter * math.sqrt(1.0 + 1.0 / self.size)
+        return Interval(self.mean - margin, self.mean + margin, IntervalKind.PREDICTION, level)
 
 
 def learn_baseline(observations: Sequence[Observation]) -> Baseline | None:

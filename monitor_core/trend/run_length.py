@@ -79,23 +79,29 @@ def cusum_run_length(
     """
     _require_positive(limit)
     width = 2.0 * limit / (2 * n_cells - 1)
-    # cells travelled in one step: the same for every cell to start from
-    offset: FloatArray = np.arange(-(n_cells - 1), n_cells, dtype=np.float64)
-    edge = np.append(offset - 0.5, n_cells - 0.5) * width + reference  # as residuals
+    edge: FloatArray = np.arange(-n_cells, n_cells, dtype=np.float64) + 0.5  # of the cells travelled in one step
+    cumulative = _normal_cdf(edge * width + reference, shift, scale)
+    below = _normal_cdf(np.array([confirmed_limit]), shift, scale)
+    # a whole number of cells, rounded down: two increments of half the limit fill the chart, but do not exceed it
+    atom = edge > (math.floor(largest_increment / width) if math.isfinite(largest_increment) else math.inf)
+    within = np.where(atom, below, np.minimum(cumulative, below))
+    beyond = np.where(atom, 1.0, cumulative) - within
 
-    def transition(cumulative: FloatArray) -> FloatArray:
-        """Turn P(residual ≤ edge, and the rest of a condition) into P(from cell, to cell)."""
-        upper, lower = cumulative[..., 1:].copy(), cumulative[..., :-1].copy()
-        if math.isfinite(largest_increment):
-            jump = round(largest_increment / width)
-            upper[..., offset >= jump] = cumulative[..., -1:]
-            lower[..., offset > jump] = cumulative[..., -1:]
-        cell = np.arange(n_cells)
-        travelled = cell[None, :] - cell[:, None] + n_cells - 1
-        matrix = (upper - lower)[..., travelled]
-        matrix[..., 0] = upper[..., travelled[:, 0]]  # everything below the first cell is held at zero
-        return matrix
-    ...
+    p0, p1 = _from_cell_to_cell(within), _from_cell_to_cell(beyond)
+    ones = np.ones((*p0.shape[:-1], 1))
+    return _first_passage(p0 + p1 @ p0, ones + p1 @ ones, start_cell=0)
+
+
+def _from_cell_to_cell(cumulative: FloatArray) -> FloatArray:
+    """Turn P(cells travelled ≤ edge), shape (..., 2n), into P(from cell, to cell), shape (..., n, n)."""
+    n_cells = cumulative.shape[-1] // 2
+    cell = np.arange(n_cells)
+    travelled = cell[None, :] - cell[:, None] + n_cells
+    probability = np.asarray(cumulative[..., travelled] - cumulative[..., travelled - 1])
+    probability[..., 0] = cumulative[..., travelled[:, 0]]  # everything below the first cell is held at zero
+    return probability
+
+
 def ewma_run_length(
     limit: float,
     *,
@@ -167,7 +173,7 @@ def ewma_run_length(
     transition = upper - cdf_of_next(centre - half)
     if one_sided:
         transition[..., 0] = upper[..., 0]
-    return _first_passage(transition, start_cell)
+    return _first_passage(transition, np.ones((*transition.shape[:-1], 1)), start_cell)
 
 
 def shewhart_run_length(
@@ -229,12 +235,10 @@ def _normal_cdf(points: FloatArray, shift: npt.ArrayLike, scale: npt.ArrayLike) 
     return np.asarray(special.ndtr((points - shift[expand]) / scale[expand]))
 
 
-def _first_passage(transition: FloatArray, start_cell: int) -> FloatArray:
-    """Mean number of steps before the chain leaves its cells."""
-    n_cells = transition.shape[-1]
-    ones = np.ones((*transition.shape[:-1], 1))
+def _first_passage(transition: FloatArray, duration: FloatArray, start_cell: int) -> FloatArray:
+    """Mean duration until the chain leaves its cells, when a stay in each has a duration, shape (..., n_cells, 1)."""
     surviving = (1.0 - 1.0 / _LONGEST) * transition
-    return np.asarray(np.linalg.solve(np.eye(n_cells) - surviving, ones)[..., start_cell, 0])
+    return np.asarray(np.linalg.solve(np.eye(transition.shape[-1]) - surviving, duration)[..., start_cell, 0])
 
 
 def _require_positive(limit: float) -> None:

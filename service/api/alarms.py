@@ -6,10 +6,11 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.api.fields import AxisName, RowId, Text
 from service.api.services import Services, services
 from service.operations.alarms import AlarmView
 
-router = APIRouter(tags=["alarms"])
+router = APIRouter(prefix="/v1", tags=["alarms"])
 
 AlarmStatus = Literal["active", "acknowledged", "cleared"]
 
@@ -43,12 +44,23 @@ class AlarmsOut(BaseModel):
     next_cursor: int | None
 
 
+class AlarmsQuery(BaseModel):
+    """Which alarms."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    axis: AxisName | None = None
+    status: AlarmStatus | None = None
+    cursor: Annotated[int, Field(ge=1, lt=2**63)] | None = Field(default=None, description="next_cursor of a page")
+    limit: Annotated[int, Field(ge=1, le=200)] = 50
+
+
 class CommentIn(BaseModel):
     """Why the alarm's status is changed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra={"examples": [{"comment": "nut ordered"}]})
 
-    comment: Annotated[str, Field(min_length=1, max_length=1000)]
+    comment: Text
 
 
 def alarm_out(view: AlarmView) -> AlarmOut:
@@ -65,33 +77,26 @@ def alarm_out(view: AlarmView) -> AlarmOut:
 
 
 @router.get("/alarms", response_model=AlarmsOut)
-def list_alarms(
-    on: Annotated[Services, Depends(services)],
-    axis: str | None = None,
-    status: AlarmStatus | None = None,
-    cursor: int | None = None,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
-) -> AlarmsOut:
+def list_alarms(query: Annotated[AlarmsQuery, Query()], on: Annotated[Services, Depends(services)]) -> AlarmsOut:
     """List alarms, newest first."""
-    views = on.alarms.list(axis, status, cursor, limit)
-    return AlarmsOut(
-        alarms=[alarm_out(view) for view in views], next_cursor=views[-1].row.id if len(views) == limit else None
-    )
+    views = on.alarms.list(query.axis, query.status, query.cursor, query.limit)
+    cursor = views[-1].row.id if len(views) == query.limit else None
+    return AlarmsOut(alarms=[alarm_out(view) for view in views], next_cursor=cursor)
 
 
 @router.get("/alarms/{alarm}", response_model=AlarmOut)
-def get_alarm(alarm: int, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def get_alarm(alarm: RowId, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Return one alarm."""
     return alarm_out(on.alarms.get(alarm))
 
 
 @router.post("/alarms/{alarm}/acknowledge", response_model=AlarmOut)
-def acknowledge_alarm(alarm: int, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def acknowledge_alarm(alarm: RowId, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Say that somebody has seen the alarm. The state of the axis does not change by that."""
     return alarm_out(on.alarms.acknowledge(alarm, body.comment))
 
 
 @router.post("/alarms/{alarm}/clear", response_model=AlarmOut)
-def clear_alarm(alarm: int, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def clear_alarm(alarm: RowId, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
     return alarm_out(on.alarms.clear(alarm, body.comment))

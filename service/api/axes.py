@@ -3,18 +3,15 @@
 from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter, Depends, Response
+from pydantic import BaseModel, ConfigDict
 
+from service.api.fields import AxisId, Label
 from service.api.services import Services, services
-from service.operations.axes import AxisConfiguration
+from service.operations.settings_of_axis import AxisConfiguration
 from service.operations.trend import AxisStatus
 
-router = APIRouter(tags=["axes"])
-
-AxisId = Annotated[
-    str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$", description="letters, digits, dot, dash, underscore")
-]
+router = APIRouter(prefix="/v1", tags=["axes"])
 
 
 class AxisIn(BaseModel):
@@ -37,7 +34,7 @@ class AxisIn(BaseModel):
         },
     )
 
-    name: Annotated[str, Field(min_length=1, max_length=200)]
+    name: Label
     configuration: AxisConfiguration = AxisConfiguration()
 
 

@@ -4,15 +4,17 @@ from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
 from fastapi import APIRouter, Depends, Request, Response
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
+from service.api.fields import AxisId, Moment, RowId, Text
 from service.api.services import Services, services
 from service.operations.calibrations import CalibrationOverview
+from service.operations.settings_of_axis import Number
 from service.store.tables import CalibrationRow
 
-router = APIRouter(tags=["calibrations"])
+router = APIRouter(prefix="/v1", tags=["calibrations"])
 
 
 class ReadingIn(BaseModel):
@@ -20,13 +22,13 @@ class ReadingIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    position_mm: float
-    preload_n: Annotated[float, Field(gt=0)]
-    frequency_hz: Annotated[float, Field(gt=0)]
-    frequency_std_hz: Annotated[float | None, Field(gt=0)] = None
-    n_readings: Annotated[int, Field(ge=1)] = 1
-    payload_kg: Annotated[float | None, Field(ge=0)] = None
-    temperature_c: float | None = None
+    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
+    preload_n: Annotated[Number, Field(gt=0, le=1e7)]
+    frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
+    frequency_std_hz: Annotated[Number, Field(gt=0, le=1e6)] | None = None
+    n_readings: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
+    temperature_c: Annotated[Number, Field(gt=-273.15, le=1000)] | None = None
 
     def to_core(self) -> ModalReading:
         """Return the core's record, in SI units."""
@@ -41,10 +43,10 @@ class ReadingIn(BaseModel):
 class MeasurementRange(BaseModel):
     """Stored measurements whose preload was set on purpose, by time."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    start: AwareDatetime | None = Field(default=None, alias="from")
-    end: AwareDatetime | None = Field(default=None, alias="to")
+    start: Moment | None = Field(default=None, alias="from", description="inclusive")
+    end: Moment | None = Field(default=None, alias="to", description="exclusive")
 
 
 class CalibrationIn(BaseModel):
@@ -62,7 +64,7 @@ class CalibrationIn(BaseModel):
     weighting: Literal["std", "none"] | None = Field(
         default=None, description="std where every reading states its scatter, else none"
     )
-    comment: Annotated[str, Field(max_length=1000)] = ""
+    comment: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00]*$")] = ""
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -105,7 +107,7 @@ class ActivationIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra={"examples": [{"reason": "reviewed"}]})
 
-    reason: Annotated[str, Field(min_length=1, max_length=1000)]
+    reason: Text
 
 
 def calibration_out(row: CalibrationRow, active: int | None) -> CalibrationOut:
@@ -133,7 +135,7 @@ def calibrations_out(overview: CalibrationOverview) -> CalibrationsOut:
 
 @router.post("/axes/{axis}/calibrations", response_model=CalibrationOut, status_code=201)
 def post_calibration(
-    axis: str, body: CalibrationIn, response: Response, on: Annotated[Services, Depends(services)]
+    axis: AxisId, body: CalibrationIn, response: Response, on: Annotated[Services, Depends(services)]
 ) -> CalibrationOut:
     """Fit k1…k4 (or take them from a file) and store them for review. Nothing is in force before it is activated."""
     if body.document is not None:
@@ -149,15 +151,22 @@ def post_calibration(
 
 
 @router.get("/axes/{axis}/calibrations", response_model=CalibrationsOut)
-def list_calibrations(axis: str, on: Annotated[Services, Depends(services)]) -> CalibrationsOut:
+def list_calibrations(axis: AxisId, on: Annotated[Services, Depends(services)]) -> CalibrationsOut:
     """List the calibrations of an axis and which was in force since when."""
     return calibrations_out(on.calibrations.overview(axis))
 
 
+@router.get("/axes/{axis}/calibrations/{calibration}", response_model=CalibrationOut)
+def get_calibration(axis: AxisId, calibration: RowId, on: Annotated[Services, Depends(services)]) -> CalibrationOut:
+    """Return one calibration."""
+    row, active = on.calibrations.get(axis, calibration)
+    return calibration_out(row, active)
+
+
 @router.post("/axes/{axis}/calibrations/{calibration}/activate", response_model=CalibrationsOut)
 def activate_calibration(
-    axis: str,
-    calibration: int,
+    axis: AxisId,
+    calibration: RowId,
     body: ActivationIn,
     request: Request,
     on: Annotated[Services, Depends(services)],

@@ -23,8 +23,8 @@ class HealthOut(BaseModel):
 
 
 @router.get("/healthz", response_model=HealthOut)
-def healthz() -> HealthOut:
-    """Tell that the process is alive."""
+async def healthz() -> HealthOut:
+    """Tell that the process is alive, also when every worker thread is taken."""
     return HealthOut()
 
 

@@ -6,10 +6,12 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.api.fields import AxisId, AxisName, JobId
 from service.api.services import Services, services
+from service.operations.settings_of_axis import Number
 from service.store.tables import JobRow
 
-router = APIRouter(tags=["jobs"])
+router = APIRouter(prefix="/v1", tags=["jobs"])
 
 
 class ReplayIn(BaseModel):
@@ -20,7 +22,9 @@ class ReplayIn(BaseModel):
     )
 
     session: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$", description="one of GET /v1/sessions")]
-    speed: Annotated[float | None, Field(gt=0, description="times real time; null is as fast as possible")] = None
+    speed: Annotated[Number, Field(gt=0)] | None = Field(
+        default=None, description="times real time; null is as fast as possible"
+    )
 
 
 class JobOut(BaseModel):
@@ -45,6 +49,15 @@ class JobsOut(BaseModel):
     jobs: list[JobOut]
 
 
+class JobsQuery(BaseModel):
+    """Which jobs."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    axis: AxisName | None = None
+    limit: Annotated[int, Field(ge=1, le=200)] = 50
+
+
 class SessionsOut(BaseModel):
     """Recorded sessions that can be replayed."""
 
@@ -66,7 +79,9 @@ def list_sessions(on: Annotated[Services, Depends(services)]) -> SessionsOut:
 
 
 @router.post("/axes/{axis}/replays", response_model=JobOut, status_code=202)
-def start_replay(axis: str, body: ReplayIn, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
+def start_replay(
+    axis: AxisId, body: ReplayIn, response: Response, on: Annotated[Services, Depends(services)]
+) -> JobOut:
     """Replay a recorded session into an axis, as a job with progress; the same code as for live windows."""
     on.replays.require(body.session)
     row = on.jobs.submit("replay", axis, body.model_dump())
@@ -75,22 +90,18 @@ def start_replay(axis: str, body: ReplayIn, response: Response, on: Annotated[Se
 
 
 @router.get("/jobs", response_model=JobsOut)
-def list_jobs(
-    on: Annotated[Services, Depends(services)],
-    axis: str | None = None,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
-) -> JobsOut:
+def list_jobs(query: Annotated[JobsQuery, Query()], on: Annotated[Services, Depends(services)]) -> JobsOut:
     """List jobs, newest first."""
-    return JobsOut(jobs=[job_out(row) for row in on.jobs.list(axis, limit)])
+    return JobsOut(jobs=[job_out(row) for row in on.jobs.list(query.axis, query.limit)])
 
 
 @router.get("/jobs/{job}", response_model=JobOut)
-def get_job(job: str, on: Annotated[Services, Depends(services)]) -> JobOut:
+def get_job(job: JobId, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Return a job with its progress."""
     return job_out(on.jobs.get(job))
 
 
 @router.post("/jobs/{job}/cancel", response_model=JobOut)
-def cancel_job(job: str, on: Annotated[Services, Depends(services)]) -> JobOut:
+def cancel_job(job: JobId, on: Annotated[Services, Depends(services)]) -> JobOut:
     """Ask a job to stop; work already done stays done."""
     return job_out(on.jobs.cancel(job))

@@ -6,19 +6,65 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
 from service.errors import ServiceError, status_of
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:preload-monitor:problem:"
+RETRY_AFTER_S = 1
+#: Errors that the framework finds before a route is reached.
+_NAME_OF_STATUS = {404: "unknown-resource", 405: "method-not-allowed", 413: "body-too-large"}
 
 
-def problem(status: int, name: str, detail: str, **members: Any) -> JSONResponse:  # noqa: ANN401 - free members of RFC 9457
+class ProblemItem(BaseModel):
+    """One thing that is wrong with a request."""
+
+    pointer: str = Field(description="JSON pointer into the request")
+    detail: str
+
+
+class Problem(BaseModel):
+    """An RFC 9457 problem document."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "type": TYPE_PREFIX + "conflict",
+                    "title": "Conflict",
+                    "status": 409,
+                    "detail": "alarm 7 is cleared already",
+                }
+            ]
+        }
+    )
+
+    type: str = Field(description="stable: a program may rely on it")
+    title: str
+    status: int
+    detail: str = Field(description="one sentence: what was expected, what was got, in which unit")
+    errors: list[ProblemItem] | None = Field(default=None, description="of an invalid request")
+
+
+#: For the description of the API: every route may answer so.
+PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
+    status: {
+        "description": description,
+        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+    }
+    for status, description in (("4XX", "refused; nothing was changed"), ("5XX", "failed; it may be sent again"))
+}
+
+
+def problem(status: int, name: str, detail: str, headers: dict[str, str] | None = None, **members: Any) -> JSONResponse:  # noqa: ANN401 - free members of RFC 9457
     """Return one problem document."""
-    headers = {"Retry-After": "1"} if status == HTTPStatus.SERVICE_UNAVAILABLE else None
+    headers = dict(headers or {})
+    if status == HTTPStatus.SERVICE_UNAVAILABLE:
+        headers["Retry-After"] = str(RETRY_AFTER_S)
     body = {
         "type": TYPE_PREFIX + name,
         "title": HTTPStatus(status).phrase,
@@ -27,14 +73,6 @@ def problem(status: int, name: str, detail: str, **members: Any) -> JSONResponse
         **members,
     }
     return JSONResponse(body, status_code=status, media_type=MEDIA_TYPE, headers=headers)
-
-
-def validation_problem(errors: list[Any]) -> JSONResponse:
-    """Return a problem with a JSON pointer to each thing that is wrong."""
-    items = [{"pointer": _pointer(item["loc"]), "detail": item["msg"]} for item in errors]
-    first = items[0]
-    more = f" (and {len(items) - 1} more)" if len(items) > 1 else ""
-    return problem(422, "invalid-request", f"{first['pointer'] or '/'}: {first['detail']}{more}", errors=items[:50])
 
 
 def install_problem_handlers(app: FastAPI) -> None:
@@ -48,23 +86,43 @@ def install_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
-        return validation_problem(list(error.errors()))
-
-    @app.exception_handler(ValidationError)
-    def _invalid_body(_request: Request, error: ValidationError) -> JSONResponse:
-        return validation_problem(list(error.errors(include_url=False, include_context=False, include_input=False)))
+        items = [{"pointer": _pointer(item["loc"]), "detail": _sentence(item)} for item in error.errors()]
+        first, more = items[0], f" (and {len(items) - 1} more)" if len(items) > 1 else ""
+        return problem(
+            422, "invalid-request", f"{first['pointer'] or 'body'}: {first['detail']}{more}", errors=items[:50]
+        )
 
     @app.exception_handler(HTTPException)
-    def _http(_request: Request, error: HTTPException) -> JSONResponse:
-        name = HTTPStatus(error.status_code).phrase.lower().replace(" ", "-")
-        return problem(error.status_code, name, str(error.detail))
+    def _http(request: Request, error: HTTPException) -> JSONResponse:
+        headers = dict(error.headers or {})
+        detail = str(error.detail)
+        if error.status_code == HTTPStatus.NOT_FOUND:
+            detail = f"there is no resource {request.url.path}; GET /docs lists what there is"
+        elif error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+            allowed = _allowed_methods(request.app, request.url.path) or headers.get("Allow", "GET")
+            headers["Allow"] = allowed
+            detail = f"{request.url.path} takes {allowed}; got {request.method}"
+        name = _NAME_OF_STATUS.get(error.status_code, "unreadable-body" if error.status_code == 400 else "refused")
+        return problem(error.status_code, name, detail, headers)
 
-    @app.exception_handler(Exception)
-    def _unexpected(_request: Request, _error: Exception) -> JSONResponse:
-        # The traceback goes to the log (starlette re-raises to the server); the caller gets no internals.
-        return problem(500, "internal-error", "the service failed on this request; its log says why")
+
+def _allowed_methods(app: FastAPI, path: str) -> str:
+    """Return every method that a path takes; the framework names only those of the first route that fits."""
+    items = [item for template, item in app.openapi()["paths"].items() if compile_path(template)[0].match(path)]
+    return ", ".join(sorted({method.upper() for item in items for method in item}))
 
 
 def _pointer(location: tuple[Any, ...]) -> str:
-    parts = [str(part) for part in location if part not in ("body",)]
+    parts = [str(part) for part in location if part != "body"]
     return "".join("/" + part.replace("~", "~0").replace("/", "~1") for part in parts)
+
+
+def _sentence(item: dict[str, Any]) -> str:
+    """Return what was expected and, where it is short enough to be shown, what was got."""
+    message = str(item["msg"]).removeprefix("Value error, ")
+    if item["type"] == "json_invalid":
+        return f"the body is not JSON: {item.get('ctx', {}).get('error', message)}"
+    got = item.get("input")
+    if isinstance(got, str | int | float | None) and item["type"] != "missing" and "got" not in message:
+        message += f"; got {str(got)[:50]!r}" if isinstance(got, str) else f"; got {got}"
+    return message

@@ -14,6 +14,7 @@ from service.operations.ingest import Ingest
 from service.operations.replay import Replays
 from service.operations.trend import Trend
 from service.store.database import Database
+from service.store.waveforms import WaveformStore
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +22,7 @@ class Services:
     """The operations, made once per application."""
 
     database: Database
+    waveforms: WaveformStore
     metrics: Metrics
     axes: Axes
     ingest: Ingest

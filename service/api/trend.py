@@ -5,13 +5,14 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import AwareDatetime, BaseModel
+from pydantic import BaseModel, ConfigDict, Field
 
+from service.api.fields import AxisId, Moment, RowId
 from service.api.services import Services, services
 from service.operations.trend import thin_out
 from service.store.tables import MeasurementRow
 
-router = APIRouter(tags=["trend"])
+router = APIRouter(prefix="/v1", tags=["trend"])
 
 
 class TrendPoint(BaseModel):
@@ -57,6 +58,20 @@ class MeasurementOut(BaseModel):
     response: dict[str, Any] | None
 
 
+class TrendQuery(BaseModel):
+    """Which part of the trend, and how finely."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    start: Moment | None = Field(default=None, alias="from", description="inclusive")
+    end: Moment | None = Field(default=None, alias="to", description="exclusive")
+    max_points: Annotated[int, Field(ge=2, le=10_000)] | None = Field(
+        default=None, description="resolution: of each stretch of a page the lowest and the highest preload are kept"
+    )
+    cursor: Annotated[str, Field(max_length=200)] | None = Field(default=None, description="next_cursor of a page")
+    limit: Annotated[int, Field(ge=1, le=10_000)] = 1000
+
+
 def trend_point(row: MeasurementRow) -> TrendPoint:
     """Return a measurement as a point of the trend."""
     return TrendPoint(
@@ -75,28 +90,25 @@ def trend_point(row: MeasurementRow) -> TrendPoint:
 
 @router.get("/axes/{axis}/trend", response_model=TrendOut, responses={304: {"description": "not modified"}})
 def get_trend(
-    axis: str,
-    request: Request,
-    on: Annotated[Services, Depends(services)],
-    start: Annotated[AwareDatetime | None, Query(alias="from", description="inclusive")] = None,
-    end: Annotated[AwareDatetime | None, Query(alias="to", description="exclusive")] = None,
-    max_points: Annotated[int | None, Query(ge=2, le=10_000, description="resolution; extremes are kept")] = None,
-    cursor: Annotated[str | None, Query(max_length=200)] = None,
-    limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
+    axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
     """Return the trend of an axis, refused measurements included."""
-    page = on.trend.page(axis, start=start, end=end, cursor=cursor, limit=limit)
-    rows = page.measurements if max_points is None else thin_out(page.measurements, max_points)
+    page = on.trend.page(axis, start=query.start, end=query.end, cursor=query.cursor, limit=query.limit)
+    rows = page.measurements if query.max_points is None else thin_out(page.measurements, query.max_points)
     out = TrendOut(axis=axis, points=[trend_point(row) for row in rows], next_cursor=page.next_cursor)
     content = out.model_dump_json().encode()
     etag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-    if request.headers.get("if-none-match") == etag:
+    if etag in _etags(request.headers.get("if-none-match", "")):
         return Response(status_code=304, headers={"ETag": etag})
     return Response(content, media_type="application/json", headers={"ETag": etag})
 
 
+def _etags(header: str) -> list[str]:
+    return [item.strip().removeprefix("W/") for item in header.split(",")]
+
+
 @router.get("/axes/{axis}/measurements/{measurement}", response_model=MeasurementOut)
-def get_measurement(axis: str, measurement: int, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
+def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
     row, windows = on.trend.measurement(axis, measurement)
     return MeasurementOut(

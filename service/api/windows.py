@@ -4,14 +4,17 @@ from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
 from fastapi import APIRouter, Depends, Request, Response
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Discriminator, Field, Tag, TypeAdapter, model_validator
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body, raw_body
+from service.api.fields import AxisId, Label, Moment
 from service.api.services import Services, services
 from service.operations.ingest import WindowStatus
+from service.operations.settings_of_axis import Number
 
-router = APIRouter(tags=["windows"])
+router = APIRouter(prefix="/v1", tags=["windows"])
 
 
 class WindowIn(BaseModel):
@@ -19,11 +22,11 @@ class WindowIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    started_at: AwareDatetime
-    measurement: Annotated[str, Field(min_length=1, max_length=200, description="windows that share it are averaged")]
-    sample_rate_hz: Annotated[float, Field(gt=0, le=1e6)]
-    position_mm: Annotated[float, Field(ge=-100_000, le=100_000, description="from the fixed bearing")]
-    position_span_mm: Annotated[float, Field(ge=0, le=100_000, description="travel during the window")]
+    started_at: Moment
+    measurement: Annotated[Label, Field(description="windows that share it are averaged")]
+    sample_rate_hz: Annotated[Number, Field(gt=0, le=1e6)]
+    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000, description="from the fixed bearing")]
+    position_span_mm: Annotated[Number, Field(ge=0, le=100_000, description="travel during the window")]
     excitation: Samples
     response: Samples
     excitation_quantity: Literal["torque", "force"] = "torque"
@@ -33,19 +36,27 @@ class WindowIn(BaseModel):
     response_unit: Literal["m/s2"]
     position_trace_m: Samples | None = None
     direction: Literal["+", "-", "both"] = "both"
-    payload_kg: Annotated[float, Field(ge=0, le=1e6)] | None = None
-    temperature_c: Annotated[float, Field(gt=-273.15, le=1000)] | None = None
-    preload_n: Annotated[
-        float | None, Field(gt=0, le=1e7, description="only where it was set on purpose, as in a calibration")
-    ] = None
+    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
+    temperature_c: Annotated[Number, Field(gt=-273.15, le=1000)] | None = None
+    preload_n: Annotated[Number, Field(gt=0, le=1e7)] | None = Field(
+        default=None, description="only where it was set on purpose, as in a calibration"
+    )
 
     @model_validator(mode="after")
-    def _unit_fits_quantity(self) -> Self:
+    def _fits_together(self) -> Self:
         expected = "N.m" if self.excitation_quantity == "torque" else "N"
         if self.excitation_unit != expected:
             raise ValueError(
                 f"excitation_unit of a {self.excitation_quantity} must be {expected}; got {self.excitation_unit}"
             )
+        if not self.excitation.size:
+            raise ValueError("excitation must hold at least one sample; got none")
+        for name in ("response", "position_trace_m"):
+            samples = getattr(self, name)
+            if samples is not None and samples.size != self.excitation.size:
+                raise ValueError(
+                    f"{name} must have as many samples as excitation ({self.excitation.size}); got {samples.size}"
+                )
         return self
 
     def to_core(self) -> Window:
@@ -96,13 +107,6 @@ class WindowsOut(BaseModel):
     measurements: Annotated[list[dict[str, Any]], Field(description="measurements judged in this request")]
 
 
-def _one_or_several(body: object) -> str:
-    return "several" if isinstance(body, dict) and "windows" in body else "one"
-
-
-_BODY: TypeAdapter[WindowsIn | WindowIn] = TypeAdapter(
-    Annotated[Annotated[WindowsIn, Tag("several")] | Annotated[WindowIn, Tag("one")], Discriminator(_one_or_several)]
-)
 _EXAMPLE = {
     "started_at": "2026-03-02T06:00:00.000000Z",
     "measurement": "2026-03-02-early-shift",
@@ -136,9 +140,18 @@ _REQUEST = {
 }
 
 
+def _posted(document: object) -> WindowsIn:
+    try:
+        if isinstance(document, dict) and "windows" in document:
+            return WindowsIn.model_validate(document)
+        return WindowsIn(windows=[WindowIn.model_validate(document)])
+    except ValidationError as error:
+        raise RequestValidationError(error.errors(include_url=False, include_context=False)) from error
+
+
 @router.post("/axes/{axis}/windows", response_model=WindowsOut, status_code=200, openapi_extra=_REQUEST)
 def post_windows(
-    axis: str,
+    axis: AxisId,
     request: Request,
     response: Response,
     body: Annotated[bytes, Depends(raw_body)],
@@ -149,10 +162,9 @@ def post_windows(
     Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
     the same `started_at` is refused with 409, and then nothing of the request is stored.
     """
-    posted = parse_body(_BODY, body, request.headers.get("content-type"))
-    windows = posted.windows if isinstance(posted, WindowsIn) else [posted]
-    complete = posted.complete if isinstance(posted, WindowsIn) else False
-    receipt = on.ingest.ingest(axis, [window.to_core() for window in windows], complete=complete)
+    posted = _posted(parse_body(body, request.headers.get("content-type")))
+    windows = [window.to_core() for window in posted.windows]
+    receipt = on.ingest.ingest(axis, windows, complete=posted.complete)
     counts = {status: sum(item.status is status for item in receipt.windows) for status in WindowStatus}
     if counts[WindowStatus.ALREADY_THERE] < len(windows):
         response.status_code = 201

@@ -4,6 +4,7 @@ import sys
 from importlib.metadata import version
 
 import click
+from pydantic import ValidationError
 from threadpoolctl import threadpool_limits
 
 from monitor_core.errors import MonitorCoreError
@@ -40,6 +41,9 @@ def main() -> None:
         _refuse(error.format_message())
     except (MonitorCoreError, ServiceError, OSError) as error:
         _refuse(str(error))
+    except ValidationError as error:  # only Settings are validated on this side
+        first = error.errors()[0]
+        _refuse(f"setting {'.'.join(map(str, first['loc']))}: {first['msg']}; got {first['input']}")
     except (click.Abort, KeyboardInterrupt):
         click.echo("stopped", err=True)
         sys.exit(1)
@@ -48,3 +52,7 @@ def main() -> None:
 def _refuse(message: str) -> None:
     click.echo("preload: " + " ".join(message.split()), err=True)
     sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,6 @@
 """How commands print: JSON for programs, tables for people, progress on standard error."""
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,25 +9,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from service.operations.documents import finite_or_null
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one document; what is not finite becomes null, since JSON has no other word for it."""
     click.echo(json.dumps(finite_or_null(document), indent=2, allow_nan=False))
-
-
-def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Replace infinities and NaN by null, at any depth."""
-    if isinstance(value, Mapping):
-        return {key: finite_or_null(item) for key, item in value.items()}
-    if isinstance(value, str):
-        return value
-    if isinstance(value, Sequence):
-        return [finite_or_null(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,20 +1,23 @@
 """``preload serve``: the service on this machine."""
 
+import socket
 from pathlib import Path
 from typing import Any
 
 import click
 import uvicorn
-from pydantic import ValidationError
 
 from service.app import create_app
 from service.observability import configure_logging
 from service.settings import Settings
 
+#: Requests under way at a stop may take so long; what they did not get acknowledged they send again.
+GRACE_S = 10
+
 
 @click.command()
 @click.option("--host", help="Address to listen on (PRELOAD_HOST; loopback unless set).")
-@click.option("--port", type=int, help="TCP port (PRELOAD_PORT).")
+@click.option("--port", type=int, help="TCP port (PRELOAD_PORT); 0 takes a free one.")
 @click.option(
     "--data-dir", type=click.Path(path_type=Path, file_okay=False), help="Database and waveforms (PRELOAD_DATA_DIR)."
 )
@@ -23,14 +26,31 @@ from service.settings import Settings
 )
 def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by name
     """Run the service. Settings come from the environment (PRELOAD_*); a flag wins over it."""
-    try:
-        settings = Settings(**{name: value for name, value in flags.items() if value is not None})
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise click.ClickException(f"setting {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    settings = Settings(**{name: value for name, value in flags.items() if value is not None})
     configure_logging(settings.log_level)
-    click.echo(
-        f"dashboard: http://{settings.host}:{settings.port}/   API: http://{settings.host}:{settings.port}/docs",
-        err=True,
-    )
-    uvicorn.run(create_app(settings), host=settings.host, port=settings.port, log_config=None, access_log=False)
+    with bound_socket(settings.host, settings.port) as listening:
+        host, port = listening.getsockname()[:2]
+        address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+        click.echo(f"dashboard: {address}/   API: {address}/docs", err=True)
+        config = uvicorn.Config(
+            create_app(settings), log_config=None, access_log=False, timeout_graceful_shutdown=GRACE_S
+        )
+        server = uvicorn.Server(config)
+        server.run(sockets=[listening])
+    if not server.started:
+        raise SystemExit(1)
+
+
+def bound_socket(host: str, port: int) -> socket.socket:
+    """Bind before anything is opened, so that a port in use is one sentence, and a free one (0) can be named."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        family, kind, protocol, _, address = found
+        # asyncio switches Nagle's delay (40 ms an answer) off only for sockets that say that they are TCP
+        listening = socket.socket(family, kind, protocol)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+    except OSError as error:
+        click.echo(f"preload: cannot listen on {host} port {port}: {error.strerror or error}", err=True)
+        raise SystemExit(1) from error
+    return listening

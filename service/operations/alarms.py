@@ -45,15 +45,15 @@ class Alarms:
 
     def list(self, axis_id: str | None, status: str | None, before_id: int | None, limit: int) -> list[AlarmView]:
         """Return alarms, newest first."""
-        statuses = None if status is None else (status,)
         with self._database.read() as session:
-            rows = alarms.list_alarms(session, axis_id=axis_id, statuses=statuses, before_id=before_id, limit=limit)
-            return [AlarmView(row, alarms.events_of(session, row.id)) for row in rows]
+            rows = alarms.list_alarms(session, axis_id=axis_id, status=status, before_id=before_id, limit=limit)
+            events = alarms.events_of(session, [row.id for row in rows])
+            return [AlarmView(row, events[row.id]) for row in rows]
 
     def get(self, alarm_id: int) -> AlarmView:
         """Return one alarm."""
         with self._database.read() as session:
-            return AlarmView(alarms.get_alarm(session, alarm_id), alarms.events_of(session, alarm_id))
+            return AlarmView(alarms.get_alarm(session, alarm_id), alarms.events_of(session, [alarm_id])[alarm_id])
 
     def acknowledge(self, alarm_id: int, comment: str) -> AlarmView:
         """Note that somebody has seen the alarm."""
@@ -72,7 +72,7 @@ class Alarms:
             if row.status == alarms.CLEARED:
                 raise ConflictError(f"alarm {alarm_id} is cleared already")
             _change(session, row, alarms.CLEARED, comment)
-            axis = get_axis(session, axis_id)
+            axis = get_axis(session, axis_id, lock=True)
             axis.monitor_state = begin_new_baseline(axis.monitor_state)
         return self.get(alarm_id)
 

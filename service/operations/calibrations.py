@@ -13,9 +13,8 @@ from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
 from service.errors import PreconditionError
-from service.operations.axes import AxisConfiguration
 from service.operations.lanes import Lanes
-from service.operations.settings_of_axis import core_settings
+from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import calibrations, measurements
 from service.store.archive import accepted_windows
 from service.store.axes import get_axis
@@ -44,17 +43,22 @@ class Calibrations:
     def fit_measurements(
         self, axis_id: str, span: tuple[datetime | None, datetime | None], weighting: str | None, comment: str
     ) -> CalibrationRow:
-        """Fit to stored measurements whose preload was set on purpose, from their waveforms."""
-        start, end = span
+        """Fit to stored measurements whose preload was set on purpose, from their waveforms.
+
+        Raises
+        ------
+        WaveformDamagedError
+            If a waveform is not what was stored: a calibration does not silently rest on less than it was asked for.
+        """
         with self._database.read() as session:
             axis = get_axis(session, axis_id)
-            rows = measurements.trend_page(session, axis_id, start=start, end=end, after=None, limit=10_000)
+            rows = measurements.calibration_measurements(session, axis_id, *span)
         settings = core_settings(_configuration(axis))
         measured = []
         for row in rows:
             with self._database.read() as session:
                 windows = accepted_windows(session, self._waveforms, row.id)
-            if not windows or windows[0].conditions.preload is None:
+            if not windows:
                 continue
             modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
             if isinstance(modal, ModalMeasurement):
@@ -89,14 +93,20 @@ class Calibrations:
         return self._store(axis_id, calibration_document(calibration_from_document(document)), comment)
 
     def activate(self, axis_id: str, calibration_id: int, reason: str, *, expected_active: str | None) -> None:
-        """Put a calibration in force; the charts begin with a new baseline, since they watch another number now."""
+        """Put a calibration in force; the charts begin with a new baseline, since they watch another number now.
+
+        Activating what is in force changes nothing, so that a request may be repeated.
+        """
         with self._lanes.of(axis_id), self._database.write() as session:
-            axis = get_axis(session, axis_id)
+            axis = get_axis(session, axis_id, lock=True)
             row = calibrations.get_calibration(session, axis_id, calibration_id)
-            if expected_active is not None and expected_active.strip('"') != str(axis.active_calibration_id):
+            if expected_active is not None and expected_active.strip().strip('"') != str(axis.active_calibration_id):
+                in_force = "none" if axis.active_calibration_id is None else f'"{axis.active_calibration_id}"'
                 raise PreconditionError(
-                    f"If-Match names calibration {expected_active}; in force is {axis.active_calibration_id}"
+                    f"If-Match must name the calibration in force, {in_force}; got {expected_active}"
                 )
+            if axis.active_calibration_id == row.id:
+                return
             axis.active_calibration_id = row.id
             axis.monitor_state = None
             session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
@@ -110,6 +120,12 @@ class Calibrations:
                 calibrations.list_activations(session, axis_id),
                 axis.active_calibration_id,
             )
+
+    def get(self, axis_id: str, calibration_id: int) -> tuple[CalibrationRow, int | None]:
+        """Return one calibration, and which is in force."""
+        with self._database.read() as session:
+            row = calibrations.get_calibration(session, axis_id, calibration_id)
+            return row, get_axis(session, axis_id).active_calibration_id
 
     def _store(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
         row = CalibrationRow(axis_id=axis_id, document=document, comment=comment, created_at=now())

@@ -1,14 +1,31 @@
 """What is stored and shown of an outcome: plain JSON, every quantity with its unit in its name."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from monitor_core.arrays import FloatArray
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, MeasurementOutcome
 from monitor_core.preload import Calibration, PreloadEstimate, preload_from_feature
 from monitor_core.preload.drag_torque import DragTorque
 from monitor_core.recording import Rejection
 from service.store.tables import MeasurementRow
+
+
+def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """Replace infinities and NaN by null, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Sequence):
+        return [finite_or_null(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def modal_document(modal: ModalMeasurement) -> dict[str, Any]:
@@ -88,7 +105,8 @@ def measurement_document(
     baseline = state.detector.baseline
     if baseline is not None and calibration is not None:
         document["baseline_preload_n"] = preload_from_feature(baseline.mean, calibration.coefficients)
-    return document
+    stored: dict[str, Any] = finite_or_null(document)
+    return stored
 
 
 def response_document(outcome: MeasurementOutcome) -> dict[str, Any] | None:
@@ -98,11 +116,16 @@ def response_document(outcome: MeasurementOutcome) -> dict[str, Any] | None:
     frf = outcome.modal.frequency_response
     return {
         "quantity": frf.quantity,
-        "frequency_hz": frf.frequency.tolist(),
-        "real": frf.response.real.tolist(),
-        "imaginary": frf.response.imag.tolist(),
-        "coherence": None if frf.coherence is None else frf.coherence.tolist(),
+        "frequency_hz": _numbers(frf.frequency),
+        "real": _numbers(frf.response.real),
+        "imaginary": _numbers(frf.response.imag),
+        "coherence": None if frf.coherence is None else _numbers(frf.coherence),
     }
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    finite = np.isfinite(values).tolist()
+    return [value if known else None for value, known in zip(values.tolist(), finite, strict=True)]
 
 
 def alarm_evidence(
@@ -115,7 +138,7 @@ def alarm_evidence(
     estimate = estimate_document(outcome.preload)
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
     lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
-    return {
+    evidence: dict[str, Any] = finite_or_null({
         "at": row.started_at.isoformat(),
         "measurement": row.name,
         "preload_n": estimate["preload_n"],
@@ -134,4 +157,23 @@ def alarm_evidence(
             f"{healthy:.0f} N"
         ),
         "check_next": "measure again at another position; compare the drag torque; check nut and bearing mounting",
+    })  # fmt: skip
+    return evidence
+
+
+def baseline_document(state: AxisState, calibration: Calibration) -> dict[str, Any] | None:
+    """Lay out what is normal for the axis: mean, and the 95 % prediction interval of one more healthy measurement."""
+    baseline = state.detector.baseline
+    if baseline is None:
+        return None
+    interval = baseline.prediction_interval()
+    # the feature falls as the preload rises, so its upper end is the lower preload
+    lower, upper = (preload_from_feature(end, calibration.coefficients) for end in (interval.upper, interval.lower))
+    return {
+        "preload_n": preload_from_feature(baseline.mean, calibration.coefficients),
+        "prediction_interval_95_n": [lower, upper],
+        "size": baseline.size,
+        "autocorrelation": baseline.autocorrelation,
+        "started_at": baseline.started_at.isoformat(),
+        "ended_at": baseline.ended_at.isoformat(),
     }

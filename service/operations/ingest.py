@@ -1,27 +1,26 @@
 """Windows in: gated, on disk, committed, and judged when their measurement is complete."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy.orm import Session
-
-from monitor_core.pipeline import check_window
-from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.pipeline import AxisSettings, check_window
+from monitor_core.preload import Calibration
+from monitor_core.recording import Rejection, Window
 from service.clock import now
 from service.errors import ConflictError
 from service.observability import Metrics
-from service.operations.axes import AxisConfiguration
+from service.operations.admission import Admission
 from service.operations.judge import Judge
 from service.operations.lanes import Lanes
-from service.operations.settings_of_axis import core_settings
-from service.store import calibrations, measurements
+from service.operations.settings_of_axis import AxisConfiguration, core_settings
+from service.store import measurements
 from service.store.axes import get_axis
+from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
-from service.store.tables import AxisRow, MeasurementRow, WindowRow
-from service.store.waveforms import WaveformStore, content_sha256
+from service.store.waveforms import WaveformFile, WaveformStore, content_sha256
 
 
 class WindowStatus(StrEnum):
@@ -51,14 +50,31 @@ class IngestReceipt:
     measurements: tuple[dict[str, Any], ...]  # outcomes of the measurements judged
 
 
+@dataclass(frozen=True, slots=True)
+class _NewWindows:
+    """Windows that are not stored yet, in time order, and what they are gated with."""
+
+    windows: list[Window]
+    hashes: list[str]
+    settings: AxisSettings
+    calibration: Calibration | None
+
+
 class Ingest:
     """Takes windows of an axis, one request after another."""
 
     def __init__(
-        self, database: Database, waveforms: WaveformStore, judge: Judge, lanes: Lanes, metrics: Metrics
+        self,
+        database: Database,
+        waveforms: WaveformStore,
+        in_force: CalibrationsInForce,
+        judge: Judge,
+        lanes: Lanes,
+        metrics: Metrics,
     ) -> None:
         self._database = database
         self._waveforms = waveforms
+        self._in_force = in_force
         self._judge = judge
         self._lanes = lanes
         self._metrics = metrics
@@ -70,30 +86,33 @@ class Ingest:
         ------
         ConflictError
             If another window is stored (or posted) with the same start; then nothing of the request is stored.
+        StorageError, BusyError
+            If disk or database did not take it; then nothing of the request is stored, and it may be sent again.
         """
         hashes = [content_sha256(window) for window in windows]
+        complete_names = {window.measurement for window in windows} if complete else set()
         with self._lanes.of(axis_id):
             new = self._new_windows(axis_id, windows, hashes)
-            outcomes = self._store(axis_id, new, complete_names={w.measurement for w in windows} if complete else set())
-            judged = self._judge.judge_complete(axis_id, {w.started_at: w for w, _ in new})
-        receipts = tuple(_receipt(window, outcomes) for window in windows)
+            refusals, waiting = self._store(axis_id, new, complete_names)
+            judged = self._judge.judge(axis_id, waiting, {window.started_at: window for window in new.windows})
+        receipts = tuple(_receipts(windows, refusals))
         for receipt in receipts:
-            self._metrics.windows.labels(receipt.reason or receipt.status).inc()
+            self._metrics.windows.labels(receipt.reason or str(receipt.status)).inc()
         return IngestReceipt(receipts, tuple(judged))
 
     def finish_interrupted(self) -> None:
         """Judge what was stored but not judged when the service last stopped."""
         with self._database.read() as session:
-            axis_ids = measurements.axes_with_complete_measurements(session)
-        for axis_id in axis_ids:
+            waiting = measurements.complete_measurements(session)
+        for axis_id, measurement_ids in waiting.items():
             with self._lanes.of(axis_id):
-                self._judge.judge_complete(axis_id, {})
+                self._judge.judge(axis_id, measurement_ids, {})
 
-    def _new_windows(self, axis_id: str, windows: Sequence[Window], hashes: Sequence[str]) -> list[tuple[Window, str]]:
+    def _new_windows(self, axis_id: str, windows: Sequence[Window], hashes: Sequence[str]) -> _NewWindows:
         with self._database.read() as session:
-            get_axis(session, axis_id)
-            stored = measurements.windows_at(session, axis_id, [window.started_at for window in windows])
-        known = {moment: row.content_sha256 for moment, row in stored.items()}
+            axis = get_axis(session, axis_id)
+            calibration = self._in_force.of(session, axis)
+            known = measurements.contents_at(session, axis_id, [window.started_at for window in windows])
         new = []
         for window, content in zip(windows, hashes, strict=True):
             if window.started_at not in known:
@@ -104,115 +123,80 @@ class Ingest:
                     f"axis '{axis_id}' has another window that started at {window.started_at.isoformat()}; "
                     "a window is never replaced, and nothing of this request was stored"
                 )
-        return sorted(new, key=lambda item: item[0].started_at)
+        new.sort(key=lambda item: item[0].started_at)
+        settings = core_settings(AxisConfiguration.model_validate(axis.configuration))
+        return _NewWindows([window for window, _ in new], [content for _, content in new], settings, calibration)
 
     def _store(
-        self, axis_id: str, new: list[tuple[Window, str]], complete_names: set[str]
-    ) -> dict[datetime, Rejection | None]:
-        """Write the waveforms, then the rows in one transaction; return the outcome of each new window."""
-        if not new and not complete_names:
-            return {}
+        self, axis_id: str, new: _NewWindows, complete_names: set[str]
+    ) -> tuple[dict[datetime, Rejection | None], list[int]]:
+        """Write the waveforms, then the rows in one transaction.
+
+        Returns
+        -------
+        dict of datetime to Rejection or None
+            What came of each new window, by its start.
+        list of int
+            The measurements that are to be judged now.
+        """
         received_at = now()
-        file = self._waveforms.write(axis_id, [window for window, _ in new], received_at) if new else None
+        file, gated = self._write_and_gate(axis_id, new, received_at) if new.windows else (None, [])
+        committing = False
         try:
             with self._database.write() as session:
-                axis = get_axis(session, axis_id)
-                batch = _Batch(session, axis)
-                outcomes = {}
-                for index, (window, content) in enumerate(new):
-                    measurement = batch.measurement_of(window)
-                    outcomes[window.started_at] = rejection = batch.gate(window, measurement)
-                    assert file is not None  # noqa: S101 - new windows were just written
-                    session.add(
-                        WindowRow(
-                            axis_id=axis_id,
-                            measurement_id=measurement.id,
-                            started_at=window.started_at,
-                            received_at=received_at,
-                            content_sha256=content,
-                            file_path=file.path,
-                            file_sha256=file.sha256,
-                            index_in_file=index,
-                            refusal_reason=None if rejection is None else str(rejection.reason),
-                            refusal_detail=None if rejection is None else rejection.detail[:500],
-                        )
+                admission = Admission(session, get_axis(session, axis_id, lock=True))
+                refusals, rows = {}, []
+                for index, (window, own_refusal) in enumerate(zip(new.windows, gated, strict=True)):
+                    measurement_id, refusal = admission.admit(window, own_refusal)
+                    refusals[window.started_at] = refusal
+                    rows.append(
+                        {
+                            "axis_id": axis_id,
+                            "measurement_id": measurement_id,
+                            "started_at": window.started_at,
+                            "received_at": received_at,
+                            "content_sha256": new.hashes[index],
+                            "index_in_file": index,
+                            "refusal_reason": None if refusal is None else str(refusal.reason),
+                            "refusal_detail": None if refusal is None else refusal.detail[:500],
+                        }
                     )
-                batch.close_measurements(complete_names)
-                return outcomes
+                if file is not None:
+                    measurements.add_windows(session, rows, file)
+                waiting = admission.close(complete_names)
+                session.flush()
+                committing = True
         except BaseException:
-            if file is not None:
+            # A commit that failed may yet have happened (a lost connection): then the rows need their file.
+            if file is not None and not committing:
                 self._waveforms.delete(file)
             raise
+        return refusals, waiting
+
+    def _write_and_gate(
+        self, axis_id: str, new: _NewWindows, received_at: datetime
+    ) -> tuple[WaveformFile, list[Rejection | None]]:
+        """Gate the windows while they are written; if that is not possible, no file stays."""
+        writing = self._waveforms.begin_write(axis_id, new.windows, received_at)
+        try:
+            gated = [check_window(window, new.settings, new.calibration) for window in new.windows]
+        except BaseException:
+            self._waveforms.delete(writing.result())
+            raise
+        return writing.result(), [quality if isinstance(quality, Rejection) else None for quality in gated]
 
 
-class _Batch:
-    """New windows of one axis inside one transaction."""
-
-    def __init__(self, session: Session, axis: AxisRow) -> None:
-        self._session = session
-        self._axis = axis
-        self._configuration = AxisConfiguration.model_validate(axis.configuration)
-        self._settings = core_settings(self._configuration)
-        self._calibration = calibrations.active_calibration(session, axis)
-        self._measurements: dict[str, MeasurementRow] = {}
-
-    def measurement_of(self, window: Window) -> MeasurementRow:
-        """Return the row of the window's measurement; the first window of a measurement makes it."""
-        row = self._measurements.get(window.measurement)
-        if row is None:
-            named = measurements.measurements_named(self._session, self._axis.id, [window.measurement])
-            row = named.get(window.measurement)
-        if row is None:
-            row = MeasurementRow(
-                axis_id=self._axis.id,
-                name=window.measurement,
-                started_at=window.started_at,
-                position_mm=window.conditions.position * 1e3,
-                status=measurements.OPEN,
+def _receipts(windows: Sequence[Window], refusals: Mapping[datetime, Rejection | None]) -> Iterator[WindowReceipt]:
+    """Answer each posted window; one that stands twice in a request is already there the second time."""
+    answered: set[datetime] = set()
+    for window in windows:
+        refusal = refusals.get(window.started_at)
+        if window.started_at not in refusals or window.started_at in answered:
+            yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE)
+        elif refusal is None:
+            yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ACCEPTED)
+        else:
+            yield WindowReceipt(
+                window.started_at, window.measurement, WindowStatus.REFUSED, str(refusal.reason), refusal.detail
             )
-            self._session.add(row)
-            self._session.flush()
-        self._measurements[window.measurement] = row
-        return row
-
-    def gate(self, window: Window, measurement: MeasurementRow) -> Rejection | None:
-        """Tell why a window cannot be averaged with its measurement; ``None`` accepts it."""
-        if measurement.status != measurements.OPEN:
-            return Rejection(
-                RejectionReason.MEASUREMENT_CLOSED,
-                f"measurement '{measurement.name}' was {measurement.status} before this window arrived",
-            )
-        position_mm, limit_mm = window.conditions.position * 1e3, self._configuration.position_span_limit_mm
-        if abs(position_mm - measurement.position_mm) > limit_mm:
-            return Rejection(
-                RejectionReason.POSITION_MISMATCH,
-                f"windows of a measurement must lie within {limit_mm:g} mm of each other; got {position_mm:.1f} mm in "
-                f"'{measurement.name}' at {measurement.position_mm:.1f} mm",
-            )
-        quality = check_window(window, self._settings, self._calibration)
-        return quality if isinstance(quality, Rejection) else None
-
-    def close_measurements(self, complete_names: set[str]) -> None:
-        """Close what is said to be complete, what has enough windows, and what a newer measurement has followed."""
-        self._session.flush()
-        named = measurements.measurements_named(self._session, self._axis.id, complete_names)
-        newest = max((row.started_at for row in self._measurements.values()), default=None)
-        for row in measurements.measurements_with_status(self._session, self._axis.id, measurements.OPEN):
-            enough = self._configuration.windows_per_measurement
-            if (
-                row.name in named
-                or (newest is not None and row.started_at < newest)
-                or measurements.accepted_windows(self._session, row.id) >= enough
-            ):
-                row.status = measurements.COMPLETE
-
-
-def _receipt(window: Window, outcomes: dict[datetime, Rejection | None]) -> WindowReceipt:
-    if window.started_at not in outcomes:
-        return WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE)
-    rejection = outcomes[window.started_at]
-    if rejection is None:
-        return WindowReceipt(window.started_at, window.measurement, WindowStatus.ACCEPTED)
-    return WindowReceipt(
-        window.started_at, window.measurement, WindowStatus.REFUSED, str(rejection.reason), rejection.detail
-    )
+        answered.add(window.started_at)

@@ -1,6 +1,8 @@
 """Complete measurements are judged in order: the core's outcome is stored with the state it leads to."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -9,85 +11,109 @@ from sqlalchemy.orm import Session
 from monitor_core.pipeline import AxisState, MeasurementOutcome, advance, judge_measurement
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.trend import DetectorDesign
 from service.clock import now
 from service.errors import WaveformDamagedError
 from service.observability import Metrics
 from service.operations.alarms import raise_alarm
-from service.operations.axes import AxisConfiguration
 from service.operations.documents import alarm_evidence, measurement_document, response_document
-from service.operations.monitor_state import dump_state, load_state
-from service.operations.settings_of_axis import core_settings, detector_design
-from service.store import calibrations, measurements
+from service.operations.monitor_state import dump_state, load_design, load_state
+from service.operations.settings_of_axis import AxisConfiguration, core_settings
+from service.store import measurements
 from service.store.archive import accepted_windows
 from service.store.axes import get_axis
+from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
 from service.store.tables import AxisRow, MeasurementRow
 from service.store.waveforms import WaveformStore
+
+log = logging.getLogger(__name__)
 
 
 class Judge:
     """Judges what is complete. The caller holds the lane of the axis."""
 
-    def __init__(self, database: Database, waveforms: WaveformStore, metrics: Metrics) -> None:
+    def __init__(
+        self, database: Database, waveforms: WaveformStore, in_force: CalibrationsInForce, metrics: Metrics
+    ) -> None:
         self._database = database
         self._waveforms = waveforms
+        self._in_force = in_force
         self._metrics = metrics
 
-    def judge_complete(self, axis_id: str, held: Mapping[datetime, Window]) -> list[dict[str, Any]]:
-        """Judge the complete measurements of an axis in time order; return their outcomes.
+    def judge(
+        self, axis_id: str, measurement_ids: Sequence[int], held: Mapping[datetime, Window]
+    ) -> list[dict[str, Any]]:
+        """Judge complete measurements of an axis one after another; return their outcomes.
 
         Parameters
         ----------
         axis_id : str
             Of the axis.
+        measurement_ids : sequence of int
+            In time order.
         held : mapping of datetime to Window
             Windows at hand by their start; others are read from disk.
         """
-        with self._database.read() as session:
-            waiting = [row.id for row in measurements.measurements_with_status(session, axis_id, measurements.COMPLETE)]
-        return [self._judge(axis_id, measurement_id, held) for measurement_id in waiting]
+        return [self._judge(axis_id, measurement_id, held) for measurement_id in measurement_ids]
 
     def _judge(self, axis_id: str, measurement_id: int, held: Mapping[datetime, Window]) -> dict[str, Any]:
         with self._metrics.judging.time():
             with self._database.read() as session:
                 axis = get_axis(session, axis_id)
-                calibration = calibrations.active_calibration(session, axis)
-                outcome = self._outcome(session, axis, measurement_id, calibration, held)
+                calibration = self._in_force.of(session, axis)
+                windows = self._windows(session, measurement_id, held)
+            configuration = AxisConfiguration.model_validate(axis.configuration)
+            outcome = _outcome(windows, configuration, calibration)
             with self._database.write() as session:
-                row = measurements.get_measurement(session, axis_id, measurement_id)
-                _store(
+                verdict = _store(
                     session,
-                    axis=get_axis(session, axis_id),
-                    row=row,
+                    axis=get_axis(session, axis_id, lock=True),
+                    row=measurements.get_measurement(session, axis_id, measurement_id),
                     outcome=outcome,
                     calibration=calibration,
-                    metrics=self._metrics,
                 )
-        self._metrics.measurements.labels(row.refusal_reason or row.status).inc()
-        assert row.outcome is not None  # noqa: S101 - just stored
-        return row.outcome
+        self._metrics.measurements.labels(verdict.outcome).inc()
+        if verdict.alarm is not None:
+            self._metrics.alarms.labels(verdict.alarm).inc()
+        return verdict.document
 
-    def _outcome(
-        self,
-        session: Session,
-        axis: AxisRow,
-        measurement_id: int,
-        calibration: Calibration | None,
-        held: Mapping[datetime, Window],
-    ) -> MeasurementOutcome:
-        settings = core_settings(AxisConfiguration.model_validate(axis.configuration))
+    def _windows(
+        self, session: Session, measurement_id: int, held: Mapping[datetime, Window]
+    ) -> list[Window] | Rejection:
         try:
-            windows = accepted_windows(session, self._waveforms, measurement_id, held)
+            return accepted_windows(session, self._waveforms, measurement_id, held)
         except WaveformDamagedError as error:
-            return _refused(Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error)))
-        if not windows:
-            return _refused(
-                Rejection(
-                    RejectionReason.TOO_FEW_AVERAGES,
-                    f"at least {settings.mode.minimum_averages} accepted windows are needed; got none",
-                )
+            return Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
+
+
+@dataclass(frozen=True, slots=True)
+class _Verdict:
+    """What is said about a measurement, and under which names it is counted."""
+
+    document: dict[str, Any]
+    outcome: str
+    alarm: str | None = None
+
+
+def _outcome(
+    windows: list[Window] | Rejection, configuration: AxisConfiguration, calibration: Calibration | None
+) -> MeasurementOutcome:
+    settings = core_settings(configuration)
+    if isinstance(windows, Rejection):
+        return _refused(windows)
+    if not windows:
+        return _refused(
+            Rejection(
+                RejectionReason.TOO_FEW_AVERAGES,
+                f"at least {settings.mode.minimum_averages} accepted windows are needed; got none",
             )
+        )
+    try:
         return judge_measurement(windows, settings, calibration)
+    except Exception as error:  # the windows are stored: one that breaks the core must not block the axis
+        log.exception("judging '%s' failed", windows[0].measurement)
+        return _refused(Rejection(RejectionReason.FIT_FAILED, f"the computation failed: {error}"))
 
 
 def _refused(rejection: Rejection) -> MeasurementOutcome:
@@ -101,28 +127,28 @@ def _store(
     row: MeasurementRow,
     outcome: MeasurementOutcome,
     calibration: Calibration | None,
-    metrics: Metrics,
-) -> None:
+) -> _Verdict:
     """Write the outcome, the state that follows from it, and the alarm if it raises one, in one transaction."""
     before = load_state(axis.monitor_state)
-    after = _state_after(before, row, outcome, calibration, axis)
+    after = _state_after(before, row, outcome, calibration, load_design(axis.detector_design))
     refusal = outcome.refusal
     row.status = measurements.JUDGED if refusal is None else measurements.REFUSED
     row.refusal_reason = None if refusal is None else str(refusal.reason)
     row.judged_at = now()
     row.calibration_id = axis.active_calibration_id
     row.monitor_state = str(after.detector.status)
-    row.outcome = measurement_document(row, outcome, after, calibration)
+    row.outcome = document = measurement_document(row, outcome, after, calibration)
     row.response = response_document(outcome)
-    row.frequency_hz = row.outcome["frequency_hz"]
-    row.preload_n = row.outcome["preload_n"]
-    if row.outcome["interval_95_n"] is not None:
-        row.interval_lower_n, row.interval_upper_n = row.outcome["interval_95_n"]
+    row.frequency_hz = document["frequency_hz"]
+    row.preload_n = document["preload_n"]
+    if document["interval_95_n"] is not None:
+        row.interval_lower_n, row.interval_upper_n = document["interval_95_n"]
     axis.monitor_state = dump_state(after)
+    alarm = None
     if calibration is not None and after.detector.alarm is not None and before.detector.alarm is None:
-        evidence = alarm_evidence(row, outcome, after, calibration)
-        raise_alarm(session, axis.id, row.id, "preload-loss", evidence)
-        metrics.alarms.labels("preload-loss").inc()
+        alarm = "preload-loss"
+        raise_alarm(session, axis.id, row.id, alarm, alarm_evidence(row, outcome, after, calibration))
+    return _Verdict(document, row.refusal_reason or row.status, alarm)
 
 
 def _state_after(
@@ -130,10 +156,9 @@ def _state_after(
     row: MeasurementRow,
     outcome: MeasurementOutcome,
     calibration: Calibration | None,
-    axis: AxisRow,
+    design: DetectorDesign,
 ) -> AxisState:
     last = before.detector.last_at
     if calibration is None or (last is not None and row.started_at <= last):
         return before  # a measurement from before the last one cannot be put into charts that have moved on
-    design = detector_design(AxisConfiguration.model_validate(axis.configuration))
     return advance(before, outcome, row.started_at, calibration=calibration, design=design)

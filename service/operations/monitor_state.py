@@ -1,4 +1,4 @@
-"""The state of an axis as it is kept between measurements: the core's record, as JSON."""
+"""The state of an axis as it is kept between measurements: the core's records, as JSON."""
 
 from datetime import datetime, timedelta
 from typing import Any
@@ -6,9 +6,10 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from monitor_core.pipeline import AxisState
-from monitor_core.trend import reset, state_at
+from monitor_core.trend import DetectorDesign, TrendStatus, reset, state_at
 
 _STATE: TypeAdapter[AxisState] = TypeAdapter(AxisState)
+_DESIGN: TypeAdapter[DetectorDesign] = TypeAdapter(DetectorDesign)
 
 
 def load_state(document: dict[str, Any] | None) -> AxisState:
@@ -22,6 +23,17 @@ def dump_state(state: AxisState) -> dict[str, Any]:
     return document
 
 
+def load_design(document: dict[str, Any]) -> DetectorDesign:
+    """Return the stored limits of the charts."""
+    return _DESIGN.validate_python(document)
+
+
+def dump_design(design: DetectorDesign) -> dict[str, Any]:
+    """Return the limits of the charts as a JSON document."""
+    document: dict[str, Any] = _DESIGN.dump_python(design, mode="json")
+    return document
+
+
 def begin_new_baseline(document: dict[str, Any] | None) -> dict[str, Any] | None:
     """Begin a new baseline after somebody inspected the axis; a person decides that, never the detector."""
     if document is None:
@@ -30,6 +42,10 @@ def begin_new_baseline(document: dict[str, Any] | None) -> dict[str, Any] | None
 
 
 def state_now(document: dict[str, Any] | None, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
-    """Tell how an axis stands now, and when it last was measured; silence is ``unknown``."""
+    """Tell how an axis stands now, and since when; silence is ``unknown``."""
     detector = load_state(document).detector
-    return str(state_at(detector, at, timedelta(hours=silent_after_hours))), detector.last_at
+    silence = timedelta(hours=silent_after_hours)
+    state = state_at(detector, at, silence)
+    if state is not detector.status and detector.last_at is not None:
+        return str(state), detector.last_at + silence
+    return str(state), detector.since if state is not TrendStatus.UNKNOWN else detector.last_at

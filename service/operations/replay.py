@@ -1,6 +1,7 @@
 """Replay of recorded sessions: the windows of a file through the same ingest as live ones."""
 
 import time
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ SUFFIX = ".session.h5"
 class Pace:
     """Waits so that recorded time passes at a multiple of real time; without a speed it never waits."""
 
-    def __init__(self, speed: float | None) -> None:
+    def __init__(self, speed: float | None, sleep: Callable[[float], None] = time.sleep) -> None:
         self._speed = speed
+        self._sleep = sleep
         self._origin: tuple[datetime, float] | None = None
 
     def wait_for(self, moment: datetime) -> None:
@@ -28,7 +30,7 @@ class Pace:
             self._origin = (moment, time.monotonic())
         recorded, started = self._origin
         due = started + (moment - recorded).total_seconds() / self._speed
-        time.sleep(max(0.0, due - time.monotonic()))
+        self._sleep(max(0.0, due - time.monotonic()))
 
 
 class Replays:
@@ -52,7 +54,7 @@ class Replays:
 
     def run(self, job: JobHandle) -> dict[str, Any]:
         """Replay one session; windows that are stored already are passed over."""
-        pace = Pace(job.arguments["speed"])
+        pace = Pace(job.arguments["speed"], job.sleep)
         counts = dict.fromkeys(WindowStatus, 0)
         with open_session(self._folder / (job.arguments["session"] + SUFFIX)) as session:
             total, done = len(session.measurement_of), 0

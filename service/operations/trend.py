@@ -1,16 +1,16 @@
 """Reading: how an axis stands, its trend, one measurement with the evidence behind its value."""
 
 import base64
-import binascii
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
 from service.clock import now
 from service.errors import UnreadableBodyError
-from service.operations.axes import AxisConfiguration
-from service.operations.monitor_state import state_now
-from service.store import alarms, axes, measurements
+from service.operations.documents import baseline_document
+from service.operations.monitor_state import load_state, state_now
+from service.operations.settings_of_axis import AxisConfiguration
+from service.store import alarms, axes, calibrations, measurements
 from service.store.database import Database
 from service.store.tables import AxisRow, MeasurementRow, WindowRow
 
@@ -54,8 +54,15 @@ class Trend:
                 since=since,
                 last_measurement=None if last is None else last.outcome,
                 refused_windows=measurements.refused_windows(session, axis_id),
-                open_alarms=len(alarms.open_alarms(session, axis_id)),
+                open_alarms=alarms.count_open(session, axis_id),
             )
+
+    def baseline(self, axis_id: str) -> dict[str, Any] | None:
+        """Return the baseline in newtons, as soon as it is learnt."""
+        with self._database.read() as session:
+            row = axes.get_axis(session, axis_id)
+            calibration = calibrations.active_calibration(session, row)
+        return None if calibration is None else baseline_document(load_state(row.monitor_state), calibration)
 
     def page(
         self, axis_id: str, *, start: datetime | None, end: datetime | None, cursor: str | None, limit: int
@@ -104,6 +111,6 @@ def _encode_cursor(row: MeasurementRow) -> str:
 def _decode_cursor(cursor: str) -> tuple[datetime, int]:
     try:
         moment, identity = base64.urlsafe_b64decode(cursor.encode()).decode().split("|")
-        return datetime.fromisoformat(moment), int(identity)
-    except (ValueError, binascii.Error) as error:
+        return datetime.fromisoformat(moment).astimezone(UTC), int(identity)
+    except (ValueError, OverflowError) as error:
         raise UnreadableBodyError("cursor is not one that this service gave out; start again without it") from error

@@ -1,8 +1,8 @@
 """Rows of alarms and their changes."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
@@ -20,26 +20,29 @@ def get_alarm(session: Session, alarm_id: int) -> AlarmRow:
 
 
 def list_alarms(
-    session: Session, *, axis_id: str | None, statuses: Iterable[str] | None, before_id: int | None, limit: int
+    session: Session, *, axis_id: str | None, status: str | None, before_id: int | None, limit: int
 ) -> list[AlarmRow]:
     """Return alarms, newest first."""
     query = select(AlarmRow)
     if axis_id is not None:
         query = query.where(AlarmRow.axis_id == axis_id)
-    if statuses is not None:
-        query = query.where(AlarmRow.status.in_(list(statuses)))
+    if status is not None:
+        query = query.where(AlarmRow.status == status)
     if before_id is not None:
         query = query.where(AlarmRow.id < before_id)
     return list(session.scalars(query.order_by(AlarmRow.id.desc()).limit(limit)))
 
 
-def open_alarms(session: Session, axis_id: str) -> list[AlarmRow]:
-    """Return the alarms of an axis that are not cleared."""
-    return list_alarms(session, axis_id=axis_id, statuses=(ACTIVE, ACKNOWLEDGED), before_id=None, limit=1000)
+def count_open(session: Session, axis_id: str) -> int:
+    """Count the alarms of an axis that are not cleared."""
+    query = select(func.count()).where(AlarmRow.axis_id == axis_id, AlarmRow.status != CLEARED)
+    return int(session.scalar(query) or 0)
 
 
-def events_of(session: Session, alarm_id: int) -> list[AlarmEventRow]:
-    """Return the changes of an alarm, oldest first."""
-    return list(
-        session.scalars(select(AlarmEventRow).where(AlarmEventRow.alarm_id == alarm_id).order_by(AlarmEventRow.id))
-    )
+def events_of(session: Session, alarm_ids: Sequence[int]) -> dict[int, list[AlarmEventRow]]:
+    """Return the changes of alarms by alarm, oldest first."""
+    query = select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_(alarm_ids)).order_by(AlarmEventRow.id)
+    events: dict[int, list[AlarmEventRow]] = {alarm_id: [] for alarm_id in alarm_ids}
+    for event in session.scalars(query):
+        events[event.alarm_id].append(event)
+    return events

@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import Window
-from service.store.measurements import windows_of
+from service.store.measurements import accepted_places
 from service.store.waveforms import WaveformFile, WaveformStore
 
 
@@ -17,12 +17,11 @@ def accepted_windows(
     held = held or {}
     files: dict[WaveformFile, list[Window]] = {}
     windows = []
-    for row in windows_of(session, measurement_id, accepted_only=True):
-        window = held.get(row.started_at)
+    for started_at, file, index in accepted_places(session, measurement_id):
+        window = held.get(started_at)
         if window is None:
-            file = WaveformFile(row.file_path, row.file_sha256)
             if file not in files:
                 files[file] = waveforms.read(file)
-            window = files[file][row.index_in_file]
+            window = files[file][index]
         windows.append(window)
     return windows

@@ -8,6 +8,8 @@ from monitor_core.recordings.calibration_file import calibration_from_document
 from service.errors import UnknownResourceError
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
 
+MOST_KNOWN = 1000
+
 
 def get_calibration(session: Session, axis_id: str, calibration_id: int) -> CalibrationRow:
     """Return one calibration of an axis or say that there is none."""
@@ -22,6 +24,26 @@ def active_calibration(session: Session, axis: AxisRow) -> Calibration | None:
     if axis.active_calibration_id is None:
         return None
     return calibration_from_document(get_calibration(session, axis.id, axis.active_calibration_id).document)
+
+
+class CalibrationsInForce:
+    """Calibrations as the core's records. A stored one never changes, so that each is read and checked once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, Calibration] = {}
+
+    def of(self, session: Session, axis: AxisRow) -> Calibration | None:
+        """Return the calibration in force on an axis."""
+        number = axis.active_calibration_id
+        calibration = None if number is None else self._known.get(number)
+        if number is None or calibration is not None:
+            return calibration
+        calibration = active_calibration(session, axis)
+        if calibration is not None:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[number] = calibration
+        return calibration
 
 
 def list_calibrations(session: Session, axis_id: str) -> list[CalibrationRow]:

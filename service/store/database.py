@@ -9,9 +9,15 @@ from alembic import command
 from alembic.config import Config
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import make_url
+from sqlalchemy.exc import DBAPIError, IntegrityError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 
+from service.errors import BusyError, StorageError
+
 MIGRATIONS = Path(__file__).parent / "migrations"
+#: One for each of the worker threads that answer requests (40, starlette's default), and a few for jobs.
+CONNECTIONS = 48
 
 
 class Database:
@@ -23,32 +29,56 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[Session]:
         """Open a session for reading; in WAL mode it never waits for a writer."""
-        with Session(self.engine, expire_on_commit=False) as session:
+        with _translated(), Session(self.engine, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Open a session that takes the write lock at once and commits at the end, durably."""
-        connection = self.engine.connect().execution_options(sqlite_begin="IMMEDIATE")
-        with connection, Session(connection, expire_on_commit=False) as session:
-            yield session
-            session.commit()
+        """Open a session that takes the write lock at once and commits at the end, durably.
+
+        Raises
+        ------
+        StorageError, BusyError
+            If the database did not take it; then nothing was changed.
+        """
+        with _translated(), self.engine.connect() as connection:
+            connection.execution_options(sqlite_begin="IMMEDIATE")
+            with Session(connection, expire_on_commit=False) as session:
+                yield session
+                session.commit()
 
     def migrate(self) -> None:
         """Bring the schema to the newest version."""
-        with self.engine.begin() as connection:
+        with self.engine.connect().execution_options(sqlite_begin="IMMEDIATE") as connection, connection.begin():
             if connection.dialect.name == "postgresql":  # two services starting together must not both migrate
                 connection.execute(text("SELECT pg_advisory_xact_lock(7102018)"))
             command.upgrade(alembic_config(connection), "head")
 
     def check(self) -> None:
         """Raise if the database does not answer."""
-        with self.engine.connect() as connection:
+        with _translated(), self.engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+
+@contextmanager
+def _translated() -> Iterator[None]:
+    """Turn the driver's errors into those of the service."""
+    try:
+        yield
+    except IntegrityError as error:
+        raise BusyError("another process stored the same thing at this moment; send the request again") from error
+    except PoolTimeoutError as error:
+        raise BusyError("every database connection is taken; send the request again") from error
+    except DBAPIError as error:
+        raise StorageError(f"the database refused: {_first_line(error.orig)}; send the request again") from error
+
+
+def _first_line(error: BaseException | None) -> str:
+    return str(error).strip().partition("\n")[0]
 
 
 def alembic_config(connection: Connection) -> Config:
@@ -61,11 +91,11 @@ def alembic_config(connection: Connection) -> Config:
 
 def _create_engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True)
+        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS)
     database = make_url(url).database
     if database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, connect_args={"timeout": 30.0, "check_same_thread": False})
+    engine = create_engine(url, pool_size=CONNECTIONS, connect_args={"timeout": 30.0, "check_same_thread": False})
 
     @event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: Any) -> None:  # noqa: ANN401 - the driver's own connection

@@ -2,31 +2,37 @@
 
 from collections.abc import Iterable
 from datetime import datetime
+from typing import Any
 
-from sqlalchemy import and_, func, or_, select
+from sqlalchemy import Select, and_, func, insert, or_, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
 from service.store.tables import MeasurementRow, WindowRow
+from service.store.waveforms import WaveformFile
 
 #: Life of a measurement: windows arrive → no more are awaited → looked at.
 OPEN, COMPLETE, JUDGED, REFUSED = "open", "complete", "judged", "refused"
 
 
-def windows_at(session: Session, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, WindowRow]:
-    """Return the stored windows of an axis that started at these moments."""
-    rows = session.scalars(
-        select(WindowRow).where(WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(moments)))
+def contents_at(session: Session, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, str]:
+    """Return the hashes of the stored windows of an axis that started at these moments."""
+    query = select(WindowRow.started_at, WindowRow.content_sha256).where(
+        WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(moments))
     )
-    return {row.started_at: row for row in rows}
+    return {row.started_at: row.content_sha256 for row in session.execute(query)}
 
 
-def measurements_named(session: Session, axis_id: str, names: Iterable[str]) -> dict[str, MeasurementRow]:
-    """Return the measurements of an axis with these names."""
-    rows = session.scalars(
-        select(MeasurementRow).where(MeasurementRow.axis_id == axis_id, MeasurementRow.name.in_(list(names)))
-    )
-    return {row.name: row for row in rows}
+def add_windows(session: Session, rows: list[dict[str, Any]], file: WaveformFile) -> None:
+    """Store windows of one file, given by the names of their columns."""
+    session.execute(insert(WindowRow), [row | {"file_path": file.path, "file_sha256": file.sha256} for row in rows])
+
+
+def measurement_named(session: Session, axis_id: str, name: str) -> MeasurementRow | None:
+    """Return the measurement of an axis with this name, if there is one."""
+    return session.scalars(
+        select(MeasurementRow).where(MeasurementRow.axis_id == axis_id, MeasurementRow.name == name)
+    ).one_or_none()
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:
@@ -37,34 +43,44 @@ def get_measurement(session: Session, axis_id: str, measurement_id: int) -> Meas
     return row
 
 
-def measurements_with_status(session: Session, axis_id: str, status: str) -> list[MeasurementRow]:
-    """Return the measurements of an axis in one status, in time order."""
+def unjudged_measurements(session: Session, axis_id: str) -> list[MeasurementRow]:
+    """Return the open and the complete measurements of an axis, in time order."""
     return list(
         session.scalars(
             select(MeasurementRow)
-            .where(MeasurementRow.axis_id == axis_id, MeasurementRow.status == status)
+            .where(MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((OPEN, COMPLETE)))
             .order_by(MeasurementRow.started_at, MeasurementRow.id)
         )
     )
 
 
-def axes_with_complete_measurements(session: Session) -> list[str]:
-    """Return the axes where work was left when the service last stopped."""
-    return list(session.scalars(select(MeasurementRow.axis_id).where(MeasurementRow.status == COMPLETE).distinct()))
+def complete_measurements(session: Session) -> dict[str, list[int]]:
+    """Return by axis, in time order, what was left to be judged when the service last stopped."""
+    query = (
+        select(MeasurementRow.axis_id, MeasurementRow.id)
+        .where(MeasurementRow.status == COMPLETE)
+        .order_by(MeasurementRow.started_at, MeasurementRow.id)
+    )
+    waiting: dict[str, list[int]] = {}
+    for axis_id, measurement_id in session.execute(query):
+        waiting.setdefault(axis_id, []).append(measurement_id)
+    return waiting
 
 
-def windows_of(session: Session, measurement_id: int, *, accepted_only: bool = False) -> list[WindowRow]:
+def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
     """Return the windows of a measurement, in time order."""
     query = select(WindowRow).where(WindowRow.measurement_id == measurement_id)
-    if accepted_only:
-        query = query.where(WindowRow.refusal_reason.is_(None))
     return list(session.scalars(query.order_by(WindowRow.started_at)))
 
 
-def accepted_windows(session: Session, measurement_id: int) -> int:
-    """Count the accepted windows of a measurement."""
-    query = select(func.count()).where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
-    return int(session.scalar(query) or 0)
+def accepted_places(session: Session, measurement_id: int) -> list[tuple[datetime, WaveformFile, int]]:
+    """Tell where the accepted windows of a measurement lie: start, file, index in the file; in time order."""
+    query = (
+        select(WindowRow.started_at, WindowRow.file_path, WindowRow.file_sha256, WindowRow.index_in_file)
+        .where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
+        .order_by(WindowRow.started_at)
+    )
+    return [(at, WaveformFile(path, sha256), index) for at, path, sha256, index in session.execute(query)]
 
 
 def refused_windows(session: Session, axis_id: str) -> dict[str, int]:
@@ -79,13 +95,16 @@ def refused_windows(session: Session, axis_id: str) -> dict[str, int]:
 
 def last_looked_at(session: Session, axis_id: str) -> MeasurementRow | None:
     """Return the newest measurement that was judged or refused."""
-    query = (
-        select(MeasurementRow)
-        .where(MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((JUDGED, REFUSED)))
-        .order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc())
-        .limit(1)
-    )
+    query = _looked_at(axis_id).order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(1)
     return session.scalars(query).first()
+
+
+def calibration_measurements(
+    session: Session, axis_id: str, start: datetime | None, end: datetime | None
+) -> list[MeasurementRow]:
+    """Return measurements that were looked at and whose preload was set on purpose, in time order."""
+    query = _looked_at(axis_id, start, end).where(MeasurementRow.set_preload_n.is_not(None))
+    return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id)))
 
 
 def trend_page(
@@ -98,13 +117,7 @@ def trend_page(
     limit: int,
 ) -> list[MeasurementRow]:
     """Return measurements that were looked at, in time order, after a cursor."""
-    query = select(MeasurementRow).where(
-        MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((JUDGED, REFUSED))
-    )
-    if start is not None:
-        query = query.where(MeasurementRow.started_at >= start)
-    if end is not None:
-        query = query.where(MeasurementRow.started_at < end)
+    query = _looked_at(axis_id, start, end)
     if after is not None:
         moment, identity = after
         query = query.where(
@@ -114,3 +127,14 @@ def trend_page(
             )
         )
     return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id).limit(limit)))
+
+
+def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None = None) -> Select[MeasurementRow]:
+    query = select(MeasurementRow).where(
+        MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((JUDGED, REFUSED))
+    )
+    if start is not None:
+        query = query.where(MeasurementRow.started_at >= start)
+    if end is not None:
+        query = query.where(MeasurementRow.started_at < end)
+    return query

@@ -57,6 +57,7 @@ class AxisRow(Base):
     configuration: Mapped[dict[str, Any]]
     created_at: Mapped[datetime]
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
+    detector_design: Mapped[dict[str, Any]]  # limits of the charts, as solved for the configuration
     monitor_state: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # of the charts, after the last measurement
 
 
@@ -98,7 +99,9 @@ class MeasurementRow(Base):
     name: Mapped[str] = mapped_column(String(200))
     started_at: Mapped[datetime]
     position_mm: Mapped[float]
+    set_preload_n: Mapped[float | None]  # only where it was set on purpose, as in a calibration
     status: Mapped[str] = mapped_column(String(16))  # open | complete | judged | refused
+    n_accepted: Mapped[int]  # windows that are averaged
     judged_at: Mapped[datetime | None]
     calibration_id: Mapped[int | None] = mapped_column(ForeignKey("calibrations.id"))
     frequency_hz: Mapped[float | None]

@@ -1,11 +1,14 @@
 """Raw waveforms as files: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``, checked by SHA-256 when read.
 
-One file holds the windows of one request: zstd around MessagePack, so it can be read without this program.
+One file holds the windows of one request: zstd around MessagePack, so it can be read without this program. A file is
+written before the rows that name it are committed: a crash in between leaves a file that no row names, which costs
+room and nothing else.
 """
 
 import hashlib
 import os
 import uuid
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,10 +19,11 @@ import numpy as np
 import zstandard
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
-from service.errors import WaveformDamagedError
+from service.errors import StorageError, WaveformDamagedError
 
 #: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
 COMPRESSION_LEVEL = 1
+WRITERS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +35,25 @@ class WaveformFile:
 
 
 def content_sha256(window: Window) -> str:
-    """Hash what a window says: two posts with the same hash are the same window."""
+    """Hash what a window says: two posts with the same hash are the same window.
+
+    Numbers are compared as float32, the precision of the wire: neither the encoding of the samples nor the last bits
+    that a conversion of units costs make another window of it.
+    """
     digest = hashlib.sha256()
-    for part in (window.excitation, window.response, window.position_trace):
-        digest.update(b"-" if part is None else np.ascontiguousarray(part).data)
-    digest.update(repr(_metadata(window)).encode())
+    for samples in (window.excitation, window.response, window.position_trace):
+        digest.update(b"-" if samples is None else np.ascontiguousarray(_float32(samples)).data)
+    words = {
+        name: float(_float32(value)) if isinstance(value, int | float) else value
+        for name, value in _metadata(window).items()
+    }
+    digest.update(repr(words).encode())
     return digest.hexdigest()
+
+
+def _float32(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401 - a number or an array of them
+    with np.errstate(over="ignore"):  # beyond float32 is infinite: as good as any other name for it
+        return np.asarray(values).astype("<f4", copy=False)
 
 
 class WaveformStore:
@@ -44,21 +61,48 @@ class WaveformStore:
 
     def __init__(self, root: Path) -> None:
         self._root = root
+        self._writers = ThreadPoolExecutor(max_workers=WRITERS, thread_name_prefix="waveforms")
+
+    def begin_write(self, axis_id: str, windows: list[Window], received_at: datetime) -> Future[WaveformFile]:
+        """Write as :meth:`write` does, while the caller does something else."""
+        return self._writers.submit(self.write, axis_id, windows, received_at)
+
+    def close(self) -> None:
+        """Wait for what is being written."""
+        self._writers.shutdown()
 
     def write(self, axis_id: str, windows: list[Window], received_at: datetime) -> WaveformFile:
-        """Write windows to one new file and return when it is on disk."""
+        """Write windows to one new file and return when it is on disk.
+
+        Raises
+        ------
+        StorageError
+            If the disk does not take it; then there is no file.
+        """
         packed = msgpack.packb([_pack(window) for window in windows])
         compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(packed)
         relative = Path("raw") / received_at.astimezone(UTC).strftime("%Y/%m/%d") / axis_id
-        folder = self._root / relative
+        try:
+            path = self._write_durably(self._root / relative, compressed)
+        except OSError as error:
+            raise StorageError(
+                f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
+            ) from error
+        return WaveformFile(str(relative / path.name), hashlib.sha256(compressed).hexdigest())
+
+    def _write_durably(self, folder: Path, content: bytes) -> Path:
         _make_folder(folder)
         path = folder / f"{uuid.uuid4().hex}.windows.zst"
-        with path.open("xb") as file:
-            file.write(compressed)
-            file.flush()
-            os.fsync(file.fileno())
-        _sync_folder(folder)
-        return WaveformFile(str(relative / path.name), hashlib.sha256(compressed).hexdigest())
+        try:
+            with path.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            _sync_folder(folder)
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
+        return path
 
     def read(self, file: WaveformFile) -> list[Window]:
         """Read the windows of one file.
@@ -66,12 +110,12 @@ class WaveformStore:
         Raises
         ------
         WaveformDamagedError
-            If the file is missing or its bytes are not those that were written.
+            If the file cannot be read or its bytes are not those that were written.
         """
         try:
             compressed = (self._root / file.path).read_bytes()
-        except FileNotFoundError as error:
-            raise WaveformDamagedError(f"the waveform file {file.path} is missing") from error
+        except OSError as error:
+            raise WaveformDamagedError(f"the waveform file {file.path} cannot be read: {error.strerror}") from error
         if hashlib.sha256(compressed).hexdigest() != file.sha256:
             raise WaveformDamagedError(f"the waveform file {file.path} does not have the checksum it was stored with")
         return [_unpack(item) for item in msgpack.unpackb(zstandard.ZstdDecompressor().decompress(compressed))]

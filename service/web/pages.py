@@ -1,6 +1,6 @@
 """``/``: the fleet, worst first. ``/axes/{axis}``: one axis with trend, refusals, calibration and alarms."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -21,9 +21,11 @@ templates = Jinja2Templates(directory=FOLDER / "templates")
 SEVERITY = ("alarm", "alert", "unknown", "learning", "normal")
 
 
-def minutes(moment: datetime | None) -> str:
-    """Show a moment to the minute, in UTC and saying so."""
-    return "—" if moment is None else moment.strftime("%Y-%m-%d %H:%M UTC")
+def minutes(moment: datetime | str | None) -> str:
+    """Show a moment, or its RFC 3339 text, to the minute, in UTC and saying so."""
+    if isinstance(moment, str):
+        moment = datetime.fromisoformat(moment)
+    return "—" if moment is None else moment.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def significant(value: float | None, digits: int = 4) -> str:
@@ -53,5 +55,11 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
     return templates.TemplateResponse(
         request,
         "axis.html",
-        {"axis": status, "calibration": active, "history": overview.activations, "alarms": alarms},
+        {
+            "axis": status,
+            "baseline": on.trend.baseline(axis),
+            "calibration": active,
+            "history": overview.activations,
+            "alarms": alarms,
+        },
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend import Observation, learn_baseline
+from monitor_core.trend import Observation, learn_baseline, prediction_interval_of_next
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 
@@ -25,8 +25,15 @@ def test_residual_of_a_new_measurement_has_unit_variance_over_all_baselines():
     rng = np.random.default_rng(3)
     z = [learn_baseline(observations(rng.normal(300.0, 10.0, 20))).standardise(later(rng.normal(300.0, 10.0)))
          for _ in range(4000)]  # fmt: skip
-    # 5 %: sampling error of a variance from 4000 values (2.2 %), and the few baselines taken as dependent
+    # three times the sampling error of a variance from 4000 values, 2.5 % with these tails
     assert np.var(z) == pytest.approx(19.0 / 17.0, rel=0.08)
+
+
+def test_the_mean_of_the_baseline_scatters_too():
+    baseline = learn_baseline(observations(300.0 + 10.0 * math.sqrt(19.0 / 20.0) * np.array([1.0, -1.0] * 10)))
+    assert baseline.scatter == pytest.approx(10.0)
+    assert baseline.degrees_of_freedom == 19
+    assert baseline.standardise(later(310.0)) == pytest.approx(1.0 / math.sqrt(1.0 + 1.0 / 20.0))
 
 
 def test_a_zero_spread_is_not_learned_unless_an_uncertainty_is_stated():
@@ -72,7 +79,7 @@ def test_autocorrelation_is_found_and_widens_the_scatter_as_the_long_run_does():
 def test_independent_baselines_are_seldom_taken_as_dependent():
     rng = np.random.default_rng(5)
     widened = sum(learn_baseline(observations(rng.standard_normal(20))).dependence > 1.0 for _ in range(2000))
-    assert widened / 2000 < 0.07  # a one-sided test of 5 %; the normal approximation is rough at m = 20
+    assert widened / 2000 < 0.015  # a one-sided test of 1 %; the normal approximation is rough at m = 20
 
 
 @pytest.mark.parametrize(
@@ -86,3 +93,10 @@ def test_a_broken_observation_is_refused(bad):
 def test_a_time_without_zone_is_refused():
     with pytest.raises(OutsideValidityError, match="time zone"):
         Observation(datetime(2025, 1, 1), 300.0)  # noqa: DTZ001 (that is the point)
+
+
+def test_prediction_interval_is_that_of_the_readings_themselves():
+    values = np.random.default_rng(8).normal(4.0, 0.3, 20)
+    interval, expected = learn_baseline(observations(values)).prediction_interval(), prediction_interval_of_next(values)
+    assert (interval.lower, interval.upper) == pytest.approx((expected.lower, expected.upper), rel=1e-12)
+    assert interval.kind is expected.kind

@@ -9,6 +9,7 @@ const axis = holder.dataset.axis;
 let points = [];
 let etag = null;
 const charts = [];
+const baseline = holder.dataset.baseline ? holder.dataset.baseline.split(" ").map(Number) : null;
 
 async function fetchTrend() {
   const response = await fetch(`/v1/axes/${encodeURIComponent(axis)}/trend?limit=10000&max_points=4000`,
@@ -22,6 +23,18 @@ async function fetchTrend() {
 const seconds = () => points.map(p => Date.parse(p.at) / 1000);
 const values = key => points.map(p => p[key]);
 const bound = i => points.map(p => (p.interval_95_n ? p.interval_95_n[i] : null));
+
+function drawBaseline(u) {
+  if (!baseline) return;
+  const [mean, lower, upper] = baseline.map(value => u.valToPos(value, "y", true));
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+  ctx.fillStyle = "rgba(31, 95, 153, .10)"; ctx.fillRect(bbox.left, upper, bbox.width, lower - upper);
+  ctx.strokeStyle = "rgba(31, 95, 153, .6)";
+  ctx.beginPath(); ctx.moveTo(bbox.left, mean); ctx.lineTo(bbox.left + bbox.width, mean); ctx.stroke();
+  ctx.restore();
+}
 
 function drawMarks(u, seriesIndex, filled) {
   const { ctx } = u;
@@ -51,8 +64,9 @@ function makeChart(id, label, series, seriesIndex, filled, height) {
     width: element.clientWidth, height,
     scales: { x: { time: true } },
     axes: [{}, { label, size: 70 }],
-    series: [{ label: "time" }, ...series],
-    hooks: { draw: [u => drawMarks(u, seriesIndex, filled)] },
+    series: [{ label: "time (UTC)" }, ...series],
+    tzDate: seconds => uPlot.tzDate(new Date(seconds * 1e3), "Etc/UTC"),
+    hooks: { draw: [u => { if (filled) drawBaseline(u); drawMarks(u, seriesIndex, filled); }] },
   }, [[], ...series.map(() => [])], element);
   charts.push({ chart, element, height });
   return chart;

@@ -20,6 +20,7 @@ def upgrade() -> None:
         sa.Column("configuration", sa.JSON(), nullable=False),
         sa.Column("created_at", sa.DateTime(), nullable=False),
         sa.Column("active_calibration_id", identity, nullable=True),
+        sa.Column("detector_design", sa.JSON(), nullable=False),
         sa.Column("monitor_state", sa.JSON(), nullable=True),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_axes")),
     )
@@ -75,7 +76,9 @@ def upgrade() -> None:
         sa.Column("name", sa.String(length=200), nullable=False),
         sa.Column("started_at", sa.DateTime(), nullable=False),
         sa.Column("position_mm", sa.Float(), nullable=False),
+        sa.Column("set_preload_n", sa.Float(), nullable=True),
         sa.Column("status", sa.String(length=16), nullable=False),
+        sa.Column("n_accepted", sa.Integer(), nullable=False),
         sa.Column("judged_at", sa.DateTime(), nullable=True),
         sa.Column("calibration_id", identity, nullable=True),
         sa.Column("frequency_hz", sa.Float(), nullable=True),

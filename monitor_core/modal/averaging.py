@@ -1,0 +1,172 @@
+"""Average the windows of a measurement, choose the peak, fit it, and leave out windows that do not belong."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor_core.arrays import BoolArray
+from monitor_core.modal.gates import ModeGate
+from monitor_core.modal.outliers import outlying, suspected
+from monitor_core.modal.peaks import Candidate, candidate_peaks
+from monitor_core.modal.refine import ModeFit, fit_modes, window_misfit
+from monitor_core.recording import Rejection, RejectionReason
+from monitor_core.response import FrequencyResponse
+from monitor_core.spectral import (
+    BandSpectra,
+    CrossSpectra,
+    Taper,
+    cross_spectra,
+    estimate_frf,
+    least_leaking_taper,
+)
+
+#: Windows dropped or taken back by the fit change the fit; twice settles it.
+_PASSES = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AveragedFit:
+    """The windows kept, their average and the fit to them."""
+
+    kept: BoolArray  # shape (n_windows,)
+    taper: Taper
+    frf: FrequencyResponse  # H1 over the search band and around it
+    fit: ModeFit
+    refused: tuple[tuple[int, Rejection], ...]  # index of the window, and why
+    warnings: tuple[str, ...]
+
+
+def average_and_fit(
+    spectra: BandSpectra,
+    band: tuple[float, float],
+    gate: ModeGate,
+    *,
+    quantity: str,
+    expected_frequency: float | None,
+    maximum_modes: int,
+) -> AveragedFit | Rejection:
+    """Average, choose the peak, fit; leave out windows that do not belong and take back those that do.
+
+    Parameters
+    ----------
+    spectra : BandSpectra
+        Un-windowed lines over the search band and as far around it as a fit may reach.
+    band : tuple of float
+        Search band. [Hz]
+    gate : ModeGate
+        Least number of averages, classes of coherence, largest share of outlying windows.
+    quantity : str
+        What the response is, e.g. ``"torque_accelerance"``.
+    expected_frequency : float or None
+        Where the mode is expected; the nearest candidate is then taken. [Hz]
+    maximum_modes : int
+        1 or 2.
+
+    Returns
+    -------
+    AveragedFit or Rejection
+        The fit, or why there is none.
+    """
+    searched = spectra.within(*band)
+    taper = least_leaking_taper(searched)
+    kept = _drop(suspected(searched, taper), gate)
+    for _ in range(_PASSES):
+        if kept.sum() < gate.minimum_averages:
+            return Rejection(
+                RejectionReason.TOO_FEW_AVERAGES,
+                f"at least {gate.minimum_averages} windows are needed; "
+                f"{kept.sum()} of {kept.size} are left after outlying ones",
+            )
+        cross = cross_spectra(spectra.of_windows(kept), taper=taper)
+        frf = estimate_frf(cross, quantity=quantity)
+        candidate = _choose(candidate_peaks(frf, band), cross, gate, expected_frequency)
+        if candidate is None:
+            return Rejection(
+                RejectionReason.NO_PEAK_IN_BAND,
+                f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {kept.sum()} averages",
+            )
+        fitted = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes)
+        if isinstance(fitted, Rejection):
+            return fitted
+        fit, warnings = fitted
+        answer = AveragedFit(kept, taper, frf, fit, _refusals(fit, spectra, kept), warnings)
+        kept = _drop(outlying(*window_misfit(fit, spectra)), gate)
+        if np.array_equal(kept, answer.kept):
+            break
+    return answer
+
+
+def _drop(flagged: BoolArray, gate: ModeGate) -> BoolArray:
+    """Keep what is not flagged; all of it if too much is flagged for "outlying" to be the word."""
+    return ~flagged if flagged.mean() <= gate.maximum_outlying_share else np.ones_like(flagged)
+
+
+def _choose(
+    candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate, expected_frequency: float | None
+) -> Candidate | None:
+    """Take the peak that carries most of the response, or the one nearest to what is expected.
+
+    Only peaks of the best class of coherence compete. Not the highest peak of H1: a null of the excitation makes false
+    ones, whose coherence may even pass, but there the axis does not ring. The response explained by the excitation,
+    γ² S_yy = |H1|² S_xx, is small at such a peak.
+    """
+
+    def preference(candidate: Candidate) -> float:
+        if expected_frequency is not None:
+            return -abs(candidate.frequency - expected_frequency)
+        line = int(np.argmin(np.abs(cross.frequency - candidate.frequency)))
+        return float(candidate.amplitude**2 * cross.excitation_power[line])
+
+    for level in (gate.warn_coherence, gate.minimum_coherence, 0.0):
+        passing = [candidate for candidate in candidates if candidate.coherence >= level]
+        if passing:
+            return max(passing, key=preference)
+    return None
+
+
+def _fit_peak(
+    spectra: BandSpectra, candidate: Candidate, maximum_modes: int
+) -> tuple[ModeFit, tuple[str, ...]] | Rejection:
+    """Fit one or two modes; two within a half-power bandwidth are one peak, fitted as one, with a warning.
+
+    Nobody could say from one measurement to the next which of the two is meant. Half their distance joins the
+    uncertainty.
+    """
+
+    def fit_up_to(n_modes: int) -> ModeFit | Rejection:
+        return fit_modes(
+            spectra, frequency=candidate.frequency, damping_ratio=candidate.damping_ratio, maximum_modes=n_modes
+        )
+
+    fit = fit_up_to(maximum_modes)
+    if isinstance(fit, Rejection) or len(fit.modes) < 2:
+        return fit if isinstance(fit, Rejection) else (fit, ())
+    distance = abs(fit.modes[0].frequency.value - fit.modes[1].frequency.value)
+    mean_bandwidth = sum(mode.damping_ratio.value * mode.frequency.value for mode in fit.modes)
+    single = fit_up_to(1) if distance < mean_bandwidth else fit
+    if single is fit or isinstance(single, Rejection):
+        return fit, ()
+    mode = single.modes[0]
+    uncertainty = math.hypot(mode.frequency.standard_uncertainty, 0.5 * distance)
+    widened = replace(mode, frequency=replace(mode.frequency, standard_uncertainty=uncertainty))
+    warning = f"two modes {distance:.2g} Hz apart are fitted as one; half of that joins the uncertainty"
+    return replace(single, modes=(widened,)), (warning,)
+
+
+def _refusals(fit: ModeFit, spectra: BandSpectra, kept: BoolArray) -> tuple[tuple[int, Rejection], ...]:
+    residual, response = window_misfit(fit, spectra)
+    share = residual / response
+    usual = float(np.median(share[kept]))
+    return tuple(
+        (
+            int(i),
+            Rejection(
+                RejectionReason.OUTLYING_WINDOW,
+                f"the common response leaves {share[i]:.1%} of this window's response in the band unexplained; "
+                f"{usual:.1%} of a window is usual here",
+            ),
+        )
+        for i in np.flatnonzero(~kept)
+    )

@@ -1,0 +1,103 @@
+"""``check_file``: every format is recognised by its content, and every problem is a sentence."""
+
+from datetime import UTC, datetime, timedelta
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from monitor_core.recording import Conditions, Session, Window
+from monitor_core.recordings import FileReport, check_file, write_session
+
+MAP = (
+    'axis_id = "x"\n[excitation]\nchannel = "f"\nquantity = "force"\nsource = "sensor"\nunit = "N"\n[response]\n'
+    'channel = "a"\nunit = "g"\n[window]\nposition_mm = 1\nposition_span_mm = 0\n'
+)
+TEXTS = {
+    "table.csv": ("modal-table", "position_mm,frequency_hz\n250,189\n"),
+    "samples.csv": ("csv", "t,force\n0,1\n1,2\n"),
+    "samples.txt": ("csv", "0.0 1.0\n1.0 2.0\n"),
+    "map.toml": ("channel-map", MAP),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_good_texts_are_recognised(tmp_path, name):
+    expected, text = TEXTS[name]
+    (tmp_path / name).write_text(text)
+    assert check_file(tmp_path / name) == FileReport(expected, True, ())
+
+
+def test_good_raw_files_are_recognised_whatever_their_ending(tmp_path):
+    np.savez(tmp_path / "a.npz", x=np.ones(3))
+    scipy.io.savemat(tmp_path / "a.mat", {"x": np.ones(3)})
+    scipy.io.savemat(tmp_path / "b.mat", {"x": np.ones(3)}, format="4")
+    (tmp_path / "a.npz").rename(tmp_path / "a.dat")
+    assert [check_file(tmp_path / n).format for n in ("a.dat", "a.mat", "b.mat")] == ["npz", "mat", "mat"]
+    assert all(check_file(tmp_path / n).valid for n in ("a.dat", "a.mat", "b.mat"))
+
+
+def session_of(path, n_windows):
+    start = datetime(2025, 3, 1, tzinfo=UTC)
+    windows = (
+        Window(np.ones(8), np.ones(8), 1e3, start + timedelta(seconds=i), Conditions(0.1), "a")
+        for i in range(n_windows)
+    )
+    write_session(path, Session("x", tuple(windows)))
+
+
+def test_every_bad_window_of_a_session_is_listed(tmp_path):
+    path = tmp_path / "a.session.h5"
+    session_of(path, 3)
+    assert check_file(path) == FileReport("preload-session", True, ())
+    with h5py.File(path, "r+") as file:
+        file["windows/000000"].attrs["response_unit"] = "g"
+        del file["windows/000002/response"]
+    report = check_file(path)
+    assert not report.valid
+    assert len(report.problems) == 2
+    assert "/windows/000000, response_unit: expected 'm/s2'; got 'g'" in report.problems[0]
+    assert "/windows/000002/response: expected a dataset; it is missing" in report.problems[1]
+
+
+def test_the_list_of_problems_is_bounded(tmp_path):
+    path = tmp_path / "a.session.h5"
+    session_of(path, 30)
+    with h5py.File(path, "r+") as file:
+        for group in file["windows"].values():
+            group.attrs["response_unit"] = "g"
+    problems = check_file(path).problems
+    assert len(problems) == 21
+    assert problems[-1] == "a.session.h5: further problems are not listed"
+
+
+BAD = {
+    "nothing.csv": (None, "unknown", "there is none at this path"),
+    "empty.csv": (b"", "unknown", "the file is empty (0 bytes)"),
+    "noise.bin": (b"\x00\xff\xfe\x80", "unknown", "expected UTF-8 text"),
+    "table.csv": (b"position_mm,frequency\n1,2\n", "modal-table", "expected the column 'frequency_hz'"),
+    "cut.tdms": (b"TDSm\x0e\x00", "tdms", "expected a TDMS segment at byte 0"),
+    "cut.npz": (b"PK\x03\x04", "npz", "expected a NumPy archive"),
+    "cut.mat": (b"MATLAB 5.0 MAT-file", "mat", "byte order IM or MI"),
+    "cut.uff": (b"    -1\n    58\n", "uff58", "the file is cut off"),
+    "cut.h5": (b"\x89HDF\r\n\x1a\n", "preload-session", "expected an HDF5 file"),
+    "bad.json": (b"{", "preload-calibration", "bad.json"),
+    "bad.toml": (b"axis_id = 3\n", "channel-map", "expected a table [excitation]"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_file_gets_one_sentence(tmp_path, name):
+    content, expected, sentence = BAD[name]
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    report = check_file(tmp_path / name)
+    assert (report.format, report.valid, len(report.problems)) == (expected, False, 1)
+    assert sentence in report.problems[0]
+
+
+def test_an_frf_set_is_known_by_name(tmp_path):
+    with h5py.File(tmp_path / "a.frf.h5", "w") as file:
+        file.attrs["format"] = "preload-frf-set"
+    assert check_file(tmp_path / "a.frf.h5").format == "preload-frf-set"

@@ -1,0 +1,225 @@
+"""A service over real HTTP, and windows of an axis whose preload is known."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import msgpack
+import numpy as np
+import pytest
+import scipy.signal
+
+from monitor_core.recording import Conditions, Window
+from service.api.body import MSGPACK_TYPE
+from service.cli.client import window_document
+from service.cli.embedded import embedded_service
+from service.settings import Settings
+
+SAMPLE_RATE = 1024.0
+DAMPING_RATIO = 0.015
+#: Regressed k1…k4 of Nguyen et al. (2018), Table 3, in SI units: the axis that these tests simulate.
+K1, K2, K3, K4 = -4872e-8, 5561e-8, 2097e-8, 1228e-8
+START = datetime(2026, 3, 2, 6, tzinfo=UTC)
+#: An axis whose windows are never old.
+CONFIGURATION = {"search_band_hz": [140, 230], "silent_after_hours": 1e6, "baseline_size": 8}
+
+
+def axial_frequency(preload: float, position: float) -> float:
+    """Eq. (8) of Nguyen et al. (2018) [Hz]."""
+    return float((K1 * position**2 + K2 * position + K3 * preload ** (-1 / 3) + K4) ** -0.5)
+
+
+def simulated_window(rng: np.random.Generator, frequency: float, **fields: Any) -> Window:
+    """One second of random torque pulses on a single degree of freedom, with a little noise on both channels."""
+    n = int(SAMPLE_RATE)
+    torque = np.zeros(n)
+    torque[rng.integers(50, n - 400, 12)] = rng.normal(0.0, 2.0, 12)
+    torque += rng.normal(0.0, 0.02, n)
+    warped = SAMPLE_RATE / np.pi * np.tan(np.pi * frequency / SAMPLE_RATE)
+    omega = 2.0 * np.pi * warped
+    b, a = scipy.signal.bilinear([1.0, 0.0, 0.0], [1.0, 2.0 * DAMPING_RATIO * omega, omega**2], SAMPLE_RATE)
+    acceleration = scipy.signal.lfilter(b, a, torque) + rng.normal(0.0, 0.01, n)
+    return Window(
+        excitation=torque.astype(np.float32),
+        response=acceleration.astype(np.float32),
+        sample_rate=SAMPLE_RATE,
+        **fields,
+    )
+
+
+def simulated_measurement(
+    rng: np.random.Generator,
+    name: str,
+    *,
+    preload: float = 300.0,
+    position_mm: float = 500.0,
+    started_at: datetime = START,
+    n_windows: int = 15,
+    set_preload: float | None = None,
+) -> list[Window]:
+    """Windows of one measurement, two seconds apart."""
+    frequency = axial_frequency(preload, position_mm * 1e-3)
+    return [
+        simulated_window(
+            rng,
+            frequency,
+            started_at=started_at + timedelta(seconds=2 * i),
+            conditions=Conditions(position_mm * 1e-3, 0.0, 21.5, set_preload),
+            measurement=name,
+        )
+        for i in range(n_windows)
+    ]
+
+
+def readings() -> list[dict[str, float]]:
+    """Return a modal table of the simulated axis: 5 positions × 4 preloads, with the scatter of real measurements."""
+    rng = np.random.default_rng(8)
+    return [
+        {
+            "position_mm": position_mm,
+            "preload_n": preload,
+            "frequency_hz": axial_frequency(preload, position_mm * 1e-3) + rng.normal(0.0, 0.1),
+        }
+        for position_mm in (300.0, 400.0, 500.0, 600.0, 700.0)
+        for preload in (100.0, 200.0, 300.0, 400.0)
+    ]
+
+
+@dataclass(frozen=True)
+class Api:
+    """A client that speaks to one service and knows the few things that tests do over and over."""
+
+    http: httpx.Client
+    data_dir: Path
+
+    def register(self, axis: str, **configuration: Any) -> dict[str, Any]:
+        answer = self.http.put(f"/v1/axes/{axis}", json={"name": axis, "configuration": CONFIGURATION | configuration})
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()
+
+    def calibrate(self, axis: str) -> int:
+        answer = self.http.post(f"/v1/axes/{axis}/calibrations", json={"readings": readings()})
+        assert answer.status_code == 201, answer.text
+        number = answer.json()["id"]
+        answer = self.http.post(f"/v1/axes/{axis}/calibrations/{number}/activate", json={"reason": "test"})
+        assert answer.status_code == 200, answer.text
+        return int(number)
+
+    def post(self, axis: str, windows: list[Window], *, complete: bool = False) -> httpx.Response:
+        body = {"windows": [window_document(window) for window in windows], "complete": complete}
+        return self.http.post(
+            f"/v1/axes/{axis}/windows", content=msgpack.packb(body), headers={"content-type": MSGPACK_TYPE}
+        )
+
+    def accept(self, axis: str, windows: list[Window], *, complete: bool = False) -> dict[str, Any]:
+        answer = self.post(axis, windows, complete=complete)
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()
+
+    def trend(self, axis: str, **query: Any) -> list[dict[str, Any]]:
+        answer = self.http.get(f"/v1/axes/{axis}/trend", params=query)
+        assert answer.status_code == 200, answer.text
+        return answer.json()["points"]
+
+    def axis(self, axis: str) -> dict[str, Any]:
+        answer = self.http.get(f"/v1/axes/{axis}")
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+
+def assert_problem(answer: httpx.Response, status: int, name: str) -> dict[str, Any]:
+    """Every refusal is an RFC 9457 document with one sentence."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert problem["type"] == f"urn:preload-monitor:problem:{name}"
+    assert problem["status"] == status
+    assert problem["title"]
+    assert len(problem["detail"]) > 10
+    assert "\n" not in problem["detail"]
+    return problem
+
+
+@contextmanager
+def running_service(data_dir: Path, **settings: Any) -> Iterator[Api]:
+    """Run a service in this process on a free port of the loopback."""
+    with (
+        embedded_service(Settings(data_dir=data_dir, port=0, **settings)) as url,
+        httpx.Client(base_url=url, timeout=60.0, trust_env=False) as http,
+    ):
+        yield Api(http, data_dir)
+
+
+@pytest.fixture
+def api(tmp_path: Path) -> Iterator[Api]:
+    """Run a fresh service for one test."""
+    with running_service(tmp_path / "var") as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def shared_api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
+    """One service for the tests of a module, each with an axis of its own."""
+    with running_service(tmp_path_factory.mktemp("service") / "var") as service:
+        yield service
+
+
+def free_port() -> int:
+    """Return a port that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class ServerProcess:
+    """``preload serve`` as a process of its own, which can be killed."""
+
+    process: subprocess.Popen[bytes]
+    url: str
+    log: Path
+
+    def is_up(self) -> bool:
+        try:
+            return httpx.get(f"{self.url}/healthz", trust_env=False, timeout=1.0).status_code == 200
+        except httpx.TransportError:
+            return False
+
+    def wait_until_up(self, timeout_s: float = 60.0) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not self.is_up():
+            assert self.process.poll() is None, self.log.read_text()
+            assert time.monotonic() < deadline, self.log.read_text()
+            time.sleep(0.02)
+
+
+@pytest.fixture
+def start_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
+    """Start servers that are gone after the test."""
+    started: list[ServerProcess] = []
+
+    def start(data_dir: Path, port: int, **environment: str) -> ServerProcess:
+        log = tmp_path / f"server-{len(started)}.log"
+        command = [sys.executable, "-m", "service.cli.main", "serve", "--data-dir", str(data_dir), "--port", str(port)]
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                command, stdout=output, stderr=output, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment
+            )
+        server = ServerProcess(process, f"http://127.0.0.1:{port}", log)
+        started.append(server)
+        return server
+
+    yield start
+    for server in started:
+        if server.process.poll() is None:
+            server.process.kill()
+        server.process.wait()

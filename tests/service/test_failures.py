@@ -1,0 +1,114 @@
+"""Disk, database or mathematics fail while windows are taken: nothing acknowledged is missing or half stored."""
+
+import errno
+import os
+from collections.abc import Callable
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from tests.service.conftest import START, Api, assert_problem, simulated_measurement
+from tests.service.test_ingest import stored_files
+
+
+def failing_once(real: Callable[..., object], error: Exception, *, afterwards: bool = False) -> Callable[..., object]:
+    """Fail at the first call, before or after the real thing was done."""
+    calls = []
+
+    def fail(*args: object, **kwargs: object) -> object:
+        calls.append(args)
+        if len(calls) > 1:
+            return real(*args, **kwargs)
+        if afterwards:
+            real(*args, **kwargs)
+        raise error
+
+    return fail
+
+
+def test_full_disk_stores_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    api.register("axis")
+    windows = simulated_measurement(np.random.default_rng(1), "m")
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "fsync", failing_once(os.fsync, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+        answer = api.post("axis", windows)
+    problem = assert_problem(answer, 503, "storage-failed")
+    assert "No space left" in problem["detail"]
+    assert answer.headers["retry-after"] == "1"
+    assert stored_files(api.data_dir) == []
+    assert api.accept("axis", windows)["accepted"] == 15
+
+
+def test_database_failure_stores_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    api.register("axis")
+    windows = simulated_measurement(np.random.default_rng(2), "m")
+    error = OperationalError("INSERT", {}, Exception("disk I/O error"))
+    with monkeypatch.context() as broken:
+        broken.setattr(Session, "flush", failing_once(Session.flush, error))
+        problem = assert_problem(api.post("axis", windows), 503, "storage-failed")
+    assert "disk I/O error" in problem["detail"]
+    assert stored_files(api.data_dir) == []
+    assert api.trend("axis") == []
+    assert api.accept("axis", windows)["accepted"] == 15
+
+
+@pytest.mark.parametrize("committed", [False, True])
+def test_failure_at_the_commit_leaves_rows_with_their_waveforms(
+    api: Api, monkeypatch: pytest.MonkeyPatch, committed: bool
+) -> None:
+    """Whether the commit happened is not known then: the file stays, and sending again puts everything right."""
+    api.register("axis")
+    windows = simulated_measurement(np.random.default_rng(3), "m")
+    error = OperationalError("COMMIT", {}, Exception("server closed the connection"))
+    with monkeypatch.context() as broken:
+        broken.setattr(Session, "commit", failing_once(Session.commit, error, afterwards=committed))
+        assert_problem(api.post("axis", windows), 503, "storage-failed")
+    answer = api.accept("axis", windows)
+    assert answer["already_there" if committed else "accepted"] == 15
+    (outcome,) = answer["measurements"]
+    assert outcome["reason"] == "not-calibrated"  # judged: its waveforms were all there
+    assert len(stored_files(api.data_dir)) == (1 if committed else 2)
+
+
+def test_failure_while_judging_is_made_up_for(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    api.register("axis")
+    windows = simulated_measurement(np.random.default_rng(4), "m")
+    error = OperationalError("UPDATE", {}, Exception("database is locked"))
+    with monkeypatch.context() as broken:
+        broken.setattr("service.operations.judge._store", failing_once(lambda: None, error))
+        assert_problem(api.post("axis", windows), 503, "storage-failed")
+    answer = api.accept("axis", windows)
+    assert answer["already_there"] == 15
+    assert len(answer["measurements"]) == 1
+
+
+def test_measurement_that_breaks_the_mathematics_does_not_block_its_axis(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api.register("axis")
+    api.calibrate("axis")
+    rng = np.random.default_rng(5)
+    with monkeypatch.context() as broken:
+        broken.setattr(
+            "service.operations.judge.judge_measurement", failing_once(lambda: None, ZeroDivisionError("by zero"))
+        )
+        (outcome,) = api.accept("axis", simulated_measurement(rng, "m1"))["measurements"]
+    assert (outcome["reason"], outcome["detail"]) == ("fit-failed", "the computation failed: by zero")
+    (outcome,) = api.accept("axis", simulated_measurement(rng, "m2", started_at=START + timedelta(hours=8)))[
+        "measurements"
+    ]
+    assert outcome["preload_n"] is not None
+
+
+def test_bug_in_a_route_is_a_problem_without_internals(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    api.register("axis")
+    monkeypatch.setattr("service.operations.trend.state_now", failing_once(lambda: None, RuntimeError("secret path")))
+    answer = api.http.get("/v1/axes/axis", headers={"x-request-id": "request-7"})
+    problem = assert_problem(answer, 500, "internal-error")
+    assert problem["request_id"] == "request-7"
+    assert "secret" not in answer.text
+    metrics = api.http.get("/metrics").text
+    assert 'preload_request_seconds_count{method="GET",route="/v1/axes/{axis}",status="500"} 1.0' in metrics
