@@ -7,6 +7,7 @@
     advance            axis state, outcome   → axis state (baseline, charts, alarm)
 """
 
+import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -33,7 +34,7 @@ from monitor_core.uncertainty import Estimate
 #: Without a calibration and a stated band the mode is looked for between these shares of the sampling rate: below the
 #: roll-off of any anti-aliasing filter, above the slow motion of the table itself.
 UNSTATED_BAND = (0.02, 0.4)
-#: A window whose excitation in the band is weaker than this share of the calibration's median is refused.
+#: A window whose excitation in the band is weaker than this share of what the calibration had is refused.
 EXCITATION_SHARE = 0.1
 
 
@@ -77,19 +78,25 @@ def search_band(settings: AxisSettings, calibration: Calibration | None, window:
     usable = (UNSTATED_BAND[0] * window.sample_rate, UNSTATED_BAND[1] * window.sample_rate)
     if calibration is not None:
         try:
-            low, high = expected_band(calibration, window.conditions)
+            return expected_band(calibration, window.conditions)
         except OutsideValidityError:  # so far from the calibrated positions that Eq. (8) says nothing
             return usable
-        return max(low, usable[0]), min(high, usable[1])
     return settings.search_band or usable
 
 
 def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> SignalQuality | Rejection:
     """Gate one window on its own: fit to be averaged, or why not."""
-    gate = settings.quality
-    if calibration is not None and calibration.minimum_band_excitation is not None:
-        gate = replace(gate, minimum_band_excitation=calibration.minimum_band_excitation)
-    return gate_window(window, gate, band=search_band(settings, calibration, window))
+    gate, (low, high) = settings.quality, search_band(settings, calibration, window)
+    if not low < high < 0.5 * window.sample_rate:
+        return Rejection(
+            RejectionReason.SAMPLE_RATE_MISMATCH,
+            f"the mode is looked for up to {high:g} Hz, which needs more than {2.0 * high:g} Hz sampling rate; "
+            f"got {window.sample_rate:g} Hz",
+        )
+    if calibration is not None and calibration.excitation_level is not None:
+        least = EXCITATION_SHARE * calibration.excitation_level * math.sqrt(high - low)
+        gate = replace(gate, minimum_band_excitation=least)
+    return gate_window(window, gate, band=(low, high))
 
 
 def judge_measurement(
@@ -140,14 +147,17 @@ def _preload(
 def advance(
     state: AxisState, outcome: MeasurementOutcome, at: datetime, *, calibration: Calibration, design: DetectorDesign
 ) -> AxisState:
-    """Carry the state of an axis over one measurement. A refused measurement changes nothing: it says nothing.
+    """Carry the state of an axis over one measurement.
 
-    What is watched is the preload feature: it is nearly normally distributed where newtons are not.
+    A refused measurement changes nothing, for it says nothing; nor does one whose preload was set on purpose, for it
+    says nothing about wear. What is watched is the preload feature: it is nearly normally distributed where newtons are not.
     """
     estimate = outcome.preload
     if isinstance(estimate, Rejection) or isinstance(outcome.modal, Rejection):
         return state
     conditions = outcome.modal.conditions
+    if conditions.preload is not None:
+        return state
     learning = state.detector.baseline is None
     systematic = (
         0.0
@@ -187,5 +197,6 @@ def calibrate_from_measurements(
         moving_mass=settings.moving_mass,
         maximum_modes=1 if statistics.median(m.n_modes for m in measurements) < 2 else 2,
         phase_reference=calibrate_phase([m.mode for m in measurements]),
+        excitation_level=statistics.median(m.excitation_level for m in measurements),
     )
 

@@ -22,12 +22,10 @@ from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
 from service.operations.ingest import Ingest
-from service.operations.judge import Judge
 from service.operations.lanes import Lanes
 from service.operations.replay import Replays
 from service.operations.trend import Trend
 from service.settings import Settings
-from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 from service.web import pages
@@ -44,7 +42,6 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services = _build_services(settings, metrics)
         app.state.services = services
-        services.ingest.finish_interrupted()
         services.jobs.resume()
         try:
             yield
@@ -83,15 +80,14 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = Database(settings.resolved_database_url())
     database.migrate()
     waveforms = WaveformStore(settings.data_dir)
-    in_force, lanes = CalibrationsInForce(), Lanes()
-    judge = Judge(database, waveforms, in_force, metrics)
-    ingest = Ingest(database, waveforms, in_force, judge, lanes, metrics)
+    lanes = Lanes()
+    ingest = Ingest(database, waveforms, lanes, metrics)
     replays = Replays(settings.replay_dir, ingest)
     return Services(
         database=database,
         waveforms=waveforms,
         metrics=metrics,
-        axes=Axes(database),
+        axes=Axes(database, lanes),
         ingest=ingest,
         trend=Trend(database),
         calibrations=Calibrations(database, waveforms, lanes),

@@ -33,16 +33,21 @@ class JobHandle:
     job_id: str
     axis_id: str
     arguments: dict[str, Any]
-    report: Callable[[int, int | None], None]  # done, total
+    done: int  # as last reported: 0, or how far the job had come when it was interrupted
+    result: dict[str, Any] | None  # as last reported
+    report: Callable[[int, int, dict[str, Any]], None]  # done, total, result so far
     sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
 
 
-#: Work of one kind: returns the job's result.
-Work = Callable[[JobHandle], dict[str, Any]]
+#: Work of one kind; what came of it is in its last report.
+Work = Callable[[JobHandle], None]
 
 
 class JobRunner:
-    """Runs jobs one after another. A job is restarted from its beginning after a crash, so work must be repeatable."""
+    """Runs jobs one after another. After a stop or a crash a job goes on from its last report.
+
+    What was done since that report is done once more, so work must be repeatable.
+    """
 
     def __init__(self, database: Database, work: dict[str, Work]) -> None:
         self._database = database
@@ -100,26 +105,32 @@ class JobRunner:
                 return
             row.status, row.updated_at = jobs.RUNNING, now()
         handle = JobHandle(
-            job_id, row.axis_id, row.arguments, partial(self._report, job_id), partial(self._sleep, job_id)
+            job_id,
+            row.axis_id,
+            row.arguments,
+            row.done,
+            row.result,
+            report=partial(self._report, job_id),
+            sleep=partial(self._sleep, job_id),
         )
         try:
-            result = self._work[row.kind](handle)
+            self._work[row.kind](handle)
         except JobCancelledError:
             return  # cancelled: the row says so; stopping: the row still says running, and is resumed
         except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
             log.exception("job %s failed", job_id)
-            self._finish(job_id, jobs.FAILED, None, f"{type(error).__name__}: {error}"[:1000])
+            self._finish(job_id, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
         else:
-            self._finish(job_id, jobs.DONE, result, None)
+            self._finish(job_id, jobs.DONE, None)
 
-    def _report(self, job_id: str, done: int, total: int | None) -> None:
+    def _report(self, job_id: str, done: int, total: int, result: dict[str, Any]) -> None:
         if self._stopping.is_set():
             raise JobCancelledError
         with self._database.write() as session:
             row = jobs.get_job(session, job_id)
             if row.status == jobs.CANCELLED:
                 raise JobCancelledError
-            row.done, row.total, row.updated_at = done, total, now()
+            row.done, row.total, row.result, row.updated_at = done, total, result, now()
 
     def _sleep(self, job_id: str, seconds: float) -> None:
         due = time.monotonic() + seconds
@@ -127,8 +138,8 @@ class JobRunner:
             if self._stopping.wait(min(left, CANCEL_CHECK_S)) or self.get(job_id).status == jobs.CANCELLED:
                 raise JobCancelledError
 
-    def _finish(self, job_id: str, status: str, result: dict[str, Any] | None, error: str | None) -> None:
+    def _finish(self, job_id: str, status: str, error: str | None) -> None:
         with self._database.write() as session:
             row = jobs.get_job(session, job_id)
             if row.status == jobs.RUNNING:  # not if it was cancelled after its last report
-                row.status, row.result, row.error, row.updated_at = status, result, error, now()
+                row.status, row.error, row.updated_at = status, error, now()

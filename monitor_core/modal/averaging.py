@@ -6,24 +6,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.modal.gates import ModeGate
-from monitor_core.modal.outliers import outlying, suspected
+from monitor_core.modal.outliers import outlying
 from monitor_core.modal.peaks import Candidate, candidate_peaks
 from monitor_core.modal.refine import ModeFit, fit_modes, window_misfit
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import FrequencyResponse
 from monitor_core.spectral import (
+    TAPERS,
     BandSpectra,
     CrossSpectra,
     Taper,
     cross_spectra,
     estimate_frf,
-    least_leaking_taper,
+    mean_coherence,
+    median_misfit,
 )
 
 #: Windows dropped or taken back by the fit change the fit; twice settles it.
 _PASSES = 3
+#: Share of a window's response that its fellows' median response leaves unexplained, for a gross misfit.
+_GROSS_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +73,8 @@ def average_and_fit(
     AveragedFit or Rejection
         The fit, or why there is none.
     """
-    searched = spectra.within(*band)
-    taper = least_leaking_taper(searched)
-    kept = _drop(suspected(searched, taper), gate)
+    taper, gross, first_share = _first_look(spectra.within(*band), gate)
+    kept = ~gross
     for _ in range(_PASSES):
         if kept.sum() < gate.minimum_averages:
             return Rejection(
@@ -91,11 +94,28 @@ def average_and_fit(
         if isinstance(fitted, Rejection):
             return fitted
         fit, warnings = fitted
-        answer = AveragedFit(kept, taper, frf, fit, _refusals(fit, spectra, kept), warnings)
-        kept = _drop(outlying(*window_misfit(fit, spectra)), gate)
+        residual, response = window_misfit(fit, spectra)
+        share = np.where(gross, first_share, residual / response)
+        answer = AveragedFit(kept, taper, frf, fit, _refusals(kept, share), warnings)
+        kept = _drop(gross | outlying(residual, response), gate)
         if np.array_equal(kept, answer.kept):
             break
     return answer
+
+
+def _first_look(spectra: BandSpectra, gate: ModeGate) -> tuple[Taper, BoolArray, FloatArray]:
+    """Choose the taper; return with it the windows far from the median response, and the share it leaves of each.
+
+    It knows nothing of ringing from before the window, so only gross misfits count. They stay out: the fit would take
+    a wrong response to an early impact for such ringing.
+    """
+    looks = []
+    for taper in TAPERS:
+        residual, response = median_misfit(spectra, taper)
+        gross = ~_drop(outlying(residual, response, least_share=_GROSS_SHARE), gate)
+        looks.append((mean_coherence(spectra.of_windows(~gross), taper), taper, gross, residual / response))
+    _, taper, gross, share = max(looks, key=lambda look: look[0])
+    return taper, gross, share
 
 
 def _drop(flagged: BoolArray, gate: ModeGate) -> BoolArray:
@@ -131,8 +151,8 @@ def _fit_peak(
 ) -> tuple[ModeFit, tuple[str, ...]] | Rejection:
     """Fit one or two modes; two within a half-power bandwidth are one peak, fitted as one, with a warning.
 
-    Nobody could say from one measurement to the next which of the two is meant. Half their distance joins the
-    uncertainty.
+    Nobody could say from one measurement to the next which of the two is meant. Half of what the choice moves the
+    frequency by joins the uncertainty.
     """
 
     def fit_up_to(n_modes: int) -> ModeFit | Rejection:
@@ -149,23 +169,25 @@ def _fit_peak(
     if single is fit or isinstance(single, Rejection):
         return fit, ()
     mode = single.modes[0]
-    uncertainty = math.hypot(mode.frequency.standard_uncertainty, 0.5 * distance)
+    shift = abs(fit.modes[0].frequency.value - mode.frequency.value)
+    uncertainty = math.hypot(mode.frequency.standard_uncertainty, 0.5 * shift)
     widened = replace(mode, frequency=replace(mode.frequency, standard_uncertainty=uncertainty))
-    warning = f"two modes {distance:.2g} Hz apart are fitted as one; half of that joins the uncertainty"
+    warning = (
+        f"two modes {distance:.2g} Hz apart are fitted as one; "
+        f"half of the {shift:.2g} Hz that this moves the frequency by joins its uncertainty"
+    )
     return replace(single, modes=(widened,)), (warning,)
 
 
-def _refusals(fit: ModeFit, spectra: BandSpectra, kept: BoolArray) -> tuple[tuple[int, Rejection], ...]:
-    residual, response = window_misfit(fit, spectra)
-    share = residual / response
+def _refusals(kept: BoolArray, share: FloatArray) -> tuple[tuple[int, Rejection], ...]:
     usual = float(np.median(share[kept]))
     return tuple(
         (
             int(i),
             Rejection(
                 RejectionReason.OUTLYING_WINDOW,
-                f"the common response leaves {share[i]:.1%} of this window's response in the band unexplained; "
-                f"{usual:.1%} of a window is usual here",
+                f"the response common to its fellows leaves {share[i]:.2g} of this window's power around the mode "
+                f"unexplained; {usual:.2g} is usual here",
             ),
         )
         for i in np.flatnonzero(~kept)

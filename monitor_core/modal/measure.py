@@ -40,6 +40,7 @@ class ModalMeasurement:
     measurement: str
     excitation_quantity: ExcitationQuantity
     excitation_source: ExcitationSource
+    excitation_level: float  # rms per root hertz around the mode [N·m/√Hz] or [N/√Hz]
     taper: Taper  # of the frequency response and coherence
 
 
@@ -115,6 +116,7 @@ def measure_mode(
         measurement=windows[0].measurement,
         excitation_quantity=windows[0].excitation_quantity,
         excitation_source=windows[0].excitation_source,
+        excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         taper=answer.taper,
     )
 
@@ -160,6 +162,14 @@ def _spectra_around(windows: Sequence[Window], band: tuple[float, float]) -> Ban
     excitation: SampleArray = np.array([window.excitation for window in windows])
     response: SampleArray = np.array([window.response for window in windows])
     return band_spectra(excitation, response, sample_rate, around)
+
+
+def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
+    """Root of the one-sided spectral density of the excitation, mean over the half-power band."""
+    half_width = max(mode.damping_ratio.value * mode.frequency.value, spectra.resolution)
+    lines = spectra.within(mode.frequency.value - half_width, mode.frequency.value + half_width).excitation
+    density = 2.0 * np.mean(np.abs(lines) ** 2, dtype=np.float64) / (spectra.n_samples * spectra.sample_rate)
+    return float(np.sqrt(density))
 
 
 def _warnings(coherence: float, gate: ModeGate, phase: PhaseReference | None) -> tuple[str, ...]:

@@ -14,8 +14,8 @@ from monitor_core.modal.variable_projection import Solution, degrees_of_freedom,
 
 _MAXIMUM_TONES = 2
 _SCREENING_PROBABILITY = 0.01
-#: Difference of the criterion that is asked for, three times what is called very strong evidence. A change of model moves
-#: the frequency; between measurements of one axis that looks like a change of the axis, so weak evidence must not do it.
+#: Difference of the criterion that is asked for, three times what is called very strong evidence: a change of model
+#: moves the frequency, and between measurements of one axis that looks like a change of the axis.
 _STRONG_EVIDENCE = 30.0
 
 

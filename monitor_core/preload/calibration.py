@@ -109,7 +109,7 @@ class Calibration:
     excitation_quantity: ExcitationQuantity | None
     maximum_modes: int = 2  # what the frequencies were fitted with; later ones are fitted alike
     phase_reference: PhaseReference | None = None  # None: the table of frequencies does not tell
-    minimum_band_excitation: float | None = None  # rms of the excitation that the band needs [N·m] or [N]
+    excitation_level: float | None = None  # rms per root hertz around the mode, as calibrated [N·m/√Hz] or [N/√Hz]
 
     def __post_init__(self) -> None:
         if self.parameter_names[:4] != COEFFICIENT_NAMES or len(self.parameter_names) != self.parameters.values.size:

@@ -43,7 +43,7 @@ def calibrate(
     temperature_coefficient: Estimate | None = None,
     maximum_modes: int = 2,
     phase_reference: PhaseReference | None = None,
-    minimum_band_excitation: float | None = None,
+    excitation_level: float | None = None,
 ) -> Calibration:
     r"""Regress k1…k4 of Eq. (8), with µ and k_T where the readings vary payload and temperature.
 
@@ -71,7 +71,7 @@ def calibrate(
         Effective mass that moves without payload, used where the readings hold one payload only. [kg]
     temperature_coefficient : Estimate, optional
         Used where the temperatures span less than ``TEMPERATURE_RESOLUTION``. [s²/K]
-    maximum_modes, phase_reference, minimum_band_excitation : optional
+    maximum_modes, phase_reference, excitation_level : optional
         Carried along for the gates before the estimate.
 
     Returns
@@ -168,7 +168,7 @@ def calibrate(
         excitation_quantity=excitation_quantity,
         maximum_modes=maximum_modes,
         phase_reference=phase_reference,
-        minimum_band_excitation=minimum_band_excitation,
+        excitation_level=excitation_level,
     )
 
 

@@ -35,7 +35,7 @@ _INFLUENCE_KEYS = {
 }
 _PARAMETER_KEYS = {**_COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
 _PARAMETER_NAMES = {key: name for name, key in _PARAMETER_KEYS.items()}
-_EXCITATION_UNITS = {ExcitationQuantity.TORQUE: "N.m", ExcitationQuantity.FORCE: "N", None: None}
+_LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORCE: "N/Hz^0.5", None: None}
 
 
 def calibration_document(calibration: Calibration) -> dict[str, object]:
@@ -98,8 +98,8 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "excitation_quantity": calibration.excitation_quantity,
         "maximum_modes": calibration.maximum_modes,
         "phase_reference": None if phase is None else {"polarity": phase.polarity, "delay_s": phase.delay},
-        "minimum_band_excitation": calibration.minimum_band_excitation,
-        "minimum_band_excitation_unit": _EXCITATION_UNITS[calibration.excitation_quantity],
+        "excitation_level": calibration.excitation_level,
+        "excitation_level_unit": _LEVEL_UNITS[calibration.excitation_quantity],
     }
 
 
@@ -204,7 +204,7 @@ def _calibration(top: Fields) -> Calibration:
         ),
         maximum_modes=int(top.positive("maximum_modes", "-")),
         phase_reference=_phase_reference(top),
-        minimum_band_excitation=top.optional_number("minimum_band_excitation", "N.m or N"),
+        excitation_level=top.optional_number("excitation_level", "N.m/Hz^0.5 or N/Hz^0.5"),
     )
 
 

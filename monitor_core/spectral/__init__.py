@@ -7,10 +7,12 @@ from monitor_core.spectral.coherence import (
     random_error,
     significance_level,
 )
-from monitor_core.spectral.frf import CrossSpectra, cross_spectra, estimate_frf, least_leaking_taper
-from monitor_core.spectral.spectra import BandSpectra, Taper, band_spectra
+from monitor_core.spectral.frf import CrossSpectra, cross_spectra, estimate_frf, least_leaking_taper, mean_coherence
+from monitor_core.spectral.robust import median_misfit
+from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper, band_spectra
 
 __all__ = [
+    "TAPERS",
     "BandSpectra",
     "CrossSpectra",
     "Taper",
@@ -21,6 +23,8 @@ __all__ = [
     "effective_averages",
     "estimate_frf",
     "least_leaking_taper",
+    "mean_coherence",
+    "median_misfit",
     "random_error",
     "significance_level",
 ]

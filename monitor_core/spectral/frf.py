@@ -9,7 +9,7 @@ from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.response import FrequencyResponse
 from monitor_core.spectral.coherence import effective_averages
-from monitor_core.spectral.spectra import BandSpectra, Taper
+from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper
 
 Estimator = Literal["H1", "H2", "Hv"]
 
@@ -142,18 +142,18 @@ def least_leaking_taper(spectra: BandSpectra) -> Taper:
     Parameters
     ----------
     spectra : BandSpectra
-        Raw lines of the band of interest.
+        Un-windowed lines of the band of interest.
 
     Returns
     -------
     {"hann", "rectangular"}
         The better taper.
     """
-    if spectra.n_windows < 2:
-        return "hann"
-    tapers: tuple[Taper, Taper] = ("hann", "rectangular")
-    return max(tapers, key=lambda taper: _mean_coherence(cross_spectra(spectra, taper=taper)))
+    return max(TAPERS, key=lambda taper: mean_coherence(spectra, taper)) if spectra.n_windows > 1 else "hann"
 
 
-def _mean_coherence(cross: CrossSpectra) -> float:
-    return float(np.mean(np.abs(cross.cross_power) ** 2 / (cross.excitation_power * cross.response_power)))
+def mean_coherence(spectra: BandSpectra, taper: Taper) -> float:
+    """Return the mean coherence over all lines but the outermost two; meaningless for a single window."""
+    cross = cross_spectra(spectra, taper=taper)
+    powers = cross.excitation_power * cross.response_power
+    return float(np.mean(np.abs(cross.cross_power) ** 2 / np.maximum(powers, np.finfo(np.float64).tiny)))

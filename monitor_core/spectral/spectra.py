@@ -13,6 +13,7 @@ from monitor_core.errors import OutsideValidityError
 #: Raw lines keep the precision of the samples: float32 gives complex64.
 SpectrumArray = npt.NDArray[np.complex64] | npt.NDArray[np.complex128]
 Taper = Literal["hann", "rectangular"]
+TAPERS: tuple[Taper, ...] = ("hann", "rectangular")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

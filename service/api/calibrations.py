@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
+from monitor_core.recordings.units import metres
 from service.api.fields import AxisId, Moment, RowId, Text
 from service.api.services import Services, services
 from service.operations.calibrations import CalibrationOverview
@@ -34,7 +35,7 @@ class ReadingIn(BaseModel):
         """Return the core's record, in SI units."""
         return ModalReading(
             frequency=self.frequency_hz,
-            conditions=Conditions(self.position_mm * 1e-3, self.payload_kg, self.temperature_c, self.preload_n),
+            conditions=Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c, self.preload_n),
             frequency_std=self.frequency_std_hz,
             n_readings=self.n_readings,
         )

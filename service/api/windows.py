@@ -8,6 +8,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+from monitor_core.recordings.units import metres
 from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body, raw_body
 from service.api.fields import AxisId, Label, Moment
 from service.api.services import Services, services
@@ -66,12 +67,12 @@ class WindowIn(BaseModel):
             response=self.response,
             sample_rate=self.sample_rate_hz,
             started_at=self.started_at,
-            conditions=Conditions(self.position_mm * 1e-3, self.payload_kg, self.temperature_c, self.preload_n),
+            conditions=Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c, self.preload_n),
             measurement=self.measurement,
             excitation_quantity=ExcitationQuantity(self.excitation_quantity),
             excitation_source=ExcitationSource(self.excitation_source),
             direction=Direction(self.direction),
-            position_span=self.position_span_mm * 1e-3,
+            position_span=metres(self.position_span_mm),
             position_trace=self.position_trace_m,
         )
 

@@ -10,6 +10,7 @@ import msgpack
 import numpy as np
 
 from monitor_core.recording import ExcitationQuantity, Window
+from monitor_core.recordings.units import to_millimetres
 from service.api.body import MSGPACK_TYPE
 
 TIMEOUT_S = 120.0
@@ -82,8 +83,8 @@ def window_document(window: Window) -> dict[str, Any]:
         "started_at": window.started_at.isoformat(),
         "measurement": window.measurement,
         "sample_rate_hz": window.sample_rate,
-        "position_mm": conditions.position * 1e3,
-        "position_span_mm": window.position_span * 1e3,
+        "position_mm": to_millimetres(conditions.position),
+        "position_span_mm": to_millimetres(window.position_span),
         "excitation": samples(window.excitation),
         "response": samples(window.response),
         "excitation_quantity": str(window.excitation_quantity),

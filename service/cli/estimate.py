@@ -9,6 +9,7 @@ from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload
 from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.recordings.units import to_millimetres
 from service.cli.modal_input import modal_reading
 from service.cli.output import json_option, print_json, print_table
 from service.cli.session_input import axis_settings, is_session, judge_session
@@ -50,7 +51,11 @@ def _of_table(path: Path, calibration: Calibration) -> list[dict[str, Any]]:
     for number, row in enumerate(read_modal_table(path), start=1):
         reading = modal_reading(row)
         answer = estimate_preload(reading.estimate, reading.conditions, calibration)
-        place = {"measurement": f"row {number}", "position_mm": row.position * 1e3, "frequency_hz": row.frequency}
+        place = {
+            "measurement": f"row {number}",
+            "position_mm": to_millimetres(row.position),
+            "frequency_hz": row.frequency,
+        }
         estimates.append(place | _answer(answer))
     return estimates
 

@@ -35,10 +35,10 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         config = uvicorn.Config(
             create_app(settings), log_config=None, access_log=False, timeout_graceful_shutdown=GRACE_S
         )
-        server = uvicorn.Server(config)
-        server.run(sockets=[listening])
-    if not server.started:
-        raise SystemExit(1)
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        except SystemExit as error:  # the start failed; the log says why
+            raise SystemExit(1) from error
 
 
 def bound_socket(host: str, port: int) -> socket.socket:

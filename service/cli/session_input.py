@@ -11,6 +11,7 @@ from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.recordings.units import to_millimetres
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
 
@@ -62,7 +63,7 @@ def judge_session(
             first = windows[0].conditions
             yield SessionMeasurement(
                 name,
-                first.position * 1e3,
+                to_millimetres(first.position),
                 first.preload,
                 judge_measurement(accepted, settings, calibration) if accepted else _nothing_accepted(refused),
                 refused,

@@ -1,28 +1,35 @@
-"""New windows of one axis inside one transaction: which measurement each belongs to, and what completes one."""
+"""Which measurement a new window belongs to, whether it is averaged there, and what completes a measurement."""
 
-from datetime import datetime
-
-from sqlalchemy.orm import Session
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recordings.units import to_millimetres
 from service.operations.settings_of_axis import AxisConfiguration
-from service.store import measurements
-from service.store.tables import AxisRow, MeasurementRow
+from service.store.measurements import OPEN
+from service.store.tables import MeasurementRow
 
 
+@dataclass(frozen=True, slots=True)
+class Admitted:
+    """A new window in its measurement, and why it will not be averaged there, if so."""
+
+    window: Window
+    measurement: MeasurementRow
+    refusal: Rejection | None
+
+
+@dataclass(slots=True)
 class Admission:
-    """Puts windows into the measurements of an axis; the caller's transaction keeps or drops all of it."""
+    """Puts new windows into the measurements of an axis. Nothing is stored here."""
 
-    def __init__(self, session: Session, axis: AxisRow) -> None:
-        self._session = session
-        self._axis = axis
-        self._configuration = AxisConfiguration.model_validate(axis.configuration)
-        self._unjudged = measurements.unjudged_measurements(session, axis.id)
-        self._by_name = {row.name: row for row in self._unjudged}
-        self._newest: datetime | None = None
+    axis_id: str
+    configuration: AxisConfiguration
+    measurements: dict[str, MeasurementRow]  # open ones, and those that the windows name
+    admitted: list[Admitted] = field(default_factory=list)
 
-    def admit(self, window: Window, own_refusal: Rejection | None) -> tuple[int, Rejection | None]:
-        """Return the measurement of a window, and why the window will not be averaged, if so.
+    def admit(self, window: Window, own_refusal: Rejection | None) -> None:
+        """Put a window into its measurement; the first window of a measurement makes it.
 
         Parameters
         ----------
@@ -31,64 +38,52 @@ class Admission:
         own_refusal : Rejection or None
             What the gate says of the window on its own.
         """
-        measurement = self._measurement_of(window)
-        self._newest = max(self._newest or measurement.started_at, measurement.started_at)
-        refusal = self._misfit(window, measurement) or own_refusal
-        if refusal is None:
-            measurement.n_accepted += 1
-        return measurement.id, refusal
-
-    def close(self, complete_names: set[str]) -> list[int]:
-        """Close what is said to be complete, what has enough windows, and what a newer measurement has followed.
-
-        Returns
-        -------
-        list of int
-            The measurements that are to be judged, in time order; one that an interruption left is among them.
-        """
-        for row in self._unjudged:
-            if (
-                row.name in complete_names
-                or (self._newest is not None and row.started_at < self._newest)
-                or row.n_accepted >= self._configuration.windows_per_measurement
-            ):
-                row.status = measurements.COMPLETE
-        complete = [row for row in self._unjudged if row.status == measurements.COMPLETE]
-        return [row.id for row in sorted(complete, key=lambda row: (row.started_at, row.id))]
-
-    def _measurement_of(self, window: Window) -> MeasurementRow:
-        """Return the row of the window's measurement; the first window of a measurement makes it."""
-        row = self._by_name.get(window.measurement)
-        row = row or measurements.measurement_named(self._session, self._axis.id, window.measurement)
+        row = self.measurements.get(window.measurement)
         if row is None:
-            row = MeasurementRow(
-                axis_id=self._axis.id,
+            row = self.measurements[window.measurement] = MeasurementRow(
+                axis_id=self.axis_id,
                 name=window.measurement,
                 started_at=window.started_at,
-                position_mm=window.conditions.position * 1e3,
+                position_mm=to_millimetres(window.conditions.position),
                 set_preload_n=window.conditions.preload,
-                status=measurements.OPEN,
+                status=OPEN,
                 n_accepted=0,
             )
-            self._session.add(row)
-            self._session.flush()
-            self._unjudged.append(row)
-        elif row.status == measurements.OPEN:
+        refusal = self._misfit(window, row) or own_refusal
+        if row.status == OPEN:
             row.started_at = min(row.started_at, window.started_at)  # windows may arrive in any order
-        self._by_name[row.name] = row
-        return row
+            row.n_accepted += refusal is None
+        self.admitted.append(Admitted(window, row, refusal))
 
-    def _misfit(self, window: Window, measurement: MeasurementRow) -> Rejection | None:
-        if measurement.status != measurements.OPEN:
+    def complete(self, named: Iterable[str]) -> list[MeasurementRow]:
+        """Return what is to be judged, in time order.
+
+        That is what is said to be complete, what has enough windows, and what a newer measurement has followed.
+        """
+        newest = max((item.measurement.started_at for item in self.admitted), default=None)
+        complete = [
+            row
+            for row in self.measurements.values()
+            if row.status == OPEN
+            and (
+                row.name in named
+                or (newest is not None and row.started_at < newest)
+                or row.n_accepted >= self.configuration.windows_per_measurement
+            )
+        ]
+        return sorted(complete, key=lambda row: row.started_at)
+
+    def _misfit(self, window: Window, row: MeasurementRow) -> Rejection | None:
+        if row.status != OPEN:
             return Rejection(
                 RejectionReason.MEASUREMENT_CLOSED,
-                f"measurement '{measurement.name}' was {measurement.status} before this window arrived",
+                f"measurement '{row.name}' was {row.status} before this window arrived",
             )
-        position_mm, limit_mm = window.conditions.position * 1e3, self._configuration.position_span_limit_mm
-        if abs(position_mm - measurement.position_mm) > limit_mm:
+        position_mm, limit_mm = to_millimetres(window.conditions.position), self.configuration.position_span_limit_mm
+        if abs(position_mm - row.position_mm) > limit_mm:
             return Rejection(
                 RejectionReason.POSITION_MISMATCH,
                 f"windows of a measurement must lie within {limit_mm:g} mm of each other; got {position_mm:.1f} mm in "
-                f"'{measurement.name}' at {measurement.position_mm:.1f} mm",
+                f"'{row.name}' at {row.position_mm:.1f} mm",
             )
         return None

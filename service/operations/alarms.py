@@ -72,7 +72,7 @@ class Alarms:
             if row.status == alarms.CLEARED:
                 raise ConflictError(f"alarm {alarm_id} is cleared already")
             _change(session, row, alarms.CLEARED, comment)
-            axis = get_axis(session, axis_id, lock=True)
+            axis = get_axis(session, axis_id)
             axis.monitor_state = begin_new_baseline(axis.monitor_state)
         return self.get(alarm_id)
 

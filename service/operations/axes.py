@@ -2,6 +2,7 @@
 
 from monitor_core.trend import DetectorDesign
 from service.clock import now
+from service.operations.lanes import Lanes
 from service.operations.monitor_state import dump_design, load_design
 from service.operations.settings_of_axis import AxisConfiguration, detector_design, detector_settings
 from service.store import axes
@@ -12,8 +13,9 @@ from service.store.tables import AxisRow
 class Axes:
     """Register, change and list axes."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, lanes: Lanes) -> None:
         self._database = database
+        self._lanes = lanes
 
     def register(self, axis_id: str, name: str, configuration: AxisConfiguration) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
@@ -24,7 +26,7 @@ class Axes:
             If no limits of the charts give the wanted rate of false alarms.
         """
         design = self._detector_design(axis_id, configuration)
-        with self._database.write() as session:
+        with self._lanes.of(axis_id), self._database.write() as session:
             row = session.get(AxisRow, axis_id)
             created = row is None
             if row is None:

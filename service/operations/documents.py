@@ -12,6 +12,7 @@ from monitor_core.pipeline import AxisState, MeasurementOutcome
 from monitor_core.preload import Calibration, PreloadEstimate, preload_from_feature
 from monitor_core.preload.drag_torque import DragTorque
 from monitor_core.recording import Rejection
+from monitor_core.recordings.units import to_millimetres
 from service.store.tables import MeasurementRow
 
 
@@ -32,7 +33,7 @@ def modal_document(modal: ModalMeasurement) -> dict[str, Any]:
     """Lay out a measured mode; the keys are those of ``preload frf``."""
     mode = modal.mode
     return {
-        "position_mm": modal.conditions.position * 1e3,
+        "position_mm": to_millimetres(modal.conditions.position),
         "frequency_hz": mode.frequency.value,
         "frequency_standard_uncertainty_hz": mode.frequency.standard_uncertainty,
         "damping_ratio": mode.damping_ratio.value,

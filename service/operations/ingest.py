@@ -1,25 +1,27 @@
-"""Windows in: gated, on disk, committed, and judged when their measurement is complete."""
+"""Windows in: gated, judged when they complete a measurement, on disk and committed, then acknowledged."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from monitor_core.pipeline import AxisSettings, check_window
+from monitor_core.pipeline import MeasurementOutcome, check_window
 from monitor_core.preload import Calibration
-from monitor_core.recording import Rejection, Window
+from monitor_core.recording import Rejection, RejectionReason, Window
 from service.clock import now
-from service.errors import ConflictError
+from service.errors import ConflictError, WaveformDamagedError
 from service.observability import Metrics
 from service.operations.admission import Admission
-from service.operations.judge import Judge
+from service.operations.judge import Verdict, judge, record
 from service.operations.lanes import Lanes
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import measurements
+from service.store.archive import accepted_windows
 from service.store.axes import get_axis
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
+from service.store.tables import AxisRow, MeasurementRow
 from service.store.waveforms import WaveformFile, WaveformStore, content_sha256
 
 
@@ -51,139 +53,166 @@ class IngestReceipt:
 
 
 @dataclass(frozen=True, slots=True)
-class _NewWindows:
-    """Windows that are not stored yet, in time order, and what they are gated with."""
+class _Known:
+    """What is stored of an axis, as far as a request asks for it."""
 
-    windows: list[Window]
-    hashes: list[str]
-    settings: AxisSettings
+    axis: AxisRow
+    configuration: AxisConfiguration
     calibration: Calibration | None
+    contents: dict[datetime, str]  # of windows that started when posted ones did
+    measurements: dict[str, MeasurementRow]  # open ones, and those that the windows name
 
 
 class Ingest:
-    """Takes windows of an axis, one request after another."""
+    """Takes windows of an axis, one request after another.
 
-    def __init__(
-        self,
-        database: Database,
-        waveforms: WaveformStore,
-        in_force: CalibrationsInForce,
-        judge: Judge,
-        lanes: Lanes,
-        metrics: Metrics,
-    ) -> None:
+    A request is read, computed and written, in this order, and written in one transaction: the database is locked for
+    no longer than that takes, and there is nothing half done to be made up for after a crash. Whoever changes the axis
+    in between (another process) makes the writing fail, and the request is sent again.
+    """
+
+    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes, metrics: Metrics) -> None:
         self._database = database
         self._waveforms = waveforms
-        self._in_force = in_force
-        self._judge = judge
+        self._in_force = CalibrationsInForce()
         self._lanes = lanes
         self._metrics = metrics
 
     def ingest(self, axis_id: str, windows: Sequence[Window], *, complete: bool) -> IngestReceipt:
-        """Store windows durably and judge the measurements that they complete.
+        """Store windows durably, and judge the measurements that they complete.
 
         Raises
         ------
         ConflictError
-            If another window is stored (or posted) with the same start; then nothing of the request is stored.
+            If another window is stored (or posted) with the same start.
         StorageError, BusyError
-            If disk or database did not take it; then nothing of the request is stored, and it may be sent again.
+            If disk or database did not take it; it may be sent again.
+
+        Notes
+        -----
+        Whatever is raised, nothing of the request is stored.
         """
-        hashes = [content_sha256(window) for window in windows]
-        complete_names = {window.measurement for window in windows} if complete else set()
+        posted = [(window, content_sha256(window)) for window in windows]
+        names = {window.measurement for window in windows}
         with self._lanes.of(axis_id):
-            new = self._new_windows(axis_id, windows, hashes)
-            refusals, waiting = self._store(axis_id, new, complete_names)
-            judged = self._judge.judge(axis_id, waiting, {window.started_at: window for window in new.windows})
-        receipts = tuple(_receipts(windows, refusals))
-        for receipt in receipts:
-            self._metrics.windows.labels(receipt.reason or str(receipt.status)).inc()
-        return IngestReceipt(receipts, tuple(judged))
+            known = self._read(axis_id, windows, names)
+            new = _new_windows(axis_id, posted, known.contents)
+            admission, verdicts = self._take(known, new, names if complete else set())
+        receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
+        self._count(receipts, verdicts)
+        return IngestReceipt(receipts, tuple(verdict.document for verdict in verdicts))
 
-    def finish_interrupted(self) -> None:
-        """Judge what was stored but not judged when the service last stopped."""
-        with self._database.read() as session:
-            waiting = measurements.complete_measurements(session)
-        for axis_id, measurement_ids in waiting.items():
-            with self._lanes.of(axis_id):
-                self._judge.judge(axis_id, measurement_ids, {})
-
-    def _new_windows(self, axis_id: str, windows: Sequence[Window], hashes: Sequence[str]) -> _NewWindows:
+    def _read(self, axis_id: str, windows: Sequence[Window], names: Iterable[str]) -> _Known:
         with self._database.read() as session:
             axis = get_axis(session, axis_id)
-            calibration = self._in_force.of(session, axis)
-            known = measurements.contents_at(session, axis_id, [window.started_at for window in windows])
-        new = []
-        for window, content in zip(windows, hashes, strict=True):
-            if window.started_at not in known:
-                known[window.started_at] = content
-                new.append((window, content))
-            elif known[window.started_at] != content:
-                raise ConflictError(
-                    f"axis '{axis_id}' has another window that started at {window.started_at.isoformat()}; "
-                    "a window is never replaced, and nothing of this request was stored"
-                )
-        new.sort(key=lambda item: item[0].started_at)
-        settings = core_settings(AxisConfiguration.model_validate(axis.configuration))
-        return _NewWindows([window for window, _ in new], [content for _, content in new], settings, calibration)
+            return _Known(
+                axis,
+                AxisConfiguration.model_validate(axis.configuration),
+                self._in_force.of(session, axis),
+                measurements.contents_at(session, axis_id, [window.started_at for window in windows]),
+                {row.name: row for row in measurements.open_or_named(session, axis_id, names)},
+            )
 
-    def _store(
-        self, axis_id: str, new: _NewWindows, complete_names: set[str]
-    ) -> tuple[dict[datetime, Rejection | None], list[int]]:
-        """Write the waveforms, then the rows in one transaction.
-
-        Returns
-        -------
-        dict of datetime to Rejection or None
-            What came of each new window, by its start.
-        list of int
-            The measurements that are to be judged now.
-        """
+    def _take(
+        self, known: _Known, new: Sequence[tuple[Window, str]], complete_names: set[str]
+    ) -> tuple[Admission, list[Verdict]]:
+        """Write the waveforms, gate and judge meanwhile, then commit all of it."""
         received_at = now()
-        file, gated = self._write_and_gate(axis_id, new, received_at) if new.windows else (None, [])
+        writing = (
+            self._waveforms.begin_write(known.axis.id, [window for window, _ in new], received_at) if new else None
+        )
         committing = False
         try:
+            admission = self._admit(known, [window for window, _ in new])
+            judged = [(row, self._judge(row, known, admission)) for row in admission.complete(complete_names)]
+            if not new and not judged:
+                return admission, []
+            file = None if writing is None else writing.result()
             with self._database.write() as session:
-                admission = Admission(session, get_axis(session, axis_id, lock=True))
-                refusals, rows = {}, []
-                for index, (window, own_refusal) in enumerate(zip(new.windows, gated, strict=True)):
-                    measurement_id, refusal = admission.admit(window, own_refusal)
-                    refusals[window.started_at] = refusal
-                    rows.append(
-                        {
-                            "axis_id": axis_id,
-                            "measurement_id": measurement_id,
-                            "started_at": window.started_at,
-                            "received_at": received_at,
-                            "content_sha256": new.hashes[index],
-                            "index_in_file": index,
-                            "refusal_reason": None if refusal is None else str(refusal.reason),
-                            "refusal_detail": None if refusal is None else refusal.detail[:500],
-                        }
-                    )
+                session.add(known.axis)
+                session.add_all(known.measurements.values())
+                known.axis.last_received_at = received_at
+                session.flush()
                 if file is not None:
-                    measurements.add_windows(session, rows, file)
-                waiting = admission.close(complete_names)
+                    hashes = [content for _, content in new]
+                    measurements.add_windows(session, _window_rows(admission, hashes, file, received_at))
+                verdicts = [record(session, known.axis, row, outcome, known.calibration) for row, outcome in judged]
                 session.flush()
                 committing = True
         except BaseException:
             # A commit that failed may yet have happened (a lost connection): then the rows need their file.
-            if file is not None and not committing:
-                self._waveforms.delete(file)
+            if writing is not None and not committing:
+                self._waveforms.discard(writing)
             raise
-        return refusals, waiting
+        return admission, verdicts
 
-    def _write_and_gate(
-        self, axis_id: str, new: _NewWindows, received_at: datetime
-    ) -> tuple[WaveformFile, list[Rejection | None]]:
-        """Gate the windows while they are written; if that is not possible, no file stays."""
-        writing = self._waveforms.begin_write(axis_id, new.windows, received_at)
-        try:
-            gated = [check_window(window, new.settings, new.calibration) for window in new.windows]
-        except BaseException:
-            self._waveforms.delete(writing.result())
-            raise
-        return writing.result(), [quality if isinstance(quality, Rejection) else None for quality in gated]
+    def _admit(self, known: _Known, windows: Sequence[Window]) -> Admission:
+        settings = core_settings(known.configuration)
+        admission = Admission(known.axis.id, known.configuration, known.measurements)
+        for window in windows:
+            quality = check_window(window, settings, known.calibration)
+            admission.admit(window, quality if isinstance(quality, Rejection) else None)
+        return admission
+
+    def _judge(self, row: MeasurementRow, known: _Known, admission: Admission) -> MeasurementOutcome:
+        with self._metrics.judging.time():
+            return judge(self._accepted(row, admission), known.configuration, known.calibration)
+
+    def _accepted(self, row: MeasurementRow, admission: Admission) -> list[Window] | Rejection:
+        """Return the accepted windows of a measurement, those of this request and those on disk, in time order."""
+        windows = [item.window for item in admission.admitted if item.measurement is row and item.refusal is None]
+        if len(windows) < row.n_accepted:
+            try:
+                with self._database.read() as session:
+                    windows += accepted_windows(session, self._waveforms, row.id)
+            except WaveformDamagedError as error:
+                return Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
+        return sorted(windows, key=lambda window: window.started_at)
+
+    def _count(self, receipts: Iterable[WindowReceipt], verdicts: Iterable[Verdict]) -> None:
+        for receipt in receipts:
+            self._metrics.windows.labels(receipt.reason or str(receipt.status)).inc()
+        for verdict in verdicts:
+            self._metrics.measurements.labels(verdict.outcome).inc()
+            if verdict.alarm is not None:
+                self._metrics.alarms.labels(verdict.alarm).inc()
+
+
+def _new_windows(
+    axis_id: str, posted: Iterable[tuple[Window, str]], contents: Mapping[datetime, str]
+) -> list[tuple[Window, str]]:
+    """Return the windows that are not stored yet, with their hashes, in time order."""
+    known, new = dict(contents), []
+    for window, content in posted:
+        if window.started_at not in known:
+            known[window.started_at] = content
+            new.append((window, content))
+        elif known[window.started_at] != content:
+            raise ConflictError(
+                f"axis '{axis_id}' has another window that started at {window.started_at.isoformat()}; "
+                "a window is never replaced, and nothing of this request was stored"
+            )
+    return sorted(new, key=lambda item: item[0].started_at)
+
+
+def _window_rows(
+    admission: Admission, hashes: Sequence[str], file: WaveformFile, received_at: datetime
+) -> list[dict[str, Any]]:
+    return [
+        {
+            "axis_id": admission.axis_id,
+            "measurement_id": item.measurement.id,
+            "started_at": item.window.started_at,
+            "received_at": received_at,
+            "content_sha256": content,
+            "file_path": file.path,
+            "file_sha256": file.sha256,
+            "index_in_file": index,
+            "refusal_reason": None if item.refusal is None else str(item.refusal.reason),
+            "refusal_detail": None if item.refusal is None else item.refusal.detail[:500],
+        }
+        for index, (item, content) in enumerate(zip(admission.admitted, hashes, strict=True))
+    ]
 
 
 def _receipts(windows: Sequence[Window], refusals: Mapping[datetime, Rejection | None]) -> Iterator[WindowReceipt]:

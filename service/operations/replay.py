@@ -1,10 +1,10 @@
 """Replay of recorded sessions: the windows of a file through the same ingest as live ones."""
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from monitor_core.recordings.session_hdf5 import open_session
 from service.errors import UnknownResourceError
@@ -52,21 +52,27 @@ class Replays:
             known = ", ".join(self.sessions()) or "none"
             raise UnknownResourceError(f"no recorded session '{session}' in the replay folder; there are: {known}")
 
-    def run(self, job: JobHandle) -> dict[str, Any]:
-        """Replay one session; windows that are stored already are passed over."""
+    def run(self, job: JobHandle) -> None:
+        """Replay one session from where the job was interrupted; windows that are stored already are passed over."""
         pace = Pace(job.arguments["speed"], job.sleep)
-        counts = dict.fromkeys(WindowStatus, 0)
+        counts = job.result or {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
         with open_session(self._folder / (job.arguments["session"] + SUFFIX)) as session:
-            total, done = len(session.measurement_of), 0
+            sizes = Counter(session.measurement_of.values())
+            total, done = sum(sizes.values()), 0
+            job.report(job.done, total, counts)
             for measurement in session.measurements:
-                windows = list(session.windows_of(measurement))
+                done += sizes[measurement]
+                if done <= job.done:
+                    continue
+                windows = session.windows_of(measurement)
                 pace.wait_for(windows[0].started_at)
-                for item in self._ingest.ingest(job.axis_id, windows, complete=True).windows:
-                    counts[item.status] += 1
-                done += len(windows)
-                job.report(done, total)
-        return {
-            "windows_posted": counts[WindowStatus.ACCEPTED] + counts[WindowStatus.REFUSED],
-            "windows_refused": counts[WindowStatus.REFUSED],
-            "windows_already_there": counts[WindowStatus.ALREADY_THERE],
-        }
+                receipt = self._ingest.ingest(job.axis_id, windows, complete=True)
+                statuses = Counter(item.status for item in receipt.windows)
+                counts = {
+                    "windows_posted": counts["windows_posted"]
+                    + statuses[WindowStatus.ACCEPTED]
+                    + statuses[WindowStatus.REFUSED],
+                    "windows_refused": counts["windows_refused"] + statuses[WindowStatus.REFUSED],
+                    "windows_already_there": counts["windows_already_there"] + statuses[WindowStatus.ALREADY_THERE],
+                }
+                job.report(done, total, counts)

@@ -8,6 +8,7 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, model_va
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
 from monitor_core.quality import QualityGate
+from monitor_core.recordings.units import metres
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
 
@@ -57,7 +58,7 @@ def core_settings(configuration: AxisConfiguration) -> AxisSettings:
     return AxisSettings(
         search_band=configuration.search_band_hz,
         quality=QualityGate(
-            sample_rate=configuration.sample_rate_hz, position_span_limit=configuration.position_span_limit_mm * 1e-3
+            sample_rate=configuration.sample_rate_hz, position_span_limit=metres(configuration.position_span_limit_mm)
         ),
         mode=ModeGate(minimum_averages=configuration.minimum_averages),
         moving_mass=None if mass is None else Estimate(mass, configuration.moving_mass_standard_uncertainty_kg),

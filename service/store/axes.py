@@ -7,12 +7,9 @@ from service.errors import UnknownResourceError
 from service.store.tables import AxisRow
 
 
-def get_axis(session: Session, axis_id: str, *, lock: bool = False) -> AxisRow:
-    """Return an axis or say that there is none of that name.
-
-    With ``lock`` other processes wait until the transaction ends (SQLite has one writer at a time anyway).
-    """
-    row = session.get(AxisRow, axis_id, with_for_update=lock)
+def get_axis(session: Session, axis_id: str) -> AxisRow:
+    """Return an axis or say that there is none of that name."""
+    row = session.get(AxisRow, axis_id)
     if row is None:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
     return row

@@ -12,6 +12,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
+from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import BusyError, StorageError
 
@@ -69,8 +70,8 @@ def _translated() -> Iterator[None]:
     """Turn the driver's errors into those of the service."""
     try:
         yield
-    except IntegrityError as error:
-        raise BusyError("another process stored the same thing at this moment; send the request again") from error
+    except (IntegrityError, StaleDataError) as error:
+        raise BusyError("another process changed the same thing at this moment; send the request again") from error
     except PoolTimeoutError as error:
         raise BusyError("every database connection is taken; send the request again") from error
     except DBAPIError as error:

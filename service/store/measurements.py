@@ -11,8 +11,8 @@ from service.errors import UnknownResourceError
 from service.store.tables import MeasurementRow, WindowRow
 from service.store.waveforms import WaveformFile
 
-#: Life of a measurement: windows arrive → no more are awaited → looked at.
-OPEN, COMPLETE, JUDGED, REFUSED = "open", "complete", "judged", "refused"
+#: Life of a measurement: windows arrive → looked at.
+OPEN, JUDGED, REFUSED = "open", "judged", "refused"
 
 
 def contents_at(session: Session, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, str]:
@@ -23,16 +23,17 @@ def contents_at(session: Session, axis_id: str, moments: Iterable[datetime]) -> 
     return {row.started_at: row.content_sha256 for row in session.execute(query)}
 
 
-def add_windows(session: Session, rows: list[dict[str, Any]], file: WaveformFile) -> None:
-    """Store windows of one file, given by the names of their columns."""
-    session.execute(insert(WindowRow), [row | {"file_path": file.path, "file_sha256": file.sha256} for row in rows])
+def add_windows(session: Session, rows: list[dict[str, Any]]) -> None:
+    """Store windows, given by the names of their columns."""
+    session.execute(insert(WindowRow), rows)
 
 
-def measurement_named(session: Session, axis_id: str, name: str) -> MeasurementRow | None:
-    """Return the measurement of an axis with this name, if there is one."""
-    return session.scalars(
-        select(MeasurementRow).where(MeasurementRow.axis_id == axis_id, MeasurementRow.name == name)
-    ).one_or_none()
+def open_or_named(session: Session, axis_id: str, names: Iterable[str]) -> list[MeasurementRow]:
+    """Return the open measurements of an axis, and those of these names in whatever status."""
+    query = select(MeasurementRow).where(
+        MeasurementRow.axis_id == axis_id, or_(MeasurementRow.status == OPEN, MeasurementRow.name.in_(list(names)))
+    )
+    return list(session.scalars(query))
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:
@@ -43,44 +44,20 @@ def get_measurement(session: Session, axis_id: str, measurement_id: int) -> Meas
     return row
 
 
-def unjudged_measurements(session: Session, axis_id: str) -> list[MeasurementRow]:
-    """Return the open and the complete measurements of an axis, in time order."""
-    return list(
-        session.scalars(
-            select(MeasurementRow)
-            .where(MeasurementRow.axis_id == axis_id, MeasurementRow.status.in_((OPEN, COMPLETE)))
-            .order_by(MeasurementRow.started_at, MeasurementRow.id)
-        )
-    )
-
-
-def complete_measurements(session: Session) -> dict[str, list[int]]:
-    """Return by axis, in time order, what was left to be judged when the service last stopped."""
-    query = (
-        select(MeasurementRow.axis_id, MeasurementRow.id)
-        .where(MeasurementRow.status == COMPLETE)
-        .order_by(MeasurementRow.started_at, MeasurementRow.id)
-    )
-    waiting: dict[str, list[int]] = {}
-    for axis_id, measurement_id in session.execute(query):
-        waiting.setdefault(axis_id, []).append(measurement_id)
-    return waiting
-
-
 def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
     """Return the windows of a measurement, in time order."""
     query = select(WindowRow).where(WindowRow.measurement_id == measurement_id)
     return list(session.scalars(query.order_by(WindowRow.started_at)))
 
 
-def accepted_places(session: Session, measurement_id: int) -> list[tuple[datetime, WaveformFile, int]]:
-    """Tell where the accepted windows of a measurement lie: start, file, index in the file; in time order."""
+def accepted_places(session: Session, measurement_id: int) -> list[tuple[WaveformFile, int]]:
+    """Tell where the accepted windows of a measurement lie: file and index in it; in time order."""
     query = (
-        select(WindowRow.started_at, WindowRow.file_path, WindowRow.file_sha256, WindowRow.index_in_file)
+        select(WindowRow.file_path, WindowRow.file_sha256, WindowRow.index_in_file)
         .where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
         .order_by(WindowRow.started_at)
     )
-    return [(at, WaveformFile(path, sha256), index) for at, path, sha256, index in session.execute(query)]
+    return [(WaveformFile(path, sha256), index) for path, sha256, index in session.execute(query)]
 
 
 def refused_windows(session: Session, axis_id: str) -> dict[str, int]:

@@ -59,6 +59,11 @@ class AxisRow(Base):
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
     detector_design: Mapped[dict[str, Any]]  # limits of the charts, as solved for the configuration
     monitor_state: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # of the charts, after the last measurement
+    last_received_at: Mapped[datetime | None]  # when windows last came
+    revision: Mapped[int]
+
+    # A writer that read the row before another one changed it is refused: its windows were judged by what is no more.
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - SQLAlchemy's own hook
 
 
 class CalibrationRow(Base):
@@ -100,7 +105,7 @@ class MeasurementRow(Base):
     started_at: Mapped[datetime]
     position_mm: Mapped[float]
     set_preload_n: Mapped[float | None]  # only where it was set on purpose, as in a calibration
-    status: Mapped[str] = mapped_column(String(16))  # open | complete | judged | refused
+    status: Mapped[str] = mapped_column(String(16))  # open | judged | refused
     n_accepted: Mapped[int]  # windows that are averaged
     judged_at: Mapped[datetime | None]
     calibration_id: Mapped[int | None] = mapped_column(ForeignKey("calibrations.id"))

@@ -120,9 +120,10 @@ class WaveformStore:
             raise WaveformDamagedError(f"the waveform file {file.path} does not have the checksum it was stored with")
         return [_unpack(item) for item in msgpack.unpackb(zstandard.ZstdDecompressor().decompress(compressed))]
 
-    def delete(self, file: WaveformFile) -> None:
-        """Remove a file whose rows were never committed."""
-        (self._root / file.path).unlink(missing_ok=True)
+    def discard(self, writing: Future[WaveformFile]) -> None:
+        """Remove the file of a :meth:`begin_write` whose rows were never committed."""
+        if writing.exception() is None:
+            (self._root / writing.result().path).unlink(missing_ok=True)
 
 
 def _metadata(window: Window) -> dict[str, Any]:

@@ -56,6 +56,10 @@ def with_noise(rng, spectra, snr_db, half_width):
     shape = spectra.response.shape
     noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
     noisy = BandSpectra(
-        spectra.frequency, spectra.excitation, spectra.response + deviation * noise, spectra.n_samples, spectra.sample_rate
+        spectra.frequency,
+        spectra.excitation,
+        spectra.response + deviation * noise,
+        spectra.n_samples,
+        spectra.sample_rate,
     )
     return noisy, np.sqrt(2.0) * deviation

@@ -49,7 +49,7 @@ def calibrated(positions: tuple[float, ...], *, moving_mass: Estimate | None, te
         excitation_quantity=ExcitationQuantity.TORQUE if temperature else None,
         moving_mass=moving_mass,
         phase_reference=PhaseReference(-1, 2e-4) if temperature else None,
-        minimum_band_excitation=0.013 if temperature else None,
+        excitation_level=0.013 if temperature else None,
     )
 
 

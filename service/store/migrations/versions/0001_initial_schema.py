@@ -22,6 +22,8 @@ def upgrade() -> None:
         sa.Column("active_calibration_id", identity, nullable=True),
         sa.Column("detector_design", sa.JSON(), nullable=False),
         sa.Column("monitor_state", sa.JSON(), nullable=True),
+        sa.Column("last_received_at", sa.DateTime(), nullable=True),
+        sa.Column("revision", sa.Integer(), nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_axes")),
     )
     op.create_table(

@@ -1,0 +1,29 @@
+"""A natural frequency that really falls: the circuit board of ``pcb_shock``, watched by the detector as it is."""
+
+from datetime import timedelta
+from pathlib import Path
+
+from monitor_core.trend import (
+    DetectorSettings,
+    DetectorState,
+    LossDirection,
+    Observation,
+    TrendStatus,
+    design_detector,
+    step,
+)
+from tests.authorities.real_records import BASELINE_SHOCKS, START, shock_frequency_track
+
+
+def test_the_fall_is_alarmed_between_shock_13_and_17(measured_data: Path) -> None:
+    # others found 14 to 16 with EWMA and CUSUM on the same baseline of eight shocks and a plainer estimator
+    track = shock_frequency_track(measured_data)
+    design = design_detector(DetectorSettings(baseline_size=BASELINE_SHOCKS, loss=LossDirection.FALL))
+    state, alarmed_at = DetectorState(), None
+    for shock, frequency in zip(track.shock, track.frequency, strict=True):
+        state = step(state, Observation(START + timedelta(days=shock), frequency), design)
+        if alarmed_at is None and state.status is TrendStatus.ALARM:
+            alarmed_at = shock
+    assert alarmed_at is not None
+    assert 13 <= alarmed_at <= 17
+    assert state.status is TrendStatus.ALARM

@@ -1,0 +1,227 @@
+"""The documentation is a test: what it names exists, what it lists is complete, its examples give what they show."""
+
+import ast
+import doctest
+import importlib
+import inspect
+import os
+import pkgutil
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import monitor_core
+from monitor_core.recording import RejectionReason
+from monitor_core.trend import TrendStatus
+from service.api.problems import TYPE_PREFIX
+from service.app import create_app
+from service.cli.embedded import embedded_service
+from service.errors import STATUS_OF_ERROR
+from service.observability import Metrics
+from service.operations.settings_of_axis import AxisConfiguration
+from service.settings import Settings
+from tests.conftest import PROJECT_ROOT
+
+DOCS = PROJECT_ROOT / "docs"
+PAGES = [PROJECT_ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+MODULES = sorted(info.name for info in pkgutil.walk_packages(monitor_core.__path__, "monitor_core."))
+PACKAGES = [name for name in MODULES if hasattr(importlib.import_module(name), "__all__")]
+CODE_SPAN = re.compile(r"`([^`\n]+)`")
+
+
+def text_of(page: str) -> str:
+    return (DOCS / page).read_text(encoding="utf-8")
+
+
+def without_blocks(text: str) -> str:
+    return re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def code_spans(text: str) -> set[str]:
+    return set(CODE_SPAN.findall(without_blocks(text)))
+
+
+def first_cells(text: str) -> set[str]:
+    """Return the code spans in the first column of all tables."""
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    return {span for row in rows for span in CODE_SPAN.findall(row.split(" | ")[0])}
+
+
+# --- what is named exists --------------------------------------------------------------------------------------------
+
+
+@cache
+def names_of_tests(path: Path) -> set[str]:
+    return {node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)}
+
+
+def named_tests() -> list[tuple[str, str, str]]:
+    """Return page, file and name of each test that the two pages name."""
+    named = []
+    default = re.search(r"Tests are in `tests/(\S+)` unless another file is named", text_of("errata.md"))
+    assert default is not None
+    for page in ("equations.md", "errata.md"):
+        for span in sorted(code_spans(text_of(page))):
+            file, separator, name = span.rpartition("::")
+            if separator:
+                named.append((page, file.removeprefix("tests/"), name))
+            elif span.startswith("test_") and not span.endswith(".py"):
+                assert page == "errata.md", f"{page} names {span} without its file"
+                named.append((page, default[1], span))
+    return named
+
+
+@pytest.mark.parametrize(("page", "file", "name"), named_tests())
+def test_every_test_that_is_named_exists(page, file, name):
+    assert name in names_of_tests(PROJECT_ROOT / "tests" / file), f"{page} names it"
+
+
+def exists(dotted: str) -> bool:
+    """Tell whether monitor_core has a module.function of this name, or a module.class.member."""
+    parts = dotted.split(".")
+    for n in range(len(parts) - 1, 0, -1):
+        name = ".".join(["monitor_core", *parts[:n]])
+        if name in MODULES:
+            found = importlib.import_module(name)
+            for part in parts[n:]:
+                found = getattr(found, part, None)
+            return found is not None
+    return False
+
+
+def named_functions() -> list[str]:
+    heads = {name.split(".")[1] for name in MODULES}
+    spans = code_spans(text_of("equations.md")) | code_spans(text_of("errata.md"))
+    return sorted(s for s in spans if re.fullmatch(r"\w+(\.\w+)+", s) and s.split(".")[0] in heads)
+
+
+@pytest.mark.parametrize("dotted", named_functions())
+def test_every_function_that_is_named_exists(dotted):
+    assert exists(dotted)
+
+
+def test_equations_name_functions_of_every_package_that_computes():
+    computing = {"quality", "spectral", "modal", "preload", "trend"}
+    assert {name.split(".")[0] for name in named_functions()} >= computing
+    assert not exists("preload.feature.no_such_function")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_paths_lead_somewhere(page):
+    text = without_blocks(page.read_text(encoding="utf-8"))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in target:
+            continue
+        file, _, anchor = target.partition("#")
+        linked = page.parent / file if file else page
+        assert linked.exists(), f"{page.name} links to {target}"
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), flags=re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}, target
+    for span in code_spans(text):
+        if re.match(r"(docs|monitor_core|service|tests|replay_data|benchmarks)/", span):
+            assert any(PROJECT_ROOT.glob(span.partition("::")[0])), f"{page.name} names {span}"
+
+
+# --- docstrings ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of_docstrings_give_what_they_show(name):
+    outcome = doctest.testmod(importlib.import_module(name))
+    assert outcome.failed == 0
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_every_public_name_says_what_it_is(name):
+    package = importlib.import_module(name)
+    for public in package.__all__:
+        item = getattr(package, public)
+        if inspect.isclass(item) or inspect.isfunction(item):
+            # a dataclass without a docstring gets its own signature for one
+            assert not (item.__doc__ or f"{public}(").startswith(f"{public}("), f"{name}.{public}"
+
+
+# --- what is listed is complete --------------------------------------------------------------------------------------
+
+
+def shown_default(value: object) -> str:
+    if value is None:
+        return "unset"
+    if isinstance(value, Path) and value.is_absolute():
+        value = value.relative_to(PROJECT_ROOT)
+    return f"`{value}`"
+
+
+@pytest.mark.parametrize("name", Settings.model_fields)
+def test_every_setting_is_listed_with_its_default(name):
+    default = shown_default(Settings.model_fields[name].default)
+    assert f"| `PRELOAD_{name.upper()}` | {default} | " in text_of("operations.md")
+
+
+@pytest.mark.parametrize("name", AxisConfiguration.model_fields)
+def test_every_item_of_an_axis_configuration_is_listed_with_its_default(name):
+    assert f"| `{name}` | {shown_default(AxisConfiguration.model_fields[name].default)} | " in text_of("operations.md")
+
+
+@pytest.mark.parametrize("name", [*RejectionReason, *TrendStatus])
+def test_every_reason_and_every_state_has_a_row(name):
+    assert name in first_cells(text_of("operations.md"))
+
+
+def test_every_metric_is_listed():
+    families = {metric.name: metric.type for metric in Metrics().registry.collect()}
+    names = {name + ("_total" if kind == "counter" else "") for name, kind in families.items()}
+    assert names <= first_cells(text_of("operations.md"))
+
+
+def test_every_problem_and_every_route_is_listed():
+    listed = first_cells(text_of("api.md"))
+    assert {name for _, _, name in STATUS_OF_ERROR} <= listed
+    for path, methods in create_app(Settings()).openapi()["paths"].items():
+        for method in methods:
+            assert f"{method.upper()} {path}" in listed
+
+
+# --- the guided tour -------------------------------------------------------------------------------------------------
+
+
+def examples_of_the_tour() -> Iterator[tuple[str, str]]:
+    """Yield each shell command of the tour with what it is said to answer."""
+    for block in re.findall(r"^```console\n(.*?)^```", text_of("api.md"), flags=re.MULTILINE | re.DOTALL):
+        for example in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
+            lines = example.splitlines(keepends=True)
+            n_command = next((i for i, line in enumerate(lines) if i and not line.startswith("    ")), len(lines))
+            yield "".join(lines[:n_command]), re.sub(r"\n {4}", "", "".join(lines[n_command:]))
+
+
+@pytest.mark.slow
+def test_the_tour_answers_what_it_shows(tmp_path):
+    if shutil.which("curl") is None:
+        pytest.skip("the tour is told with curl, which is not installed")
+    script = re.search(r"^```python\n(.*?)^```", text_of("api.md"), flags=re.MULTILINE | re.DOTALL)
+    assert script is not None
+    (tmp_path / "encodings.py").write_text(script[1], encoding="utf-8")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    with embedded_service(Settings(data_dir=tmp_path / "var", port=0)) as url:
+        environment = os.environ | {"URL": url, "PATH": path, "NO_PROXY": "127.0.0.1"}
+        for command, expected in examples_of_the_tour():
+            answer = subprocess.run(
+                ["bash", "-c", command],
+                cwd=tmp_path,
+                env=environment,
+                capture_output=True,
+                text=True,
+                timeout=60,
+                check=False,
+            )
+            assert answer.returncode == 0, f"{command}{answer.stderr}"
+            got = answer.stdout if answer.stdout.endswith("\n") or not answer.stdout else answer.stdout + "\n"
+            assert doctest.OutputChecker().check_output(expected, got, doctest.ELLIPSIS), f"{command}{got}"
+    assert TYPE_PREFIX in text_of("api.md")

@@ -1,0 +1,102 @@
+"""What the pipeline adds to its parts: which band, which level, and what is kept out of the charts."""
+
+from dataclasses import replace
+from datetime import timedelta
+
+import numpy as np
+import pytest
+
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import (
+    AxisSettings,
+    AxisState,
+    advance,
+    calibrate_from_measurements,
+    check_window,
+    judge_measurement,
+)
+from monitor_core.preload import Calibration, PreloadEstimate
+from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recordings import read_session
+from monitor_core.trend import DetectorSettings, LossDirection, TrendStatus, design_detector
+from tests.conftest import PROJECT_ROOT
+
+SETTINGS = AxisSettings(search_band=(140.0, 230.0))
+
+
+@pytest.fixture(scope="module")
+def measurements() -> list[tuple[Window, ...]]:
+    session = read_session(PROJECT_ROOT / "replay_data" / "calibration.session.h5")
+    return [session.windows_of(name) for name in session.measurements[:30]]
+
+
+@pytest.fixture(scope="module")
+def calibration(measurements: list[tuple[Window, ...]]) -> Calibration:
+    modes = [judge_measurement(windows, SETTINGS, None).modal for windows in measurements]
+    return calibrate_from_measurements([m for m in modes if isinstance(m, ModalMeasurement)], settings=SETTINGS)
+
+
+def refusal_of(window: Window, calibration: Calibration | None) -> RejectionReason | None:
+    outcome = check_window(window, SETTINGS, calibration)
+    return outcome.reason if isinstance(outcome, Rejection) else None
+
+
+def test_a_standstill_is_refused_for_little_excitation(measurements, calibration) -> None:
+    window = measurements[0][0]
+    quiet = np.random.default_rng(1).normal(0.0, 1e-3, window.n_samples)
+    assert refusal_of(window, calibration) is None
+    assert refusal_of(replace(window, excitation=quiet), calibration) is RejectionReason.LITTLE_EXCITATION
+
+
+def test_every_window_of_the_calibration_has_the_level_it_asks_for(measurements, calibration) -> None:
+    assert {refusal_of(window, calibration) for windows in measurements for window in windows} == {None}
+
+
+def test_a_rate_too_low_for_the_band_is_refused_by_name(measurements) -> None:
+    slow = replace(measurements[0][0], sample_rate=400.0)
+    assert refusal_of(slow, None) is RejectionReason.SAMPLE_RATE_MISMATCH
+
+
+def test_another_payload_needs_its_moving_mass(measurements, calibration) -> None:
+    loaded = [replace(w, conditions=replace(w.conditions, payload_mass=5.0)) for w in measurements[20]]
+    outcome = judge_measurement(loaded, SETTINGS, calibration)
+    # all 30 readings were taken with an empty table, so the calibration knows no moving mass
+    assert outcome.refusal is not None
+    assert outcome.refusal.reason in (RejectionReason.OUTSIDE_CALIBRATION, RejectionReason.NO_PEAK_IN_BAND)
+
+
+def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibration) -> None:
+    design = design_detector(DetectorSettings(loss=LossDirection.RISE))
+    outcome = judge_measurement(measurements[0], SETTINGS, calibration)
+    assert isinstance(outcome.preload, PreloadEstimate)
+    at = measurements[0][0].started_at
+    assert advance(AxisState(), outcome, at, calibration=calibration, design=design) == AxisState()
+
+
+def test_systematic_dead_zone_opens_away_from_the_baseline_only(measurements, calibration) -> None:
+    """At the place of its baseline a measurement has no dead zone; at another one the calibration's own doubt counts."""
+    design = design_detector(DetectorSettings(baseline_size=5, loss=LossDirection.RISE))
+    state, at = AxisState(), measurements[0][0].started_at
+
+    def of(windows):
+        free = [replace(w, conditions=replace(w.conditions, preload=None)) for w in windows]
+        return judge_measurement(free, SETTINGS, calibration)
+
+    same_place = of(measurements[18])  # 150 mm, 300 N
+    for day in range(5):
+        wobble = replace(
+            same_place,
+            preload=replace(
+                same_place.preload,
+                feature=replace(same_place.preload.feature, value=same_place.preload.feature.value * (1 + 1e-3 * day)),
+            ),
+        )
+        state = advance(state, wobble, at + timedelta(days=day), calibration=calibration, design=design)
+    assert state.detector.baseline is not None
+    assert [c.position for c in state.baseline_conditions] == [same_place.modal.conditions.position] * 5
+    weaker = of(measurements[12])  # 150 mm, 200 N
+    after = advance(state, weaker, at + timedelta(days=9), calibration=calibration, design=design)
+    elsewhere = of(measurements[17])  # 850 mm, 200 N
+    away = advance(state, elsewhere, at + timedelta(days=9), calibration=calibration, design=design)
+    assert after.detector.residual > away.detector.residual > 0.0
+    assert after.detector.status in (TrendStatus.NORMAL, TrendStatus.ALERT)

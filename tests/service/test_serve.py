@@ -1,0 +1,73 @@
+"""``preload serve`` as a process: how it starts, what it says when it cannot, how it stops."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+import httpx
+import numpy as np
+
+from monitor_core.recording import Session
+from monitor_core.recordings.session_hdf5 import write_session
+from tests.service.conftest import START, ServerProcess, free_port, simulated_measurement
+
+
+def run_serve(*words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run ``preload serve`` where it is expected to end by itself."""
+    command = [sys.executable, "-m", "service.cli.main", "serve", *words]
+    return subprocess.run(
+        command, check=False, capture_output=True, text=True, timeout=60, env=os.environ | environment
+    )
+
+
+def test_port_in_use_is_one_line(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = run_serve("--port", str(port), "--data-dir", tmp_path / "var")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr == f"preload: cannot listen on 127.0.0.1 port {port}: Address already in use\n"
+    assert not (tmp_path / "var").exists()
+
+
+def test_database_that_is_not_there_ends_the_start(tmp_path: Path) -> None:
+    url = f"postgresql+psycopg://user:secret@127.0.0.1:{free_port()}/none"
+    done = run_serve("--port", "0", "--data-dir", tmp_path, PRELOAD_DATABASE_URL=url)
+    assert done.returncode == 1
+    assert "secret" not in done.stderr
+
+
+def test_starts_beside_unknown_variables_and_stops_soon_while_a_job_runs(
+    tmp_path: Path, start_server: Callable[..., ServerProcess]
+) -> None:
+    rng = np.random.default_rng(1)
+    windows = [
+        window
+        for i in range(3)
+        for window in simulated_measurement(rng, f"m{i}", n_windows=8, started_at=START + timedelta(hours=i))
+    ]
+    sessions = tmp_path / "sessions"
+    sessions.mkdir()
+    write_session(sessions / "slow.session.h5", Session("axis", tuple(windows)))
+    server = start_server(tmp_path / "var", free_port(), PRELOAD_SOMETHING_ELSE="1", PRELOAD_REPLAY_DIR=str(sessions))
+    server.wait_until_up()
+    with httpx.Client(base_url=server.url, trust_env=False, timeout=30.0) as http:
+        assert http.put("/v1/axes/axis", json={"name": "axis"}).status_code == 201
+        answer = http.post("/v1/axes/axis/replays", json={"session": "slow", "speed": 1.0})  # lasts two hours
+        while http.get(answer.headers["location"]).json()["done"] == 0:
+            time.sleep(0.02)
+    stopped = time.monotonic()
+    server.process.send_signal(signal.SIGTERM)
+    assert server.process.wait(timeout=15) in (0, -signal.SIGTERM)
+    assert time.monotonic() - stopped < 5.0
+    log = server.log.read_text()
+    assert "Traceback" not in log
+    assert re.match(rf"dashboard: {server.url}/ +API: {server.url}/docs\n", log)
+    assert '"message": "PUT /v1/axes/{axis} 201"' in log
