@@ -150,7 +150,8 @@ def advance(
     """Carry the state of an axis over one measurement.
 
     A refused measurement changes nothing, for it says nothing; nor does one whose preload was set on purpose, for it
-    says nothing about wear. What is watched is the preload feature: it is nearly normally distributed where newtons are not.
+    says nothing about wear. What is watched is the preload feature: it is nearly normally distributed where newtons
+    are not.
     """
     estimate = outcome.preload
     if isinstance(estimate, Rejection) or isinstance(outcome.modal, Rejection):

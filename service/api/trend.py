@@ -26,6 +26,7 @@ class TrendPoint(BaseModel):
     frequency_hz: float | None
     preload_n: float | None
     interval_95_n: tuple[float | None, float | None] | None
+    drag_torque_nm: Annotated[float | None, Field(description="the second, independent indicator")]
     state: str | None
     refusal_reason: str | None
 
@@ -83,6 +84,7 @@ def trend_point(row: MeasurementRow) -> TrendPoint:
         frequency_hz=row.frequency_hz,
         preload_n=row.preload_n,
         interval_95_n=None if row.preload_n is None else (row.interval_lower_n, row.interval_upper_n),
+        drag_torque_nm=(row.outcome or {}).get("drag_torque_nm"),
         state=row.monitor_state,
         refusal_reason=row.refusal_reason,
     )

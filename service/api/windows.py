@@ -105,7 +105,10 @@ class WindowsOut(BaseModel):
     refused: int
     already_there: int
     windows: list[WindowOut]
-    measurements: Annotated[list[dict[str, Any]], Field(description="measurements judged in this request")]
+    measurements: Annotated[
+        list[dict[str, Any]],
+        Field(description="outcomes of the measurements judged with these windows, now or when they were first sent"),
+    ]
 
 
 _EXAMPLE = {

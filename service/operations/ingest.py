@@ -49,7 +49,7 @@ class IngestReceipt:
     """The answer to one request."""
 
     windows: tuple[WindowReceipt, ...]
-    measurements: tuple[dict[str, Any], ...]  # outcomes of the measurements judged
+    measurements: tuple[dict[str, Any], ...]  # outcomes of those judged now, and of those posted again
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +97,12 @@ class Ingest:
         with self._lanes.of(axis_id):
             known = self._read(axis_id, windows, names)
             new = _new_windows(axis_id, posted, known.contents)
+            judged_before = [row.outcome for row in known.measurements.values() if row.outcome is not None]
             admission, verdicts = self._take(known, new, names if complete else set())
         receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
         self._count(receipts, verdicts)
-        return IngestReceipt(receipts, tuple(verdict.document for verdict in verdicts))
+        now_judged = [verdict.document for verdict in verdicts]
+        return IngestReceipt(receipts, (*now_judged, *judged_before))
 
     def _read(self, axis_id: str, windows: Sequence[Window], names: Iterable[str]) -> _Known:
         with self._database.read() as session:

@@ -60,7 +60,7 @@ class AxisRow(Base):
     detector_design: Mapped[dict[str, Any]]  # limits of the charts, as solved for the configuration
     monitor_state: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # of the charts, after the last measurement
     last_received_at: Mapped[datetime | None]  # when windows last came
-    revision: Mapped[int]
+    revision: Mapped[int] = mapped_column()
 
     # A writer that read the row before another one changed it is refused: its windows were judged by what is no more.
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - SQLAlchemy's own hook

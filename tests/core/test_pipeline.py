@@ -74,7 +74,7 @@ def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibrat
 
 
 def test_systematic_dead_zone_opens_away_from_the_baseline_only(measurements, calibration) -> None:
-    """At the place of its baseline a measurement has no dead zone; at another one the calibration's own doubt counts."""
+    """At the place of the baseline there is no dead zone; elsewhere the doubt of the calibration itself counts."""
     design = design_detector(DetectorSettings(baseline_size=5, loss=LossDirection.RISE))
     state, at = AxisState(), measurements[0][0].started_at
 

@@ -2,14 +2,17 @@
 
 import errno
 import os
+import sqlite3
 from collections.abc import Callable
 from datetime import timedelta
+from typing import Any
 
 import numpy as np
 import pytest
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
+from service.operations import ingest
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_ingest import stored_files
 
@@ -73,16 +76,25 @@ def test_failure_at_the_commit_leaves_rows_with_their_waveforms(
     assert len(stored_files(api.data_dir)) == (1 if committed else 2)
 
 
-def test_failure_while_judging_is_made_up_for(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_change_by_another_process_meanwhile_is_not_overwritten(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The windows were judged by what is no more: nothing of them is stored, and sending again judges them anew."""
     api.register("axis")
     windows = simulated_measurement(np.random.default_rng(4), "m")
-    error = OperationalError("UPDATE", {}, Exception("database is locked"))
-    with monkeypatch.context() as broken:
-        broken.setattr("service.operations.judge._store", failing_once(lambda: None, error))
-        assert_problem(api.post("axis", windows), 503, "storage-failed")
-    answer = api.accept("axis", windows)
-    assert answer["already_there"] == 15
-    assert len(answer["measurements"]) == 1
+    real = ingest.judge
+
+    def judge_while_another_process_activates(*args: Any) -> Any:
+        with sqlite3.connect(api.data_dir / "preload.db") as connection:
+            connection.execute("UPDATE axes SET name = 'changed', revision = revision + 1")
+        connection.close()
+        return real(*args)
+
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(ingest, "judge", judge_while_another_process_activates)
+        assert_problem(api.post("axis", windows), 503, "busy")
+    assert stored_files(api.data_dir) == []
+    assert api.trend("axis") == []
+    assert api.axis("axis")["name"] == "changed"
+    assert api.accept("axis", windows)["accepted"] == 15
 
 
 def test_measurement_that_breaks_the_mathematics_does_not_block_its_axis(

@@ -82,6 +82,10 @@ const frequency = makeChart("frequency-chart", "frequency / Hz", [
   { label: "frequency / Hz", stroke: "#1f5f99", ...plain, value: (_, v) => (v == null ? "—" : v.toFixed(2)) },
 ], 1, false, 220);
 
+const drag = makeChart("drag-chart", "drag torque / N·m", [
+  { label: "drag torque / N·m", stroke: "#1f5f99", ...plain, value: (_, v) => (v == null ? "—" : v.toFixed(3)) },
+], 1, false, 200);
+
 function listRefusals() {
   const body = document.getElementById("refused");
   const rows = points.filter(p => p.status === "refused").slice(-20).reverse();
@@ -101,6 +105,7 @@ async function refresh() {
       const t = seconds();
       preload.setData([t, values("preload_n"), bound(0), bound(1)]);
       frequency.setData([t, values("frequency_hz")]);
+      drag.setData([t, values("drag_torque_nm")]);
       listRefusals();
       const last = points[points.length - 1];
       const state = document.getElementById("state");
