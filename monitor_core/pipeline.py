@@ -47,6 +47,11 @@ class AxisSettings:
     mode: ModeGate = field(default_factory=ModeGate)
     moving_mass: Estimate | None = None  # used where a calibration has one payload only [kg]
 
+    def __post_init__(self) -> None:
+        if self.search_band is not None and not 0.0 < self.search_band[0] < self.search_band[1]:
+            low, high = self.search_band
+            raise OutsideValidityError(f"search_band must rise from above 0 Hz; got {low:g} to {high:g} Hz")
+
 
 @dataclass(frozen=True, slots=True)
 class MeasurementOutcome:
@@ -59,7 +64,7 @@ class MeasurementOutcome:
     @property
     def refusal(self) -> Rejection | None:
         """Why there is no preload, the earliest reason first."""
-        return next((step for step in (self.modal, self.preload) if isinstance(step, Rejection)), None)
+        return next((answer for answer in (self.modal, self.preload) if isinstance(answer, Rejection)), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +84,8 @@ def search_band(settings: AxisSettings, calibration: Calibration | None, window:
     if calibration is not None:
         try:
             return expected_band(calibration, window.conditions)
-        except OutsideValidityError:  # so far from the calibrated positions that Eq. (8) says nothing
-            return usable
+        except OutsideValidityError:
+            pass  # so far from the calibrated positions that Eq. (8) says nothing
     return settings.search_band or usable
 
 
@@ -153,19 +158,30 @@ def advance(
     says nothing about wear. What is watched is the preload feature: it is nearly normally distributed where newtons
     are not.
     """
-    estimate = outcome.preload
-    if isinstance(estimate, Rejection) or isinstance(outcome.modal, Rejection):
+    if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
         return state
-    conditions = outcome.modal.conditions
+    return advance_estimate(
+        state, outcome.preload, outcome.modal.conditions, at, calibration=calibration, design=design
+    )
+
+
+def advance_estimate(
+    state: AxisState,
+    estimate: PreloadEstimate,
+    conditions: Conditions,
+    at: datetime,
+    *,
+    calibration: Calibration,
+    design: DetectorDesign,
+) -> AxisState:
+    """Do the same from an estimate, however its frequency was come by."""
     if conditions.preload is not None:
         return state
     learning = state.detector.baseline is None
     systematic = (
         0.0
         if learning
-        else systematic_uncertainty_between(
-            estimate.feature.value, conditions, state.baseline_conditions, calibration
-        )
+        else systematic_uncertainty_between(estimate.feature.value, conditions, state.baseline_conditions, calibration)
     )
     observation = Observation(at, estimate.feature.value, estimate.feature_random_uncertainty, systematic)
     return AxisState(
@@ -200,4 +216,3 @@ def calibrate_from_measurements(
         phase_reference=calibrate_phase([m.mode for m in measurements]),
         excitation_level=statistics.median(m.excitation_level for m in measurements),
     )
-

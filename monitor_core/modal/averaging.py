@@ -24,7 +24,8 @@ from monitor_core.spectral import (
     median_misfit,
 )
 
-#: Windows dropped or taken back by the fit change the fit; twice settles it.
+#: Windows dropped or taken back by the fit change the fit. Most measurements settle in one pass or two; the third is the
+#: last, and what has not settled by then is warned about.
 _PASSES = 3
 #: Share of a window's response that its fellows' median response leaves unexplained, for a gross misfit.
 _GROSS_SHARE = 0.5
@@ -48,7 +49,6 @@ def average_and_fit(
     gate: ModeGate,
     *,
     quantity: str,
-    expected_frequency: float | None,
     maximum_modes: int,
 ) -> AveragedFit | Rejection:
     """Average, choose the peak, fit; leave out windows that do not belong and take back those that do.
@@ -63,8 +63,6 @@ def average_and_fit(
         Least number of averages, classes of coherence, largest share of outlying windows.
     quantity : str
         What the response is, e.g. ``"torque_accelerance"``.
-    expected_frequency : float or None
-        Where the mode is expected; the nearest candidate is then taken. [Hz]
     maximum_modes : int
         1 or 2.
 
@@ -84,23 +82,26 @@ def average_and_fit(
             )
         cross = cross_spectra(spectra.of_windows(kept), taper=taper)
         frf = estimate_frf(cross, quantity=quantity)
-        candidate = _choose(candidate_peaks(frf, band), cross, gate, expected_frequency)
+        candidate = _choose(candidate_peaks(frf, band), cross, gate)
         if candidate is None:
             return Rejection(
                 RejectionReason.NO_PEAK_IN_BAND,
                 f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {kept.sum()} averages",
             )
-        fitted = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes)
-        if isinstance(fitted, Rejection):
-            return fitted
-        fit, warnings = fitted
+        fit = _fit_peak(spectra.of_windows(kept), candidate, maximum_modes)
+        if isinstance(fit, Rejection):
+            return fit
         residual, response = window_misfit(fit, spectra)
         share = np.where(gross, first_share, residual / response)
-        answer = AveragedFit(kept, taper, frf, fit, _refusals(kept, share), warnings)
+        answer = AveragedFit(kept, taper, frf, fit, _refusals(kept, share), fit.warnings)
         kept = _drop(gross | outlying(residual, response), gate)
         if np.array_equal(kept, answer.kept):
-            break
-    return answer
+            return answer
+    unsettled = (
+        f"which windows belong has not settled in {_PASSES} passes: {answer.kept.sum()} of {kept.size} are kept, "
+        f"the fit to them would keep {kept.sum()}"
+    )
+    return replace(answer, warnings=(*answer.warnings, unsettled))
 
 
 def _first_look(spectra: BandSpectra, gate: ModeGate) -> tuple[Taper, BoolArray, FloatArray]:
@@ -123,32 +124,26 @@ def _drop(flagged: BoolArray, gate: ModeGate) -> BoolArray:
     return ~flagged if flagged.mean() <= gate.maximum_outlying_share else np.ones_like(flagged)
 
 
-def _choose(
-    candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate, expected_frequency: float | None
-) -> Candidate | None:
-    """Take the peak that carries most of the response, or the one nearest to what is expected.
+def _choose(candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate) -> Candidate | None:
+    """Take the peak that carries most of the response.
 
     Only peaks of the best class of coherence compete. Not the highest peak of H1: a null of the excitation makes false
     ones, whose coherence may even pass, but there the axis does not ring. The response explained by the excitation,
     γ² S_yy = |H1|² S_xx, is small at such a peak.
     """
 
-    def preference(candidate: Candidate) -> float:
-        if expected_frequency is not None:
-            return -abs(candidate.frequency - expected_frequency)
+    def explained_response(candidate: Candidate) -> float:
         line = int(np.argmin(np.abs(cross.frequency - candidate.frequency)))
         return float(candidate.amplitude**2 * cross.excitation_power[line])
 
     for level in (gate.warn_coherence, gate.minimum_coherence, 0.0):
         passing = [candidate for candidate in candidates if candidate.coherence >= level]
         if passing:
-            return max(passing, key=preference)
+            return max(passing, key=explained_response)
     return None
 
 
-def _fit_peak(
-    spectra: BandSpectra, candidate: Candidate, maximum_modes: int
-) -> tuple[ModeFit, tuple[str, ...]] | Rejection:
+def _fit_peak(spectra: BandSpectra, candidate: Candidate, maximum_modes: int) -> ModeFit | Rejection:
     """Fit one or two modes; two within a half-power bandwidth are one peak, fitted as one, with a warning.
 
     Nobody could say from one measurement to the next which of the two is meant. Half of what the choice moves the
@@ -162,12 +157,12 @@ def _fit_peak(
 
     fit = fit_up_to(maximum_modes)
     if isinstance(fit, Rejection) or len(fit.modes) < 2:
-        return fit if isinstance(fit, Rejection) else (fit, ())
+        return fit
     distance = abs(fit.modes[0].frequency.value - fit.modes[1].frequency.value)
     mean_bandwidth = sum(mode.damping_ratio.value * mode.frequency.value for mode in fit.modes)
     single = fit_up_to(1) if distance < mean_bandwidth else fit
     if single is fit or isinstance(single, Rejection):
-        return fit, ()
+        return fit
     mode = single.modes[0]
     shift = abs(fit.modes[0].frequency.value - mode.frequency.value)
     uncertainty = math.hypot(mode.frequency.standard_uncertainty, 0.5 * shift)
@@ -176,7 +171,7 @@ def _fit_peak(
         f"two modes {distance:.2g} Hz apart are fitted as one; "
         f"half of the {shift:.2g} Hz that this moves the frequency by joins its uncertainty"
     )
-    return replace(single, modes=(widened,)), (warning,)
+    return replace(single, modes=(widened,), warnings=(*single.warnings, warning))
 
 
 def _refusals(kept: BoolArray, share: FloatArray) -> tuple[tuple[int, Rejection], ...]:

@@ -45,7 +45,6 @@ def judge_fit(
     band: tuple[float, float],
     gate: ModeGate,
     phase: PhaseReference | None,
-    expected_frequency: float | None,
 ) -> Rejection | None:
     """Return the first reason against a fit, or ``None``.
 
@@ -61,8 +60,6 @@ def judge_fit(
         What must be met.
     phase : PhaseReference or None
         Calibrated polarity and delay; without it the phase is not judged.
-    expected_frequency : float or None
-        Settles which of two overlapping modes is meant, if it is clearly nearer to one. [Hz]
 
     Returns
     -------
@@ -93,13 +90,11 @@ def judge_fit(
             f"standard uncertainty of the frequency must not exceed {gate.maximum_frequency_uncertainty:g} Hz; "
             f"got {frequency.standard_uncertainty:.3g} Hz",
         )
-    return _ambiguity(fit, band, gate, expected_frequency)
+    return _ambiguity(fit, band, gate)
 
 
-def _ambiguity(
-    fit: ModeFit, band: tuple[float, float], gate: ModeGate, expected_frequency: float | None
-) -> Rejection | None:
-    """Refuse two overlapping modes of like height in the band, unless one of them was clearly expected."""
+def _ambiguity(fit: ModeFit, band: tuple[float, float], gate: ModeGate) -> Rejection | None:
+    """Refuse two overlapping modes of like height in the band."""
     if len(fit.modes) < 2:
         return None
     first, second = fit.modes
@@ -107,10 +102,9 @@ def _ambiguity(
     height = [abs(m.residue) / (2.0 * m.damping_ratio.value * m.frequency.value**2) for m in (first, second)]
     bandwidth = 2.0 * max(m.damping_ratio.value * m.frequency.value for m in (first, second))
     apart = abs(f1 - f2) > 2.0 * bandwidth or not band[0] <= f2 <= band[1]
-    expected = expected_frequency is not None and 2.0 * abs(f1 - expected_frequency) < abs(f2 - expected_frequency)
-    if apart or expected or min(height) < gate.ambiguity_ratio * max(height):
+    if apart or min(height) < gate.ambiguity_ratio * max(height):
         return None
     return Rejection(
         RejectionReason.AMBIGUOUS_MODES,
-        f"two overlapping modes of like height, at {f1:.6g} and {f2:.6g} Hz; narrow the band or state what is expected",
+        f"two overlapping modes of like height, at {f1:.6g} and {f2:.6g} Hz; narrow the band to one of them",
     )

@@ -50,7 +50,6 @@ def measure_mode(
     band: tuple[float, float],
     gate: ModeGate,
     phase: PhaseReference | None = None,
-    expected_frequency: float | None = None,
     maximum_modes: int = 2,
 ) -> ModalMeasurement | Rejection:
     """Find the mode in a band from the windows of one measurement, or say why not.
@@ -70,8 +69,6 @@ def measure_mode(
         What must be met.
     phase : PhaseReference, optional
         Calibrated polarity and delay; without it the phase is not judged, and the result warns.
-    expected_frequency : float, optional
-        Where the calibrated model expects the mode; the nearest candidate is then taken instead of the highest. [Hz]
     maximum_modes : int
         1 where a calibration rests on fits of one mode: the frequencies of one and of two modes fitted to the same
         peak differ a little, and a change of model must not look like a change of preload.
@@ -90,15 +87,12 @@ def measure_mode(
         return refusal
     spectra = _spectra_around(windows, band)
     quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
-    answer = average_and_fit(
-        spectra, band, gate, quantity=quantity, expected_frequency=expected_frequency, maximum_modes=maximum_modes
-    )
+    answer = average_and_fit(spectra, band, gate, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
     fit, mode = answer.fit, answer.fit.modes[0]
     coherence = mode_coherence(answer.frf, mode)
-    refusal = judge_fit(fit, coherence, band=band, gate=gate, phase=phase, expected_frequency=expected_frequency)
-    if refusal is not None:
+    if (refusal := judge_fit(fit, coherence, band=band, gate=gate, phase=phase)) is not None:
         return refusal
     used = [window for window, keep in zip(windows, answer.kept, strict=True) if keep]
     conditions, mixed = _mean_conditions(used)
@@ -150,7 +144,10 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
 
 
 def _spectra_around(windows: Sequence[Window], band: tuple[float, float]) -> BandSpectra:
-    """Transform once, over the search band and as far around it as the fit of a mode on its edge may reach."""
+    """Transform once, over the search band and as far around it as the fit of a mode on its edge usually reaches.
+
+    A fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so.
+    """
     margin = max(40.0, 0.25 * band[1])
     sample_rate = windows[0].sample_rate
     around = (max(band[0] - margin, 0.0), min(band[1] + margin, 0.5 * sample_rate))

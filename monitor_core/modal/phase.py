@@ -60,8 +60,9 @@ def calibrate_phase(modes: Sequence[ModalParameters]) -> PhaseReference:
 
     >>> from monitor_core.uncertainty import Estimate
     >>> lagging = ModalParameters(Estimate(100.0, 0.1), Estimate(0.01, 1e-4), 0.0, cmath.exp(-0.2j * math.pi))
-    >>> calibrate_phase([lagging])
-    PhaseReference(polarity=1, delay=0.001)
+    >>> reference = calibrate_phase([lagging])
+    >>> reference.polarity, round(reference.delay, 12)
+    (1, 0.001)
     """
     frequencies = np.array([mode.frequency.value for mode in modes])
     directions = np.array([mode.residue / abs(mode.residue) for mode in modes])
@@ -74,4 +75,4 @@ def calibrate_phase(modes: Sequence[ModalParameters]) -> PhaseReference:
     # Phases about their mean, so that none of them wraps.
     phases = cmath.phase(polarity * mean) + np.angle(directions / (mean / abs(mean)))
     delay = -float(frequencies @ phases) / (2.0 * math.pi * float(frequencies @ frequencies))
-    return PhaseReference(polarity, round(delay, 12))
+    return PhaseReference(polarity, delay)

@@ -32,6 +32,7 @@ class ModeFit:
     band: tuple[float, float]  # [Hz]
     weight: FloatArray  # of the lines in the band: one over the noise, 1 at the least noisy [-]
     solution: Solution  # poles and polynomial that explain a window, see window_misfit
+    warnings: tuple[str, ...] = ()
 
 
 def window_misfit(fit: ModeFit, spectra: BandSpectra) -> tuple[FloatArray, FloatArray]:
@@ -96,7 +97,10 @@ def fit_modes(
     -----
     The formal covariance :math:`\tfrac12 (\mathrm{Re}\,J^H J)^{-1}` of the whitened problem is right if the noise is on
     the response alone. Noise on the torque makes it too small; the scatter of the windows' own pulls on the estimate
-    (sandwich covariance) does not rest on that. The larger of the two is stated.
+    (sandwich covariance) does not rest on that. Of frequency and of damping the larger of the two variances is stated,
+    each decided for itself, with the correlation of that covariance which gives the frequency's.
+
+    A band that ends before the width above does, because the lines do, is a warning in the result.
 
     References
     ----------
@@ -114,7 +118,7 @@ def fit_modes(
                 f"no maximum of the likelihood near {frequency:.6g} Hz in {lines.frequency.size} lines "
                 f"of {lines.n_windows} windows",
             )
-        fit = _mode_fit(*likeliest, frequency)
+        fit = _mode_fit(*likeliest, frequency, _warn_of_cut(lines, start[0], half_width))
         start = (fit.modes[0].frequency.value, fit.modes[0].damping_ratio.value)
         # The band follows the damping found, if the start had it wrong by more than a quarter.
         if 0.8 < _half_width(*start, spectra.resolution) / half_width < 1.25:
@@ -127,7 +131,15 @@ def _half_width(frequency: float, damping_ratio: float, resolution: float) -> fl
     return max(_LEAST_HALF_WIDTH, _LEAST_HALF_POWER_BANDWIDTHS * half_power_bandwidth, _LEAST_LINES * resolution)
 
 
-def _mode_fit(lines: FitLines, solution: Solution, asked: float) -> ModeFit:
+def _warn_of_cut(lines: FitLines, frequency: float, half_width: float) -> tuple[str, ...]:
+    """Say where the lines end before the band does that the damping asks for."""
+    low, high = float(lines.frequency[0]), float(lines.frequency[-1])
+    if low - lines.resolution <= frequency - half_width and frequency + half_width <= high + lines.resolution:
+        return ()
+    return (f"the fit reaches from {low:.4g} to {high:.4g} Hz only; ± {half_width:.3g} Hz were wanted",)
+
+
+def _mode_fit(lines: FitLines, solution: Solution, asked: float, warnings: tuple[str, ...]) -> ModeFit:
     """Put the mode that makes the peak asked for first and attach the covariances."""
     formal, between = formal_covariance(solution), between_window_covariance(solution)
     modes = [_modal_parameters(lines, solution, i, formal, between) for i in range(solution.order.n_modes)]
@@ -142,6 +154,7 @@ def _mode_fit(lines: FitLines, solution: Solution, asked: float) -> ModeFit:
         band=(float(lines.frequency[0]), float(lines.frequency[-1])),
         weight=lines.weight,
         solution=solution,
+        warnings=warnings,
     )
 
 
@@ -149,17 +162,22 @@ def _modal_parameters(
     lines: FitLines, solution: Solution, mode: int, formal: FloatArray, between: FloatArray | None
 ) -> ModalParameters:
     i, j = 2 * mode, 2 * mode + 1
-    covariance, dof = formal, float(solution.degrees_of_freedom)
-    if between is not None and between[i, i] > formal[i, i]:
-        covariance, dof = between, float(solution.projection.residual.shape[0] - 1)
+
+    def larger_of(k: int) -> tuple[FloatArray, float]:
+        if between is not None and between[k, k] > formal[k, k]:
+            return between, float(solution.projection.residual.shape[0] - 1)
+        return formal, float(solution.degrees_of_freedom)
+
+    (of_frequency, frequency_dof), (of_damping, damping_dof) = larger_of(i), larger_of(j)
     fn, zeta = solution.modes[mode]
     others = np.prod([pole_factor(fn, *other) for k, other in enumerate(solution.modes) if k != mode])
     b = np.polynomial.polynomial.polyval(
         normalised_frequency(fn, lines.frequency), solution.projection.response_coefficients
     )
     return ModalParameters(
-        frequency=Estimate(float(fn), math.sqrt(covariance[i, i]), dof),
-        damping_ratio=Estimate(float(zeta), math.sqrt(covariance[j, j]), dof),
-        frequency_damping_covariance=float(covariance[i, j]),
+        frequency=Estimate(float(fn), math.sqrt(of_frequency[i, i]), frequency_dof),
+        damping_ratio=Estimate(float(zeta), math.sqrt(of_damping[j, j]), damping_dof),
+        # the correlation of one source, whatever the other one's scale: the matrix stays positive definite
+        frequency_damping_covariance=float(of_frequency[i, j] * math.sqrt(of_damping[j, j] / of_frequency[j, j])),
         residue=complex(-b / others),
     )

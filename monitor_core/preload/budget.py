@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from monitor_core.arrays import FloatArray
 from monitor_core.preload.calibration import (
@@ -140,34 +141,42 @@ def uncertainty_budget(
     parameters = dict(zip(calibration.parameter_names, allocation.tolist(), strict=True))
     own = (slope * frequency.standard_uncertainty) ** 2
     between = (slope * calibration.reproducibility) ** 2
+    if not calibration.uncertainty_stated:
+        between = max(0.0, between - own)  # the scatter of the calibration holds the readings' own already
     total = own + between + float(allocation.sum())
+    # the scatter between measurements is residual variance minus stated variance: it is no better known than the
+    # residual variance as a whole, however much of it the stated uncertainties explain
+    of_residuals = (slope * calibration.residual_sd) ** 2 + sum(
+        v for name, v in parameters.items() if name not in (*calibration.declared, INVERSE_MOVING_MASS)
+    )
+    of_moving_mass = 0.0 if INVERSE_MOVING_MASS in calibration.declared else parameters.get(INVERSE_MOVING_MASS, 0.0)
     dof = _effective_degrees_of_freedom(
         total,
-        own,
-        # the scatter between measurements is residual variance minus stated variance: it is no better known than the
-        # residual variance as a whole, however much of it the stated uncertainties explain
-        (slope * calibration.residual_sd) ** 2
-        + sum(v for name, v in parameters.items() if name not in calibration.declared),
-        (frequency.degrees_of_freedom, calibration.parameters.degrees_of_freedom),
+        (
+            (own, frequency.degrees_of_freedom),
+            (of_residuals, calibration.parameters.degrees_of_freedom),
+            (of_moving_mass, calibration.moving_mass_dof),
+        ),
     )
     return UncertaintyBudget(own, between, parameters, dof)
 
 
-def _effective_degrees_of_freedom(
-    total: float, of_frequency: float, of_residuals: float, dof: tuple[float, float]
-) -> float:
-    """Welch–Satterthwaite, never below the poorer of the two sources (which bounds it in theory)."""
-    spread = of_frequency**2 / dof[0] + of_residuals**2 / dof[1]
-    return max(min(dof), total**2 / spread) if spread > 0.0 else math.inf
+def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:
+    """Welch–Satterthwaite over (variance, degrees of freedom), never below the poorest source (its bound in theory)."""
+    spread = sum(variance**2 / dof for variance, dof in sources)
+    poorest = min((dof for variance, dof in sources if variance > 0.0), default=math.inf)
+    return max(poorest, total**2 / spread) if spread > 0.0 else math.inf
 
 
 def systematic_uncertainty_between(
     feature: float, conditions: Conditions, baseline_conditions: Sequence[Conditions], calibration: Calibration
 ) -> float:
-    """Tell by how much the calibration alone may shift a feature against a healthy baseline.
+    """Tell by how much the calibration may shift a feature beyond what it did to the healthy baseline.
 
-    An error of k4 shifts both alike and cancels; what does not cancel are k1 and k2 between different positions, and
-    the corrections of payload and temperature where they differ. No averaging over measurements removes it.
+    An error of k4 shifts both alike and cancels. What does not cancel are k1 and k2 between different positions, and
+    the corrections of payload and temperature where they differ; no averaging over measurements removes it. As far as
+    measurements of the baseline may be off as much, the scatter of the baseline has it already: only what may come on
+    top is returned (the errors are those of the same coefficients, so they add up like amounts, not like variances).
 
     Parameters
     ----------
@@ -183,13 +192,25 @@ def systematic_uncertainty_between(
     Returns
     -------
     float
-        Standard uncertainty of feature minus baseline; 0 under equal conditions. [s²]
+        Standard uncertainty of feature minus baseline; 0 under conditions like those of the baseline. [s²]
 
     Raises
     ------
     OutsideValidityError
         See :func:`parameter_gradient`.
     """
-    baseline = np.mean([parameter_gradient(feature, c, calibration) for c in baseline_conditions], axis=0)
-    gradient = parameter_gradient(feature, conditions, calibration) - baseline
-    return math.sqrt(max(0.0, float(gradient @ calibration.parameters.covariance @ gradient)))
+    of_baseline = np.array([parameter_gradient(feature, c, calibration) for c in baseline_conditions])
+    centre = of_baseline.mean(axis=0)
+
+    # µ may rest on a few readings: enlarged so that 1.96 times the result covers 95 % all the same
+    few = np.ones(len(calibration.parameter_names))
+    if (mu := calibration.parameter(INVERSE_MOVING_MASS)) is not None:
+        enlarged = special.stdtrit(mu.degrees_of_freedom, 0.975) / special.ndtri(0.975)
+        few[calibration.parameter_names.index(INVERSE_MOVING_MASS)] = enlarged
+    covariance = calibration.parameters.covariance * np.outer(few, few)
+
+    def uncertainty(gradient: FloatArray) -> float:
+        return math.sqrt(max(0.0, float((gradient - centre) @ covariance @ (gradient - centre))))
+
+    seen = max(uncertainty(gradient) for gradient in of_baseline)
+    return max(0.0, uncertainty(parameter_gradient(feature, conditions, calibration)) - seen)

@@ -4,6 +4,7 @@ A calibration is a frozen record of all that later estimates rest on: the joint 
 scatter between measurements, the ranges it holds in, and the excitation source it is valid for.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -109,6 +110,8 @@ class Calibration:
     excitation_quantity: ExcitationQuantity | None
     maximum_modes: int = 2  # what the frequencies were fitted with; later ones are fitted alike
     phase_reference: PhaseReference | None = None  # None: the table of frequencies does not tell
+    moving_mass_dof: float = math.inf  # degrees of freedom of a fitted µ: it rests on the loaded readings alone
+    uncertainty_stated: bool = True  # whether the readings stated theirs; if not, it is part of ``reproducibility``
     excitation_level: float | None = None  # rms per root hertz around the mode, as calibrated [N·m/√Hz] or [N/√Hz]
 
     def __post_init__(self) -> None:
@@ -129,7 +132,11 @@ class Calibration:
         if name not in self.parameter_names:
             return None
         i = self.parameter_names.index(name)
-        dof = np.inf if name in self.declared else self.parameters.degrees_of_freedom
+        dof = self.parameters.degrees_of_freedom
+        if name in self.declared:
+            dof = math.inf
+        elif name == INVERSE_MOVING_MASS:
+            dof = self.moving_mass_dof
         return Estimate(float(self.parameters.values[i]), float(self.parameters.standard_uncertainties[i]), dof)
 
     @property

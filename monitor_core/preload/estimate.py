@@ -192,6 +192,12 @@ def _assumptions(conditions: Conditions, calibration: Calibration, source: Excit
         assumed.append(f"payload not stated: taken as the calibration's {calibration.reference_payload:g} kg")
     if calibration.reference_temperature is not None and conditions.temperature is None:
         assumed.append(f"temperature not stated: taken as the calibration's {calibration.reference_temperature:.1f} °C")
-    if conditions.temperature is not None and TEMPERATURE_COEFFICIENT not in calibration.parameter_names:
-        assumed.append("temperature stated but not corrected: the calibration knows no temperature coefficient")
+    if conditions.temperature is not None and calibration.reference_temperature is None:
+        assumed.append("temperature stated but not corrected: the calibration states none")
+    elif TEMPERATURE_COEFFICIENT in calibration.declared:
+        _, excess = calibration.excess(conditions)
+        if abs(excess) > TEMPERATURE_RESOLUTION:
+            assumed.append(
+                f"temperature {excess:+.1f} K from the calibration's, which has seen one only: widened for it"
+            )
     return tuple(assumed)

@@ -1,5 +1,6 @@
 """From readings to a calibration: weighted least squares of Eq. (8) with payload and temperature where they vary."""
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -23,9 +24,9 @@ from monitor_core.preload.calibration import (
 )
 from monitor_core.preload.influence import (
     TEMPERATURE_RESOLUTION,
+    UNKNOWN_TEMPERATURE_COEFFICIENT,
     InfluenceCoefficients,
     from_reference,
-    to_reference,
 )
 from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
 from monitor_core.preload.regression import LeastSquaresFit, weighted_least_squares
@@ -134,11 +135,13 @@ def calibrate(
         fitted = _with_payload(fitted, design, columns, single_variance)
         fitted_names.insert(len(COEFFICIENT_NAMES), INVERSE_MOVING_MASS)
 
+    if temperature is not None and temperature_coefficient is None:
+        typical = float(columns.inverse_square[unloaded].mean())
+        temperature_coefficient = Estimate(0.0, UNKNOWN_TEMPERATURE_COEFFICIENT * typical)
     declared = _declared(moving_mass, temperature_coefficient, float(columns.payload.min()))
     parameters, names = known_parameters(fitted, fitted_names, declared)
     at = {name: float(v) for name, v in zip(fitted_names, fitted.values, strict=True)}
     influence = InfluenceCoefficients(at.get(INVERSE_MOVING_MASS, 0.0), at.get(TEMPERATURE_COEFFICIENT, 0.0))
-    reference = to_reference(columns.inverse_square, payload_excess, temperature_excess, influence)
     predicted = from_reference(
         feature_design(columns.position, columns.preload) @ fitted.values[:4],
         payload_excess,
@@ -155,7 +158,7 @@ def calibrate(
         residual_rms=float(np.sqrt(np.mean(residual**2))),
         residual_max=float(np.max(np.abs(residual))),
         condition_number=fit.condition_number,
-        leave_one_position_out=_leave_one_position_out(columns, weight, reference),
+        leave_one_position_out=_leave_one_position_out(columns, unloaded, weight, design),
         weighting=weighting,
         n_readings=len(readings),
         position=_range(columns.position),
@@ -168,6 +171,8 @@ def calibrate(
         excitation_quantity=excitation_quantity,
         maximum_modes=maximum_modes,
         phase_reference=phase_reference,
+        moving_mass_dof=math.inf if unloaded.all() else max(np.count_nonzero(~unloaded) - 1.0, 1.0),
+        uncertainty_stated=bool(np.all(columns.standard_uncertainty > 0.0)),
         excitation_level=excitation_level,
     )
 
@@ -208,7 +213,7 @@ def _with_payload(
     :math:`\mu_i = (y_i / \hat y_i - 1)/m_i`, averaged with weights :math:`m_i^2`. A real axis follows
     :math:`f \propto 1/\sqrt{M + m}` only roughly (the screw turns and stretches along), so the µ of different payloads
     and positions scatter more than their own uncertainties. The next payload will scatter alike: that goes into the
-    uncertainty of µ, enlarged for the few readings it is known from, and not into the scatter of unloaded readings.
+    uncertainty of µ, which has as many degrees of freedom less one, and not into the scatter of unloaded readings.
     """
     loaded = columns.payload_excess > 0.0
     y, m, x = columns.inverse_square[loaded], columns.payload_excess[loaded], design[loaded]
@@ -222,8 +227,7 @@ def _with_payload(
     n = mu.size
     if n > 1:
         scatter = float(share @ (mu - mean) ** 2) * n / (n - 1)
-        few = (special.stdtrit(n - 1, 0.975) / special.ndtri(0.975)) ** 2
-        variance = max(variance, few * scatter * (1.0 + 1.0 / n))
+        variance = max(variance, scatter * (1.0 + 1.0 / n))
     gradient = -((share * y / (predicted**2 * m)) @ x)  # of µ, with respect to the unloaded parameters
     across = unloaded.covariance @ gradient
     k = len(COEFFICIENT_NAMES)
@@ -232,9 +236,7 @@ def _with_payload(
     return VectorEstimate(np.insert(unloaded.values, k, mean), covariance, unloaded.degrees_of_freedom)
 
 
-def _reproducibility(
-    columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, fit: LeastSquaresFit
-) -> float:
+def _reproducibility(columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, fit: LeastSquaresFit) -> float:
     r"""Scatter between unloaded measurements [Hz] that their stated uncertainties do not explain.
 
     Method of moments (DerSimonian–Laird for a regression): the weighted residual sum of squares has the expectation
@@ -247,26 +249,30 @@ def _reproducibility(
 
 
 def _leave_one_position_out(
-    columns: ReadingColumns, weight: FloatArray, reference: FloatArray
+    columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, design: FloatArray
 ) -> tuple[PositionError, ...]:
-    """Predict each position from the others; payload and temperature stay corrected by the whole fit."""
-    groups = position_groups(columns.position)
+    """Fit the unloaded readings without one position, and predict that one."""
+    position, preload, y = columns.position[unloaded], columns.preload[unloaded], columns.inverse_square[unloaded]
+    x, w, slope = design[unloaded], weight[unloaded], columns.slope[unloaded]
+    groups = position_groups(position)
     if len(groups) < 4:
         return ()
-    design = feature_design(columns.position, columns.preload)
     errors = []
     for out in groups:
-        kept = np.setdiff1d(np.arange(columns.position.size), out)
-        if np.unique(columns.preload[kept]).size < 2 or kept.size <= design.shape[1]:
+        kept = np.setdiff1d(np.arange(position.size), out)
+        if np.unique(preload[kept]).size < 2 or kept.size <= x.shape[1]:
             continue
-        k = weighted_least_squares(design[kept], reference[kept], weight[kept]).parameters.values
-        frequency_error = (reference[out] - design[out] @ k) / columns.slope[out]
-        theta = (reference[out] - design[out][:, [0, 1, 3]] @ k[[0, 1, 3]]) / k[2]
-        preload_error = theta**-3.0 - columns.preload[out] if np.all(theta > 0.0) else None
+        try:
+            beta = weighted_least_squares(x[kept], y[kept], w[kept]).parameters.values
+        except NotIdentifiableError:  # an influence quantity that was varied at that position only
+            continue
+        miss = y[out] - x[out] @ beta
+        theta = np.cbrt(1.0 / preload[out]) + miss / beta[2]
+        preload_error = theta**-3.0 - preload[out] if np.all(theta > 0.0) else None
         errors.append(
             PositionError(
-                position=float(columns.position[out].mean()),
-                frequency_error_rms=float(np.sqrt(np.mean(frequency_error**2))),
+                position=float(position[out].mean()),
+                frequency_error_rms=float(np.sqrt(np.mean((miss / slope[out]) ** 2))),
                 preload_error_rms=None if preload_error is None else float(np.sqrt(np.mean(preload_error**2))),
             )
         )

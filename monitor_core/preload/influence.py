@@ -20,6 +20,9 @@ from monitor_core.errors import OutsideValidityError
 #: Temperatures that differ by less are taken as equal [K]. Steel loses about 0.03 % of its modulus per kelvin, hence
 #: 0.015 % of the frequency: 3 K stay below 0.05 %, some 8 N at 300 N on the axis of Nguyen et al.
 TEMPERATURE_RESOLUTION = 3.0
+#: Standard uncertainty of k_T relative to 1/f² where a calibration has seen one temperature only [1/K]: the modulus of
+#: steel changes by about 3e-4 per kelvin, and joints and preload change with it in either direction.
+UNKNOWN_TEMPERATURE_COEFFICIENT = 3e-4
 
 
 @dataclass(frozen=True, slots=True)

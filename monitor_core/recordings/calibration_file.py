@@ -5,6 +5,7 @@ and not read back; unknown keys are left alone.
 """
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,9 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "declared": [_PARAMETER_KEYS[name] for name in calibration.declared],
         "moving_mass_kg": mass.value if mass else None,
         "moving_mass_standard_uncertainty_kg": mass.standard_uncertainty if mass else None,
+        "moving_mass_degrees_of_freedom": calibration.moving_mass_dof
+        if math.isfinite(calibration.moving_mass_dof)
+        else None,
         "reference_payload_kg": calibration.reference_payload,
         "reference_temperature_c": calibration.reference_temperature,
         "residual_rms_hz": calibration.residual_rms,
@@ -98,6 +102,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "excitation_quantity": calibration.excitation_quantity,
         "maximum_modes": calibration.maximum_modes,
         "phase_reference": None if phase is None else {"polarity": phase.polarity, "delay_s": phase.delay},
+        "uncertainty_stated": calibration.uncertainty_stated,
         "excitation_level": calibration.excitation_level,
         "excitation_level_unit": _LEVEL_UNITS[calibration.excitation_quantity],
     }
@@ -204,6 +209,8 @@ def _calibration(top: Fields) -> Calibration:
         ),
         maximum_modes=int(top.positive("maximum_modes", "-")),
         phase_reference=_phase_reference(top),
+        moving_mass_dof=top.optional_number("moving_mass_degrees_of_freedom", "-") or math.inf,
+        uncertainty_stated=top.values["uncertainty_stated"] is True if "uncertainty_stated" in top else True,
         excitation_level=top.optional_number("excitation_level", "N.m/Hz^0.5 or N/Hz^0.5"),
     )
 

@@ -70,15 +70,6 @@ def ewma_step(previous: float, residual: float, weight: float) -> float:
     return (1.0 - weight) * previous + weight * residual
 
 
-def one_sided_ewma_step(previous: float, residual: float, weight: float) -> float:
-    """Advance an EWMA that looks for change in one direction only: it does not go below zero.
-
-    Parameters and source as for :func:`ewma_step`; the reflecting barrier keeps a long time on the good side from
-    delaying the detection of a change to the bad one.
-    """
-    return max(0.0, ewma_step(previous, residual, weight))
-
-
 def winsorise(residual: float, largest: float) -> float:
     """Limit the magnitude of a residual, so that one outlier cannot fill a chart.
 

@@ -109,12 +109,11 @@ def ewma_run_length(
     shift: npt.ArrayLike = 0.0,
     scale: npt.ArrayLike = 1.0,
     largest_residual: float = math.inf,
-    one_sided: bool = False,
     n_cells: int = 81,
 ) -> FloatArray:
     r"""Average run length of an EWMA from zero to beyond its limit.
 
-    Markov chain of [1]_ on [−c, c], or on [0, c] with a reflecting barrier.
+    Markov chain of [1]_ on [−c, c].
 
     Parameters
     ----------
@@ -126,8 +125,6 @@ def ewma_run_length(
         Mean and standard deviation of the residual. [-]
     largest_residual : float
         Magnitude at which residuals are winsorised. [-]
-    one_sided : bool
-        The average does not go below zero and signals above the limit only. [-]
     n_cells : int
         Cells of the chain; odd, so that zero is the middle of one. 81 give 0.6 % at λ = 0.1, ARL 500. [-]
 
@@ -153,12 +150,8 @@ def ewma_run_length(
     .. [1] J. M. Lucas, M. S. Saccucci, Technometrics 32 (1990) 1–12.
     """
     _require_positive(limit)
-    if one_sided:
-        width = 2.0 * limit / (2 * n_cells - 1)
-        start_cell = 0
-    else:
-        width = 2.0 * limit / n_cells
-        start_cell = n_cells // 2
+    width = 2.0 * limit / n_cells
+    start_cell = n_cells // 2
     centre: FloatArray = (np.arange(n_cells, dtype=np.float64) - start_cell) * width
     half = 0.5 * width
 
@@ -169,10 +162,7 @@ def ewma_run_length(
         probability[..., residual < -largest_residual] = 0.0
         return probability
 
-    upper = cdf_of_next(centre + half)
-    transition = upper - cdf_of_next(centre - half)
-    if one_sided:
-        transition[..., 0] = upper[..., 0]
+    transition = cdf_of_next(centre + half) - cdf_of_next(centre - half)
     return _first_passage(transition, np.ones((*transition.shape[:-1], 1)), start_cell)
 
 

@@ -131,9 +131,7 @@ class Ingest:
                 return admission, []
             file = None if writing is None else writing.result()
             with self._database.write() as session:
-                session.add(known.axis)
-                session.add_all(known.measurements.values())
-                known.axis.last_received_at = received_at
+                session.add_all([known.axis, *known.measurements.values()])
                 session.flush()
                 if file is not None:
                     hashes = [content for _, content in new]

@@ -59,10 +59,9 @@ class AxisRow(Base):
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
     detector_design: Mapped[dict[str, Any]]  # limits of the charts, as solved for the configuration
     monitor_state: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # of the charts, after the last measurement
-    last_received_at: Mapped[datetime | None]  # when windows last came
     revision: Mapped[int] = mapped_column()
 
-    # A writer that read the row before another one changed it is refused: its windows were judged by what is no more.
+    # A writer who read the row before another process changed it is refused: what it computed rests on what is no more.
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - SQLAlchemy's own hook
 
 
@@ -117,6 +116,9 @@ class MeasurementRow(Base):
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
     outcome: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # the whole answer, as the API gives it
     response: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # FRF in the band, for "why this value"
+    revision: Mapped[int] = mapped_column()
+
+    __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - as for an axis
 
 
 class WindowRow(Base):

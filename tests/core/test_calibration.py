@@ -91,9 +91,15 @@ def test_declared_influences_stand_beside_the_fitted_coefficients() -> None:
     assert (mass.value, mass.standard_uncertainty) == pytest.approx((23.9, 0.5))
 
 
-def test_a_small_span_of_temperature_is_not_fitted() -> None:
+def test_a_small_span_of_temperature_is_not_fitted_but_taken_as_unknown() -> None:
     readings = [reading(replace(c, temperature=20.0 + 0.1 * i)) for i, c in enumerate(grid())]
-    assert fit(readings).parameter("temperature_coefficient") is None
+    calibration = fit(readings)
+    k_t = calibration.parameter("temperature_coefficient")
+    assert calibration.declared == ("temperature_coefficient",)
+    assert k_t is not None
+    assert k_t.value == 0.0
+    # 3e-4 per kelvin of 1/f², the modulus of steel: half of it on the frequency
+    assert k_t.standard_uncertainty * 180.0**2 == pytest.approx(3e-4, rel=0.15)
 
 
 @pytest.mark.parametrize("weighting", ["none", "std"])

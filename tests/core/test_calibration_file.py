@@ -147,4 +147,5 @@ def test_what_is_no_document_is_refused(text: str, tmp_path: Path) -> None:
 def test_a_declared_parameter_stays_declared() -> None:
     back = calibration_from_document(calibration_document(FULL))
     assert back.declared == ("inverse_moving_mass",)
-    assert replace(FULL, declared=()).parameter("inverse_moving_mass") != back.parameter("inverse_moving_mass")
+    fitted = replace(FULL, declared=(), moving_mass_dof=4.0)
+    assert fitted.parameter("inverse_moving_mass") != back.parameter("inverse_moving_mass")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend.charts import cusum_step, ewma_step, one_sided_ewma_step, winsorise
+from monitor_core.trend.charts import cusum_step, ewma_step, winsorise
 from monitor_core.trend.run_length import cusum_run_length, ewma_run_length, shewhart_run_length
 
 
@@ -51,25 +51,23 @@ def test_cusum_with_a_reference_of_the_size_of_its_limit_tends_to_the_shewhart_c
 def test_run_lengths_are_those_of_the_charts_themselves(shift, scale):
     rng = np.random.default_rng(7)
     n_runs, h, c, largest = 1500, 3.0, 0.6, 1.5
-    lengths = np.zeros((4, n_runs))
+    lengths = np.zeros((3, n_runs))
     for run in range(n_runs):
-        s, v, w, confirmed = 0.0, 0.0, 0.0, 0
-        signalled = [False] * 4
+        s, v, confirmed = 0.0, 0.0, 0
+        signalled = [False] * 3
         n = 0
         while not all(signalled):
             n += 1
             z = shift + scale * rng.standard_normal()
             s = cusum_step(s, z, 0.25, largest)
             v = ewma_step(v, winsorise(z, 2.0), 0.2)
-            w = one_sided_ewma_step(w, z, 0.2)
             confirmed = confirmed + 1 if z > 1.5 else 0
-            for i, beyond in enumerate((s > h, abs(v) > c, w > c, confirmed >= 2)):
+            for i, beyond in enumerate((s > h, abs(v) > c, confirmed >= 2)):
                 if beyond and not signalled[i]:
                     signalled[i], lengths[i, run] = True, n
     expected = [
         cusum_run_length(h, reference=0.25, shift=shift, scale=scale, largest_increment=largest),
         ewma_run_length(c, weight=0.2, shift=shift, scale=scale, largest_residual=2.0),
-        ewma_run_length(c, weight=0.2, shift=shift, scale=scale, one_sided=True),
         shewhart_run_length(1.5, shift=shift, scale=scale, consecutive=2),
     ]
     standard_error = lengths.std(axis=1) / math.sqrt(n_runs)

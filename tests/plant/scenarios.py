@@ -97,18 +97,18 @@ def all_scenarios() -> tuple[Scenario, ...]:
 
 
 def calibration() -> Scenario:
-    """Six positions by five preloads, three payloads, three temperatures."""
+    """Six positions by five preloads, two payloads at three positions, three temperatures."""
     conditions = [
         Condition(x, preload=p, temperature=22.0)
         for p in (50.0, 100.0, 200.0, 300.0, 400.0)
         for x in (0.15, 0.30, 0.45, 0.60, 0.75, 0.85)
     ]
-    conditions += [Condition(x, payload=m, temperature=22.0) for x, m in ((0.30, 8.0), (0.45, 10.0), (0.60, 9.0))]
+    conditions += [Condition(x, payload=m, temperature=22.0) for m in (8.0, 10.0) for x in (0.30, 0.45, 0.60)]
     conditions += [Condition(x, temperature=t) for x, t in ((0.30, 30.0), (0.60, 36.0), (0.45, 38.0))]
     start = datetime(2025, 2, 24, 8, 0, tzinfo=ZONE)
     return Scenario(
         "calibration",
-        "Preload set by load cell: 6 positions x 5 preloads, 3 payloads, 3 temperatures.",
+        "Preload set by load cell: 6 positions x 5 preloads, 2 payloads x 3 positions, 3 temperatures.",
         tuple(
             Measurement(f"calibration-{i:03d}", start + timedelta(minutes=12 * i), c) for i, c in enumerate(conditions)
         ),

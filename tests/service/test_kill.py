@@ -25,8 +25,8 @@ N_KILLS = 20
 N_MEASUREMENTS, N_WINDOWS = 120, 10
 #: Half a measurement a request: the process dies while measurements are open, complete, and being judged.
 PART = N_WINDOWS // 2
-#: The job replays a measurement, taken eight hours after the one before, about every 0.08 s.
-SPEED = 8 * 3600 / 0.08
+#: The job replays a measurement, taken eight hours after the one before, about every 0.1 s.
+SPEED = 8 * 3600 / 0.1
 
 
 def recorded_session() -> list[list[Window]]:
@@ -73,7 +73,7 @@ class Poster:
                 while not self._is_acknowledged(http, body):
                     time.sleep(0.05)
                 self.acknowledged |= {window.started_at.isoformat() for window in part}
-                time.sleep(0.02)
+                time.sleep(0.04)
 
     def _is_acknowledged(self, http: httpx.Client, body: bytes) -> bool:
         try:
@@ -165,7 +165,7 @@ def kill_again_and_again(
     rng = np.random.default_rng()
     progress = 0
     for _ in range(N_KILLS):
-        time.sleep(rng.uniform(0.05, 0.5))
+        time.sleep(rng.uniform(0.05, 0.4))
         server.process.kill()
         server.process.wait()
         acknowledged = set(poster.acknowledged)

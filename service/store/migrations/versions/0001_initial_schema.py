@@ -22,7 +22,6 @@ def upgrade() -> None:
         sa.Column("active_calibration_id", identity, nullable=True),
         sa.Column("detector_design", sa.JSON(), nullable=False),
         sa.Column("monitor_state", sa.JSON(), nullable=True),
-        sa.Column("last_received_at", sa.DateTime(), nullable=True),
         sa.Column("revision", sa.Integer(), nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_axes")),
     )
@@ -91,6 +90,7 @@ def upgrade() -> None:
         sa.Column("refusal_reason", sa.String(length=40), nullable=True),
         sa.Column("outcome", sa.JSON(), nullable=True),
         sa.Column("response", sa.JSON(), nullable=True),
+        sa.Column("revision", sa.Integer(), nullable=False),
         sa.ForeignKeyConstraint(["axis_id"], ["axes.id"], name=op.f("fk_measurements_axis_id_axes")),
         sa.ForeignKeyConstraint(
             ["calibration_id"], ["calibrations.id"], name=op.f("fk_measurements_calibration_id_calibrations")
