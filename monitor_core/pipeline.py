@@ -183,7 +183,8 @@ def advance_estimate(
         if learning
         else systematic_uncertainty_between(estimate.feature.value, conditions, state.baseline_conditions, calibration)
     )
-    observation = Observation(at, estimate.feature.value, estimate.feature_random_uncertainty, systematic)
+    # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
+    observation = Observation(at, estimate.feature.value, estimate.feature_own_uncertainty, systematic)
     return AxisState(
         detector=step(state.detector, observation, design),
         baseline_conditions=(*state.baseline_conditions, conditions) if learning else state.baseline_conditions,

@@ -25,7 +25,7 @@ class PreloadEstimate:
     preload: float  # [N]
     interval: Interval  # coverage, asymmetric [N]; the upper end is infinite where no preload is too high to fit
     feature: Estimate  # preload feature at the reference conditions, all known uncertainties included [s²]
-    feature_random_uncertainty: float  # of it, what is new in every measurement [s²]
+    feature_own_uncertainty: float  # of it, what the stated uncertainty of this frequency makes [s²]
     feature_systematic_uncertainty: float  # of it, what all measurements share [s²]
     shares: VarianceShares
     outside: tuple[str, ...]  # position, preload, payload, temperature: those outside the calibrated range
@@ -112,7 +112,7 @@ def estimate_preload(
         preload=preload,
         interval=_fieller_interval(feature, conditions, calibration, budget),
         feature=Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom),
-        feature_random_uncertainty=math.sqrt(budget.random),
+        feature_own_uncertainty=math.sqrt(budget.frequency),
         feature_systematic_uncertainty=math.sqrt(systematic),
         shares=budget.shares,
         outside=_outside(preload, conditions, calibration),

@@ -181,12 +181,12 @@ def test_shares_add_up_and_follow_what_is_uncertain() -> None:
 
 def test_random_and_systematic_parts_make_the_whole() -> None:
     answer = estimated(178.0, Conditions(0.5), ONE)
+    # 2/f³ per hertz, of the stated uncertainty and of the scatter between measurements
+    assert answer.feature_own_uncertainty == pytest.approx(2.0 * 0.05 / 178.0**3)
+    random = 2.0 * math.hypot(0.05, ONE.reproducibility) / 178.0**3
     assert answer.feature.standard_uncertainty == pytest.approx(
-        math.hypot(answer.feature_random_uncertainty, answer.feature_systematic_uncertainty)
+        math.hypot(random, answer.feature_systematic_uncertainty)
     )
-    # the random part is 2/f³ per hertz of own and between-measurement scatter
-    scatter = math.hypot(0.05, ONE.reproducibility)
-    assert answer.feature_random_uncertainty == pytest.approx(2.0 * scatter / 178.0**3)
 
 
 def test_declared_moving_mass_corrects_a_payload_and_widens() -> None:

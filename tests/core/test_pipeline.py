@@ -25,10 +25,11 @@ from monitor_core.preload import (
     axial_frequency,
     calibrate,
     estimate_preload,
+    systematic_uncertainty_between,
 )
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 from monitor_core.recordings import read_session
-from monitor_core.trend import DetectorSettings, LossDirection, TrendStatus, design_detector, reset
+from monitor_core.trend import DetectorSettings, LossDirection, design_detector, reset
 from monitor_core.uncertainty import Estimate
 from tests.conftest import PROJECT_ROOT
 
@@ -130,30 +131,16 @@ def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
     assert abs(alarms - 100) <= 23
 
 
-def test_systematic_dead_zone_opens_away_from_the_baseline_only(measurements, calibration) -> None:
-    """At the place of the baseline there is no dead zone; elsewhere the doubt of the calibration itself counts."""
-    design = design_detector(DetectorSettings(baseline_size=5, loss=LossDirection.RISE))
-    state, at = AxisState(), measurements[0][0].started_at
+def test_dead_zone_opens_only_where_the_baseline_has_not_been() -> None:
+    calibration, feature = simulated_calibration(np.random.default_rng(4)), 2.9e-6
 
-    def of(windows):
-        free = [replace(w, conditions=replace(w.conditions, preload=None)) for w in windows]
-        return judge_measurement(free, SETTINGS, calibration)
+    def doubt(position: float, baseline: list[float]) -> float:
+        places = [Conditions(x, 0.0, 22.0) for x in baseline]
+        return systematic_uncertainty_between(feature, Conditions(position, 0.0, 22.0), places, calibration)
 
-    same_place = of(measurements[18])  # 150 mm, 300 N
-    for day in range(5):
-        wobble = replace(
-            same_place,
-            preload=replace(
-                same_place.preload,
-                feature=replace(same_place.preload.feature, value=same_place.preload.feature.value * (1 + 1e-3 * day)),
-            ),
-        )
-        state = advance(state, wobble, at + timedelta(days=day), calibration=calibration, design=design)
-    assert state.detector.baseline is not None
-    assert [c.position for c in state.baseline_conditions] == [same_place.modal.conditions.position] * 5
-    weaker = of(measurements[12])  # 150 mm, 200 N
-    after = advance(state, weaker, at + timedelta(days=9), calibration=calibration, design=design)
-    elsewhere = of(measurements[17])  # 850 mm, 200 N
-    away = advance(state, elsewhere, at + timedelta(days=9), calibration=calibration, design=design)
-    assert after.detector.residual > away.detector.residual > 0.0
-    assert after.detector.status in (TrendStatus.NORMAL, TrendStatus.ALERT)
+    at_one_place, all_over = [0.3] * 5, [0.2, 0.35, 0.5, 0.65, 0.8]
+    assert doubt(0.3, at_one_place) == 0.0
+    assert 0.0 < doubt(0.4, at_one_place) < doubt(0.8, at_one_place)
+    # its scatter holds the errors of k1 and k2 already, so they are not counted again
+    assert [doubt(x, all_over) for x in all_over] == [0.0] * 5
+    assert doubt(1.2, all_over) > 0.0
