@@ -82,14 +82,16 @@ class Conditions:
     preload: float | None = None  # only where it was set on purpose, as in a calibration [N]
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.position):
-            raise InvalidWindowError(f"position must be finite; got {self.position} m")
-        if self.payload_mass is not None and not 0.0 <= self.payload_mass < math.inf:
-            raise InvalidWindowError(f"payload_mass must be finite and not negative; got {self.payload_mass} kg")
-        if self.temperature is not None and not -273.15 < self.temperature < math.inf:
-            raise InvalidWindowError(f"temperature must be finite and above -273.15 °C; got {self.temperature} °C")
-        if self.preload is not None and not 0.0 < self.preload < math.inf:
-            raise InvalidWindowError(f"preload must be finite and positive; got {self.preload} N")
+        for name, unit in (("position", "m"), ("payload_mass", "kg"), ("temperature", "°C"), ("preload", "N")):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise InvalidWindowError(f"{name} must be finite; got {value} {unit}")
+        if self.payload_mass is not None and self.payload_mass < 0.0:
+            raise InvalidWindowError(f"payload_mass must not be negative; got {self.payload_mass} kg")
+        if self.temperature is not None and self.temperature <= -273.15:
+            raise InvalidWindowError(f"temperature must lie above -273.15 °C; got {self.temperature} °C")
+        if self.preload is not None and self.preload <= 0.0:
+            raise InvalidWindowError(f"preload must be positive; got {self.preload} N")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,8 +24,7 @@ from monitor_core.spectral import (
     median_misfit,
 )
 
-#: Windows dropped or taken back by the fit change the fit. Most measurements settle in one pass or two; the third is the
-#: last, and what has not settled by then is warned about.
+#: Windows dropped or taken back by the fit change the fit; what has not settled after so many is warned about.
 _PASSES = 3
 #: Share of a window's response that its fellows' median response leaves unexplained, for a gross misfit.
 _GROSS_SHARE = 0.5

@@ -10,8 +10,8 @@ from monitor_core.modal.variable_projection import Solution
 #: Probability that a clean band is said to hold a tone.
 _FALSE_ALARM_PROBABILITY = 1e-3
 _LINES_APART = 1.5
-#: Of a tone's power over its neighbours'. With more than about a dozen windows this, not the significance level, decides:
-#: the level then lies below three times the noise.
+#: Of a tone's power over its neighbours'. With more than about a dozen windows this rise, not the significance level,
+#: decides: the level then lies below three times the noise.
 _LEAST_RISE = 3.0
 
 
@@ -25,9 +25,9 @@ def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
         S(f_{k+1/2}) = \frac{2}{\sigma^2} \sum_s \tfrac12 |R_s(k) - R_s(k+1)|^2
 
     Both are :math:`\chi^2` with two degrees of freedom per window if there is none; the level is divided by the number
-    of places, on the lines and between them. A line and a half on either side of a mode are left out: there a sine cannot be told from ringing that
-    the model does not quite meet. What stands no higher than its neighbourhood is noise of another colour than
-    supposed, and no sine either.
+    of places, on the lines and between them. A line and a half on either side of a mode are left out: there a sine
+    cannot be told from ringing that the model does not quite meet. What stands no higher than its neighbourhood is
+    noise of another colour than supposed, and no sine either.
 
     Parameters
     ----------

@@ -8,7 +8,6 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.response import FrequencyResponse
-from monitor_core.spectral.coherence import effective_averages
 from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper
 
 Estimator = Literal["H1", "H2", "Hv"]
@@ -24,18 +23,19 @@ class CrossSpectra:
     cross_power: ComplexArray  # Σ X* Y, shape (n_frequencies,)
     n_windows: int
     taper: Taper = "hann"
-    overlap: float = 0.0  # share of a window that the next one repeats [-]
 
     @property
     def n_averages(self) -> float:
-        """Effective number of independent averages."""
-        return effective_averages(self.n_windows, self.overlap, taper=self.taper)
+        """Independent averages: windows of separate moves share nothing, so each is worth one.
+
+        Of overlapped ones see :func:`monitor_core.spectral.coherence.effective_averages`.
+        """
+        return float(self.n_windows)
 
     def __add__(self, other: "CrossSpectra") -> "CrossSpectra":
         """Add the windows of another sum over the same lines."""
-        alike = (self.taper, self.overlap) == (other.taper, other.overlap)
-        if not alike or not np.array_equal(self.frequency, other.frequency):
-            raise OutsideValidityError("sums must be over the same lines, of the same taper and overlap")
+        if self.taper != other.taper or not np.array_equal(self.frequency, other.frequency):
+            raise OutsideValidityError("sums must be over the same lines, of the same taper")
         return CrossSpectra(
             self.frequency,
             self.excitation_power + other.excitation_power,
@@ -43,11 +43,10 @@ class CrossSpectra:
             self.cross_power + other.cross_power,
             self.n_windows + other.n_windows,
             self.taper,
-            self.overlap,
         )
 
 
-def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann", overlap: float = 0.0) -> CrossSpectra:
+def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann") -> CrossSpectra:
     """Sum the tapered powers of windows.
 
     Window by window (``cross_spectra(first) + cross_spectra(second)``) or all at once give the same numbers, because
@@ -59,8 +58,6 @@ def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann", overlap: float
         Raw lines, of which the outermost two are used up by the taper.
     taper : {"hann", "rectangular"}
         See :meth:`BandSpectra.tapered`.
-    overlap : float
-        Share of a window that the next one repeats; 0 for separate moves. [-]
 
     Returns
     -------
@@ -75,7 +72,6 @@ def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann", overlap: float
         np.sum(x.conj() * y, axis=0, dtype=np.complex128),
         spectra.n_windows,
         taper,
-        overlap,
     )
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.charts import cusum_step, ewma_step, winsorise
@@ -30,6 +31,29 @@ def test_two_sided_cusum_meets_the_table(limit, shift, published):
 def test_two_sided_ewma_meets_the_table(weight, width, shift, published):
     limit = width * math.sqrt(weight / (2.0 - weight))
     assert ewma_run_length(limit, weight=weight, shift=shift, n_cells=161) == pytest.approx(published, rel=5e-3)
+
+
+def test_charts_meet_the_published_comparison_of_rules():
+    """Limits for one false alarm in a year of hourly windows; windows to detect 20 N at σ = 8, 20 and 35 N."""
+    shift = 20.0 / np.array([8.0, 20.0, 35.0])
+    hourly = pytest.approx(8766.0, rel=0.03)  # the limits are printed to three digits
+    assert cusum_run_length(12.9, reference=0.25) == hourly
+    assert shewhart_run_length(3.69) == hourly
+    limit = 3.39 * math.sqrt(0.05 / 1.95)
+    assert 2.0 * ewma_run_length(limit, weight=0.05, n_cells=161) == hourly  # the table counts falls only
+
+    def published(*windows):
+        return pytest.approx(np.array(windows), rel=0.06)  # two digits, simulated
+
+    assert shewhart_run_length(3.69, shift=shift) == published(9.0, 295.0, 1153.0)
+    assert ewma_run_length(limit, weight=0.05, shift=shift) == published(5.4, 16.0, 38.0)
+    # The table's charts have been running when the step comes, and a running CUSUM is not empty: a walk with the drift
+    # −k is on average Σ E[max(N(−kn, n), 0)]/n above its lowest point (Spitzer 1956), and so much nearer to the limit.
+    k, n = 0.25, np.arange(1, 2000)
+    root = np.sqrt(n)
+    ahead = np.sum((root * stats.norm.pdf(k * root) - k * n * stats.norm.sf(k * root)) / n)
+    running = cusum_run_length(12.9, reference=k, shift=shift) - ahead / (shift - k)
+    assert running == published(5.7, 16.0, 36.0)
 
 
 @pytest.mark.parametrize(("shift", "published"), [(0.0, 370.4), (1.0, 43.9), (2.0, 6.30), (3.0, 2.00)])

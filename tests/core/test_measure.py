@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.errors import InvalidWindowError, NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, PhaseReference, calibrate_phase, measure_mode
 from monitor_core.recording import (
     Conditions,
@@ -135,10 +135,11 @@ def test_frequency_that_is_not_known_well_enough():
     assert_refused(windows_of(), RejectionReason.UNCERTAIN_FREQUENCY, gate=gate)
 
 
-def test_two_overlapping_modes_of_like_height_unless_one_is_expected():
+def test_two_overlapping_modes_of_like_height():
     modes = ((175.0, 0.01, 1.0), (181.0, 0.01, 0.9))
     assert_refused(windows_of(modes=modes, n_windows=30), RejectionReason.AMBIGUOUS_MODES)
-    result = measured(windows_of(modes=modes, n_windows=30), expected_frequency=175.5)
+    # A band that ends between the two says which is meant.
+    result = measured(windows_of(modes=modes, n_windows=30), band=(120.0, 178.0))
     assert result.mode.frequency.value == pytest.approx(175.0, abs=0.3)
     assert result.n_modes == 2
 
@@ -168,6 +169,36 @@ def test_bad_impacts_are_named_and_do_not_move_the_result(bad):
     assert all(refusal.reason is RejectionReason.OUTLYING_WINDOW for _, refusal in result.refused_windows)
     assert result.n_averages == 15.0 - len(bad)
     assert result.mode.frequency.value == pytest.approx(expected.mode.frequency.value, abs=1e-9)
+
+
+def test_windows_that_have_not_settled_are_said(monkeypatch):
+    # A window half as high again: too near its fellows for the first look, but not for the first fit.
+    windows = windows_of()
+    windows[4] = replace(windows[4], response=1.5 * windows[4].response)
+    result = measured(windows)
+    assert [i for i, _ in result.refused_windows] == [4]
+    assert not any("settled" in warning for warning in result.warnings)
+    monkeypatch.setattr("monitor_core.modal.averaging._PASSES", 1)
+    hasty = measured(windows)
+    assert hasty.refused_windows == ()
+    assert any("not settled in 1 passes: 15 of 15 are kept" in warning for warning in hasty.warnings)
+
+
+def test_a_fit_that_the_lines_cut_short_says_so():
+    # ± 8 ζ f are ± 84 Hz; a band up to 180 Hz brings lines up to 225 Hz only.
+    windows = windows_of(modes=((175.0, 0.06, 1.0),))
+    cut = [warning for warning in measured(windows, band=(120.0, 180.0)).warnings if "were wanted" in warning]
+    assert len(cut) == 1
+    assert "to 225" in cut[0]
+    wide = measured(windows, band=(60.0, 300.0))
+    assert not any("were wanted" in warning for warning in wide.warnings)
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+@pytest.mark.parametrize("name", ["position", "payload_mass", "temperature", "preload"])
+def test_conditions_must_be_finite(name, value):
+    with pytest.raises(InvalidWindowError, match=f"{name} must be finite"):
+        Conditions(**({"position": 0.4} | {name: value}))
 
 
 def test_strong_and_weak_windows_are_not_outlying():

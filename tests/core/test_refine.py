@@ -72,7 +72,7 @@ def cramer_rao_bound(spectra, damping):
 
 @pytest.fixture(scope="module")
 def study():
-    """Errors of frequency by cell, their stated intervals, the bound, and the error of the plain peak bin."""
+    """Errors of frequency and damping by cell, what is stated of them, the bound, and the error of the peak bin."""
     cells = {}
     for damping in DAMPINGS:
         rng = np.random.default_rng(round(1e4 * damping))
@@ -83,7 +83,7 @@ def study():
                 noisy, deviation = with_noise(rng, clean, snr, half_width(damping))
                 peak = peak_bin(noisy)
                 fit = fit_modes(noisy, frequency=peak, damping_ratio=0.02)
-                estimate = fit.modes[0].frequency
+                estimate, zeta = fit.modes[0].frequency, fit.modes[0].damping_ratio
                 reach = scipy.stats.t.ppf(0.975, estimate.degrees_of_freedom) * estimate.standard_uncertainty
                 cells.setdefault((damping, snr), []).append(
                     (
@@ -94,6 +94,9 @@ def study():
                         bound * deviation,
                         peak - FREQUENCY,
                         len(fit.modes) + len(fit.tones) - 1,
+                        estimate.standard_uncertainty,
+                        zeta.value - damping,
+                        zeta.standard_uncertainty,
                     )
                 )
     return {cell: np.array(rows).T for cell, rows in cells.items()}
@@ -103,13 +106,16 @@ def study():
 @pytest.mark.parametrize("snr", SNRS_DB)
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_estimator_meets_the_bound_and_its_intervals_cover(study, damping, snr):
-    error, reach, formal, between, bounds, peak_error, extra = study[damping, snr]
+    error, reach, formal, between, bounds, peak_error, extra, stated, zeta_error, zeta_stated = study[damping, snr]
     bound = np.sqrt(np.nanmean(bounds**2))
     deviation = np.std(error, ddof=1)
     # 300 trials know a standard deviation to 4 %, a mean to 0.06 deviations, and a coverage of 95 % to 1.3 %.
     assert 0.9 * bound < deviation < 1.2 * bound
     assert abs(np.mean(error)) < 0.2 * deviation
     assert 0.92 <= np.mean(np.abs(error) < reach) <= 0.98
+    # What is stated is what is observed: the larger of two covariances that agree lies some 5 % above either.
+    assert np.sqrt(np.mean(stated**2)) == pytest.approx(deviation, rel=0.15)
+    assert np.sqrt(np.mean(zeta_stated**2)) == pytest.approx(np.std(zeta_error, ddof=1), rel=0.15)
     # The two covariances agree where the noise is as the formal one supposes.
     assert np.mean(formal) == pytest.approx(bound, rel=0.1)
     assert np.sqrt(np.mean(between**2)) == pytest.approx(bound, rel=0.1)
