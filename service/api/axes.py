@@ -28,6 +28,7 @@ class AxisIn(BaseModel):
                         "search_band_hz": [140, 230],
                         "excitation_source": "sensor",
                         "moving_mass_kg": 21.8,
+                        "moving_mass_standard_uncertainty_kg": 0.5,
                     },
                 }
             ]

@@ -52,7 +52,7 @@ def demo(stay: bool | None, as_json: bool) -> None:
 
 def run_demo(client: Client, sessions: Path = BUNDLED_SESSIONS) -> dict[str, Any]:
     """Calibrate on the calibration session, replay the others as axes of the same machine, collect what came of it."""
-    counts = _replay(client, sessions, CALIBRATION, "calibration of the machine")
+    counts = replay_bundled(client, sessions, CALIBRATION, "calibration of the machine")
     calibration = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": "demo"})
     estimates: list[dict[str, Any]] = []
     alarms: list[dict[str, Any]] = []
@@ -63,7 +63,7 @@ def run_demo(client: Client, sessions: Path = BUNDLED_SESSIONS) -> dict[str, Any
             f"/v1/axes/{session}/calibrations", {"document": calibration["document"], "comment": "of the machine"}
         )
         client.post(f"/v1/axes/{session}/calibrations/{own['id']}/activate", {"reason": "demo"})
-        replayed = _replay(client, sessions, session, description)
+        replayed = replay_bundled(client, sessions, session, description)
         counts = {name: counts[name] + replayed[name] for name in counts}
         points = client.get(f"/v1/axes/{session}/trend", limit=10_000)["points"]
         raised = client.get("/v1/alarms", axis=session, limit=200)["alarms"]
@@ -73,7 +73,8 @@ def run_demo(client: Client, sessions: Path = BUNDLED_SESSIONS) -> dict[str, Any
     return {**counts, "axes": axes, "estimates": estimates, "alarms": alarms, "calibration": calibration["document"]}
 
 
-def _replay(client: Client, sessions: Path, session: str, description: str) -> dict[str, int]:
+def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> dict[str, int]:
+    """Post one bundled session; the axis of the calibration is registered on the way."""
     if session == CALIBRATION:
         client.put(f"/v1/axes/{session}", {"name": description, "configuration": CONFIGURATION})
     click.echo(f"replaying {session} ({description})", err=True)

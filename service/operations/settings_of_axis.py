@@ -32,7 +32,7 @@ class AxisConfiguration(BaseModel):
     minimum_averages: int = Field(default=8, ge=2, le=1000, description="fewer windows are never judged")
     position_span_limit_mm: Positive = 20.0
     moving_mass_kg: Positive | None = Field(default=None, description="table, nut and what moves with them")
-    moving_mass_standard_uncertainty_kg: Annotated[Number, Field(ge=0)] = 0.0
+    moving_mass_standard_uncertainty_kg: Positive | None = Field(default=None, description="goes with moving_mass_kg")
     measurements_per_year: Positive = 365.0
     false_alarms_per_year: Positive = 1.0
     baseline_size: int = Field(default=20, ge=5, le=1000, description="measurements that make the baseline")
@@ -49,19 +49,21 @@ class AxisConfiguration(BaseModel):
                 f"minimum_averages ({self.minimum_averages}) must not exceed "
                 f"windows_per_measurement ({self.windows_per_measurement})"
             )
+        if (self.moving_mass_kg is None) != (self.moving_mass_standard_uncertainty_kg is None):
+            raise ValueError("moving_mass_kg and moving_mass_standard_uncertainty_kg are stated together or not at all")
         return self
 
 
 def core_settings(configuration: AxisConfiguration) -> AxisSettings:
     """Return the core's settings, in SI units."""
-    mass = configuration.moving_mass_kg
+    mass, uncertainty = configuration.moving_mass_kg, configuration.moving_mass_standard_uncertainty_kg
     return AxisSettings(
         search_band=configuration.search_band_hz,
         quality=QualityGate(
             sample_rate=configuration.sample_rate_hz, position_span_limit=metres(configuration.position_span_limit_mm)
         ),
         mode=ModeGate(minimum_averages=configuration.minimum_averages),
-        moving_mass=None if mass is None else Estimate(mass, configuration.moving_mass_standard_uncertainty_kg),
+        moving_mass=None if mass is None or uncertainty is None else Estimate(mass, uncertainty),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from monitor_core.trend import paper_rule
 from service.clock import now
 from service.errors import UnreadableBodyError
 from service.operations.documents import baseline_document
@@ -13,6 +14,9 @@ from service.operations.settings_of_axis import AxisConfiguration
 from service.store import alarms, axes, calibrations, measurements
 from service.store.database import Database
 from service.store.tables import AxisRow, MeasurementRow, WindowRow
+
+#: Readings in each group of the paper's rule (Nguyen et al. 2018, section 3.3).
+PAPER_READINGS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,22 @@ class Trend:
             row = axes.get_axis(session, axis_id)
             calibration = calibrations.active_calibration(session, row)
         return None if calibration is None else baseline_document(load_state(row.monitor_state), calibration)
+
+    def paper_rule(self, axis_id: str) -> dict[str, Any] | None:
+        """Compare the first measurements under the calibration in force with the latest, as the paper does."""
+        with self._database.read() as session:
+            row = axes.get_axis(session, axis_id)
+            preloads = measurements.preloads_under(session, axis_id, row.active_calibration_id)
+        first, latest = preloads[:PAPER_READINGS], preloads[PAPER_READINGS:][-PAPER_READINGS:]
+        if len(latest) < 2:
+            return None
+        rule = paper_rule(first, latest)
+        return {
+            "first_n": [rule.baseline.lower, rule.baseline.upper],
+            "latest_n": [rule.current.lower, rule.current.upper],
+            "n_latest": len(latest),
+            "distinguished": rule.distinguished,
+        }
 
     def page(
         self, axis_id: str, *, start: datetime | None, end: datetime | None, cursor: str | None, limit: int

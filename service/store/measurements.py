@@ -90,6 +90,20 @@ def calibration_measurements(
     return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id)))
 
 
+def preloads_under(session: Session, axis_id: str, calibration_id: int | None) -> list[float]:
+    """Return the preloads judged under one calibration, in time order."""
+    query = (
+        select(MeasurementRow.preload_n)
+        .where(
+            MeasurementRow.axis_id == axis_id,
+            MeasurementRow.calibration_id == calibration_id,
+            MeasurementRow.preload_n.is_not(None),
+        )
+        .order_by(MeasurementRow.started_at, MeasurementRow.id)
+    )
+    return [preload for preload in session.scalars(query) if preload is not None]
+
+
 def trend_page(
     session: Session,
     axis_id: str,

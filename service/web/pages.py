@@ -58,6 +58,7 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
         {
             "axis": status,
             "baseline": on.trend.baseline(axis),
+            "rule": on.trend.paper_rule(axis),
             "calibration": active,
             "history": overview.activations,
             "alarms": alarms,

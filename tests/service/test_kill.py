@@ -106,6 +106,12 @@ def assert_waveforms_are_whole(data_dir: Path) -> int:
     return len(list((data_dir / "raw").rglob("*.zst"))) - len(named)
 
 
+def errors_in_logs(folder: Path) -> list[str]:
+    """Return what the servers logged as an error."""
+    lines = (line for log in sorted(folder.glob("server-*.log")) for line in log.read_text().splitlines())
+    return [line for line in lines if '"level": "ERROR"' in line]
+
+
 @pytest.mark.slow
 def test_kills_lose_nothing_acknowledged(tmp_path: Path, start_server: Callable[..., ServerProcess]) -> None:
     measurements = recorded_session()
@@ -141,7 +147,7 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, start_server: Callable[
     assert thread.is_alive()  # every kill hit a replay
     thread.join(timeout=60)
     assert not thread.is_alive()
-    assert poster.unexpected == []
+    assert poster.unexpected == [], errors_in_logs(tmp_path)
 
     with httpx.Client(base_url=server.url, timeout=30.0, trust_env=False) as http:
         api = Api(http, data_dir)

@@ -1,0 +1,33 @@
+"""The pages say what the axis says, load nothing from outside, and show the paper's rule by name."""
+
+import httpx
+
+from monitor_core.recordings import open_session
+from service.cli.client import Client
+from service.cli.demo import CALIBRATION, CONFIGURATION, replay_bundled
+from service.cli.embedded import embedded_service
+from service.settings import BUNDLED_SESSIONS, Settings
+
+
+def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> None:
+    settings = Settings(data_dir=tmp_path, port=0)
+    with embedded_service(settings) as url, Client(url) as client:
+        replay_bundled(client, BUNDLED_SESSIONS, CALIBRATION, "calibration")
+        fitted = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": ""})
+        client.put("/v1/axes/x", {"name": "Axis X", "configuration": CONFIGURATION})
+        own = client.post("/v1/axes/x/calibrations", {"document": fitted["document"], "comment": ""})
+        client.post(f"/v1/axes/x/calibrations/{own['id']}/activate", {"reason": "test"})
+        with open_session(BUNDLED_SESSIONS / "sudden-loss.session.h5") as session:
+            for name in session.measurements:
+                client.post_measurement("x", session.windows_of(name))
+        page, fleet = (httpx.get(url + path).text for path in ("/axes/x", "/"))
+    assert '<span class="state alarm" id="state">alarm</span>' in page
+    assert "Rule of the paper" in page
+    assert "told apart" in page
+    assert "not told apart" not in page
+    assert "baseline of 20 measurements" in page
+    assert "N below the baseline" in page
+    assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
+    for text in (page, fleet):
+        assert "http://" not in text
+        assert "https://" not in text
