@@ -25,8 +25,10 @@ N_KILLS = 20
 N_MEASUREMENTS, N_WINDOWS = 120, 10
 #: Half a measurement a request: the process dies while measurements are open, complete, and being judged.
 PART = N_WINDOWS // 2
-#: The job replays a measurement, taken eight hours after the one before, about every 0.1 s.
-SPEED = 8 * 3600 / 0.1
+#: Between two kills fewer parts than this are acknowledged.
+MOST_PARTS = 9
+#: The job replays a measurement, taken eight hours after the one before, about every 0.15 s.
+SPEED = 8 * 3600 / 0.15
 
 
 def recorded_session() -> list[list[Window]]:
@@ -65,15 +67,16 @@ class Poster:
     parts: list[list[Window]]
     acknowledged: set[str] = field(default_factory=set)
     unexpected: list[str] = field(default_factory=list)
+    may_go_on: threading.Event = field(default_factory=threading.Event)
 
     def run(self) -> None:
         with httpx.Client(base_url=self.url, timeout=30.0, trust_env=False) as http:
             for part in self.parts:
+                self.may_go_on.wait()
                 body = msgpack.packb({"windows": [window_document(window) for window in part]})
                 while not self._is_acknowledged(http, body):
-                    time.sleep(0.05)
+                    time.sleep(0.02)
                 self.acknowledged |= {window.started_at.isoformat() for window in part}
-                time.sleep(0.04)
 
     def _is_acknowledged(self, http: httpx.Client, body: bytes) -> bool:
         try:
@@ -145,6 +148,7 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, start_server: Callable[
     thread.start()
     server = kill_again_and_again(server, start, poster, data_dir, job["id"])
     assert thread.is_alive()  # every kill hit a replay
+    poster.may_go_on.set()
     thread.join(timeout=60)
     assert not thread.is_alive()
     assert poster.unexpected == [], errors_in_logs(tmp_path)
@@ -169,17 +173,24 @@ def kill_again_and_again(
 ) -> ServerProcess:
     """Kill the service at random moments; look after each start whether anything acknowledged is missing."""
     rng = np.random.default_rng()
-    progress = 0
+    progress, kills_of_job = 0, 0
     for _ in range(N_KILLS):
-        time.sleep(rng.uniform(0.05, 0.4))
+        enough = len(poster.acknowledged) + PART * rng.integers(0, MOST_PARTS)
+        poster.may_go_on.set()
+        while len(poster.acknowledged) < enough:
+            time.sleep(0.001)
+        time.sleep(rng.uniform(0.0, 0.05))  # about as long as a request takes: the kill falls anywhere in it
         server.process.kill()
         server.process.wait()
+        poster.may_go_on.clear()
         acknowledged = set(poster.acknowledged)
         server = start()
         stored = stored_windows(data_dir, "posted")
         assert acknowledged <= set(stored)
         assert len(stored) == len(set(stored))
-        reported = httpx.get(f"{server.url}/v1/jobs/{job_id}", trust_env=False).json()["done"]
-        assert progress <= reported <= len(stored_windows(data_dir, "replayed"))
-        progress = reported
+        job = httpx.get(f"{server.url}/v1/jobs/{job_id}", trust_env=False).json()
+        assert progress <= job["done"] <= len(stored_windows(data_dir, "replayed"))
+        progress = job["done"]
+        kills_of_job += job["status"] != "done"
+    assert kills_of_job >= N_KILLS // 2
     return server
