@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from scipy import special
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.uncertainty import Interval, IntervalKind
+from monitor_core.trend.intervals import prediction_interval
+from monitor_core.uncertainty import Interval
 
 #: Critical value for the lag-1 autocorrelation, in units of 1/√m. So high (1 %) that baselines of independent
 #: measurements are hardly ever widened: the stated false-alarm rate stays what it is.
@@ -84,9 +84,7 @@ class Baseline:
 
         For people to look at: alarms come from the charts, whose false-alarm rate is stated.
         """
-        t = float(special.stdtrit(self.degrees_of_freedom, 0.5 + level / 2.0))
-        margin = t * self.scatter * math.sqrt(1.0 + 1.0 / self.size)
-        return Interval(self.mean - margin, self.mean + margin, IntervalKind.PREDICTION, level)
+        return prediction_interval(self.mean, self.scatter, self.size, level)
 
 
 def learn_baseline(observations: Sequence[Observation]) -> Baseline | None:

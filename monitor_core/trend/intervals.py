@@ -90,8 +90,12 @@ def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: f
     ----------
     .. [1] W. Q. Meeker, G. J. Hahn, L. A. Escobar, Statistical Intervals, 2nd ed., Wiley, 2017.
     """
-    mean, scatter, n = _moments(readings)
-    half = _student_t(n - 1, level) * scatter * math.sqrt(1.0 + 1.0 / n)
+    return prediction_interval(*_moments(readings), level)
+
+
+def prediction_interval(mean: float, scatter: float, n_readings: int, level: float = 0.95) -> Interval:
+    """Do the same from the mean, the standard deviation and the number of the readings."""
+    half = _student_t(n_readings - 1, level) * scatter * math.sqrt(1.0 + 1.0 / n_readings)
     return Interval(mean - half, mean + half, IntervalKind.PREDICTION, level)
 
 
