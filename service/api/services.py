@@ -33,6 +33,6 @@ class Services:
     jobs: JobRunner
 
 
-def services(request: Request) -> Services:
+async def services(request: Request) -> Services:
     """Return the operations of the application that serves this request."""
     return cast(Services, request.app.state.services)

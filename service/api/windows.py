@@ -1,5 +1,6 @@
 """``POST /v1/axes/{axis}/windows``: windows in, outcomes out."""
 
+from collections import Counter
 from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
@@ -12,7 +13,7 @@ from monitor_core.recordings.units import metres
 from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body, raw_body
 from service.api.fields import AxisId, Label, Moment
 from service.api.services import Services, services
-from service.operations.ingest import WindowStatus
+from service.operations.ingest import IngestReceipt, WindowStatus
 from service.operations.settings_of_axis import Number
 
 router = APIRouter(prefix="/v1", tags=["windows"])
@@ -157,21 +158,24 @@ def _posted(document: object) -> WindowsIn:
 def post_windows(
     axis: AxisId,
     request: Request,
-    response: Response,
     body: Annotated[bytes, Depends(raw_body)],
     on: Annotated[Services, Depends(services)],
-) -> WindowsOut:
+) -> Response:
     """Store one window or a whole measurement, judge what is complete, and say what came of it.
 
     Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
     the same `started_at` is refused with 409, and then nothing of the request is stored.
     """
     posted = _posted(parse_body(body, request.headers.get("content-type")))
-    windows = [window.to_core() for window in posted.windows]
-    receipt = on.ingest.ingest(axis, windows, complete=posted.complete)
-    counts = {status: sum(item.status is status for item in receipt.windows) for status in WindowStatus}
-    if counts[WindowStatus.ALREADY_THERE] < len(windows):
-        response.status_code = 201
+    receipt = on.ingest.ingest(axis, [window.to_core() for window in posted.windows], complete=posted.complete)
+    answer = _answer(receipt)
+    # A response of our own: FastAPI would validate what is valid, in yet another thread.
+    status = 200 if answer.already_there == len(answer.windows) else 201
+    return Response(answer.model_dump_json(), status, media_type=JSON_TYPE)
+
+
+def _answer(receipt: IngestReceipt) -> WindowsOut:
+    counts = Counter(item.status for item in receipt.windows)
     return WindowsOut(
         accepted=counts[WindowStatus.ACCEPTED],
         refused=counts[WindowStatus.REFUSED],

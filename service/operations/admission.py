@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.units import to_millimetres
 from service.operations.settings_of_axis import AxisConfiguration
-from service.store.measurements import OPEN
-from service.store.tables import MeasurementRow
+from service.store.intake import OPEN, MeasurementRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +14,7 @@ class Admitted:
     """A new window in its measurement, and why it will not be averaged there, if so."""
 
     window: Window
-    measurement: MeasurementRow
+    measurement: MeasurementRecord
     refusal: Rejection | None
 
 
@@ -25,7 +24,7 @@ class Admission:
 
     axis_id: str
     configuration: AxisConfiguration
-    measurements: dict[str, MeasurementRow]  # open ones, and those that the windows name
+    measurements: dict[str, MeasurementRecord]  # open ones, and those that the windows name
     admitted: list[Admitted] = field(default_factory=list)
 
     def admit(self, window: Window, own_refusal: Rejection | None) -> None:
@@ -40,14 +39,12 @@ class Admission:
         """
         row = self.measurements.get(window.measurement)
         if row is None:
-            row = self.measurements[window.measurement] = MeasurementRow(
+            row = self.measurements[window.measurement] = MeasurementRecord(
                 axis_id=self.axis_id,
                 name=window.measurement,
                 started_at=window.started_at,
                 position_mm=to_millimetres(window.conditions.position),
                 set_preload_n=window.conditions.preload,
-                status=OPEN,
-                n_accepted=0,
             )
         refusal = self._misfit(window, row) or own_refusal
         if row.status == OPEN:
@@ -55,7 +52,12 @@ class Admission:
             row.n_accepted += refusal is None
         self.admitted.append(Admitted(window, row, refusal))
 
-    def complete(self, named: Iterable[str]) -> list[MeasurementRow]:
+    def changed(self) -> list[MeasurementRecord]:
+        """Return the measurements that new windows made or changed."""
+        rows = {item.measurement.name: item.measurement for item in self.admitted}
+        return [row for row in rows.values() if row.status == OPEN]
+
+    def complete(self, named: Iterable[str]) -> list[MeasurementRecord]:
         """Return what is to be judged, in time order.
 
         That is what is said to be complete, what has enough windows, and what a newer measurement has followed.
@@ -73,7 +75,7 @@ class Admission:
         ]
         return sorted(complete, key=lambda row: row.started_at)
 
-    def _misfit(self, window: Window, row: MeasurementRow) -> Rejection | None:
+    def _misfit(self, window: Window, row: MeasurementRecord) -> Rejection | None:
         if row.status != OPEN:
             return Rejection(
                 RejectionReason.MEASUREMENT_CLOSED,

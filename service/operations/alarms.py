@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from service.clock import now
@@ -23,17 +24,20 @@ class AlarmView:
     events: list[AlarmEventRow]
 
 
-def raise_alarm(session: Session, axis_id: str, measurement_id: int, kind: str, evidence: dict[str, Any]) -> None:
+def raise_alarm(
+    connection: Connection, axis_id: str, measurement_id: int | None, kind: str, evidence: dict[str, Any]
+) -> None:
     """Store a new alarm in the transaction that stores the measurement it rests on."""
     at = now()
     row = AlarmRow(
         axis_id=axis_id, measurement_id=measurement_id, kind=kind, raised_at=at, status=alarms.ACTIVE, evidence=evidence
     )
-    session.add(row)
-    session.flush()
-    session.add(
-        AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason="raised by measurement")
-    )
+    with Session(connection) as session:
+        session.add(row)
+        session.flush()
+        raised = "raised by measurement"
+        session.add(AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
+        session.commit()  # hands both to the connection
 
 
 class Alarms:

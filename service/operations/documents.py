@@ -13,7 +13,7 @@ from monitor_core.preload import Calibration, PreloadEstimate, preload_from_feat
 from monitor_core.preload.drag_torque import DragTorque
 from monitor_core.recording import Rejection
 from monitor_core.recordings.units import to_millimetres
-from service.store.tables import MeasurementRow
+from service.store.intake import MeasurementRecord
 
 
 def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
@@ -78,7 +78,7 @@ def refusal_document(rejection: Rejection) -> dict[str, Any]:
 
 
 def measurement_document(
-    row: MeasurementRow, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration | None
+    row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration | None
 ) -> dict[str, Any]:
     """Lay out everything that is said about one measurement; what could not be said is ``null``."""
     refusal = outcome.refusal
@@ -130,7 +130,7 @@ def _numbers(values: FloatArray) -> list[float | None]:
 
 
 def alarm_evidence(
-    row: MeasurementRow, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration
+    row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration
 ) -> dict[str, Any]:
     """Lay out why an alarm was raised: the measurement, the chart, and since when."""
     alarm, baseline = state.detector.alarm, state.detector.baseline

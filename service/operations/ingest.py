@@ -1,6 +1,7 @@
 """Windows in: gated, judged when they complete a measurement, on disk and committed, then acknowledged."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -16,13 +17,12 @@ from service.operations.admission import Admission
 from service.operations.judge import Verdict, judge, record
 from service.operations.lanes import Lanes
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
-from service.store import measurements
+from service.store import intake
 from service.store.archive import accepted_windows
-from service.store.axes import get_axis
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
-from service.store.tables import AxisRow, MeasurementRow
-from service.store.waveforms import WaveformFile, WaveformStore, content_sha256
+from service.store.intake import AxisRecord, MeasurementRecord
+from service.store.waveforms import WaveformStore, Written, content_sha256
 
 
 class WindowStatus(StrEnum):
@@ -56,11 +56,11 @@ class IngestReceipt:
 class _Known:
     """What is stored of an axis, as far as a request asks for it."""
 
-    axis: AxisRow
+    axis: AxisRecord
     configuration: AxisConfiguration
     calibration: Calibration | None
     contents: dict[datetime, str]  # of windows that started when posted ones did
-    measurements: dict[str, MeasurementRow]  # open ones, and those that the windows name
+    measurements: dict[str, MeasurementRecord]  # open ones, and those that the windows name
 
 
 class Ingest:
@@ -92,61 +92,47 @@ class Ingest:
         -----
         Whatever is raised, nothing of the request is stored.
         """
-        posted = [(window, content_sha256(window)) for window in windows]
         names = {window.measurement for window in windows}
         with self._lanes.of(axis_id):
             known = self._read(axis_id, windows, names)
-            new = _new_windows(axis_id, posted, known.contents)
+            new = _new_windows(axis_id, windows, known.contents)
             judged_before = [row.outcome for row in known.measurements.values() if row.outcome is not None]
             admission, verdicts = self._take(known, new, names if complete else set())
         receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
         self._count(receipts, verdicts)
-        now_judged = [verdict.document for verdict in verdicts]
-        return IngestReceipt(receipts, (*now_judged, *judged_before))
+        return IngestReceipt(receipts, (*(verdict.document for verdict in verdicts), *judged_before))
 
-    def _read(self, axis_id: str, windows: Sequence[Window], names: Iterable[str]) -> _Known:
-        with self._database.read() as session:
-            axis = get_axis(session, axis_id)
+    def _read(self, axis_id: str, windows: Iterable[Window], names: Iterable[str]) -> _Known:
+        with self._database.reading() as connection:
+            axis = intake.read_axis(connection, axis_id)
             return _Known(
                 axis,
                 AxisConfiguration.model_validate(axis.configuration),
-                self._in_force.of(session, axis),
-                measurements.contents_at(session, axis_id, [window.started_at for window in windows]),
-                {row.name: row for row in measurements.open_or_named(session, axis_id, names)},
+                self._in_force.of(connection, axis),
+                intake.contents_at(connection, axis_id, [window.started_at for window in windows]),
+                {row.name: row for row in intake.open_or_named(connection, axis_id, names)},
             )
 
-    def _take(
-        self, known: _Known, new: Sequence[tuple[Window, str]], complete_names: set[str]
-    ) -> tuple[Admission, list[Verdict]]:
+    def _take(self, known: _Known, new: Sequence[Window], complete_names: set[str]) -> tuple[Admission, list[Verdict]]:
         """Write the waveforms, gate and judge meanwhile, then commit all of it."""
         received_at = now()
-        writing = (
-            self._waveforms.begin_write(known.axis.id, [window for window, _ in new], received_at) if new else None
-        )
-        committing = False
-        try:
-            admission = self._admit(known, [window for window, _ in new])
+        with ExitStack() as files:
+            writing = files.enter_context(self._waveforms.begin_write(known.axis.id, new, received_at)) if new else None
+            admission = self._admit(known, new)
             judged = [(row, self._judge(row, known, admission)) for row in admission.complete(complete_names)]
-            if not new and not judged:
+            if writing is None and not judged:
                 return admission, []
-            file = None if writing is None else writing.result()
-            with self._database.write() as session:
-                session.add_all([known.axis, *known.measurements.values()])
-                session.flush()
-                if file is not None:
-                    hashes = [content for _, content in new]
-                    measurements.add_windows(session, _window_rows(admission, hashes, file, received_at))
-                verdicts = [record(session, known.axis, row, outcome, known.calibration) for row, outcome in judged]
-                session.flush()
-                committing = True
-        except BaseException:
-            # A commit that failed may yet have happened (a lost connection): then the rows need their file.
-            if writing is not None and not committing:
-                self._waveforms.discard(writing)
-            raise
+            with self._database.writing() as connection:
+                for row in admission.changed():
+                    intake.save_admitted(connection, row)
+                if writing is not None:
+                    intake.add_windows(connection, _window_rows(admission, writing.written(), received_at))
+                verdicts = [record(connection, known.axis, row, outcome, known.calibration) for row, outcome in judged]
+                if writing is not None:
+                    writing.keep()  # before the commit: one that fails may yet have happened (a lost connection)
         return admission, verdicts
 
-    def _admit(self, known: _Known, windows: Sequence[Window]) -> Admission:
+    def _admit(self, known: _Known, windows: Iterable[Window]) -> Admission:
         settings = core_settings(known.configuration)
         admission = Admission(known.axis.id, known.configuration, known.measurements)
         for window in windows:
@@ -154,14 +140,14 @@ class Ingest:
             admission.admit(window, quality if isinstance(quality, Rejection) else None)
         return admission
 
-    def _judge(self, row: MeasurementRow, known: _Known, admission: Admission) -> MeasurementOutcome:
+    def _judge(self, row: MeasurementRecord, known: _Known, admission: Admission) -> MeasurementOutcome:
         with self._metrics.judging.time():
             return judge(self._accepted(row, admission), known.configuration, known.calibration)
 
-    def _accepted(self, row: MeasurementRow, admission: Admission) -> list[Window] | Rejection:
+    def _accepted(self, row: MeasurementRecord, admission: Admission) -> list[Window] | Rejection:
         """Return the accepted windows of a measurement, those of this request and those on disk, in time order."""
         windows = [item.window for item in admission.admitted if item.measurement is row and item.refusal is None]
-        if len(windows) < row.n_accepted:
+        if row.id is not None and len(windows) < row.n_accepted:
             try:
                 with self._database.read() as session:
                     windows += accepted_windows(session, self._waveforms, row.id)
@@ -178,26 +164,22 @@ class Ingest:
                 self._metrics.alarms.labels(verdict.alarm).inc()
 
 
-def _new_windows(
-    axis_id: str, posted: Iterable[tuple[Window, str]], contents: Mapping[datetime, str]
-) -> list[tuple[Window, str]]:
-    """Return the windows that are not stored yet, with their hashes, in time order."""
-    known, new = dict(contents), []
-    for window, content in posted:
-        if window.started_at not in known:
-            known[window.started_at] = content
-            new.append((window, content))
-        elif known[window.started_at] != content:
+def _new_windows(axis_id: str, posted: Iterable[Window], stored: Mapping[datetime, str]) -> list[Window]:
+    """Return the windows that are not stored yet, in time order."""
+    new: dict[datetime, Window] = {}
+    for window in posted:
+        start = window.started_at
+        if start not in stored and start not in new:
+            new[start] = window
+        elif content_sha256(window) != (stored[start] if start in stored else content_sha256(new[start])):
             raise ConflictError(
-                f"axis '{axis_id}' has another window that started at {window.started_at.isoformat()}; "
+                f"axis '{axis_id}' has another window that started at {start.isoformat()}; "
                 "a window is never replaced, and nothing of this request was stored"
             )
-    return sorted(new, key=lambda item: item[0].started_at)
+    return [new[start] for start in sorted(new)]
 
 
-def _window_rows(
-    admission: Admission, hashes: Sequence[str], file: WaveformFile, received_at: datetime
-) -> list[dict[str, Any]]:
+def _window_rows(admission: Admission, written: Written, received_at: datetime) -> list[dict[str, Any]]:
     return [
         {
             "axis_id": admission.axis_id,
@@ -205,13 +187,13 @@ def _window_rows(
             "started_at": item.window.started_at,
             "received_at": received_at,
             "content_sha256": content,
-            "file_path": file.path,
-            "file_sha256": file.sha256,
+            "file_path": written.file.path,
+            "file_sha256": written.file.sha256,
             "index_in_file": index,
             "refusal_reason": None if item.refusal is None else str(item.refusal.reason),
             "refusal_detail": None if item.refusal is None else item.refusal.detail[:500],
         }
-        for index, (item, content) in enumerate(zip(admission.admitted, hashes, strict=True))
+        for index, (item, content) in enumerate(zip(admission.admitted, written.contents, strict=True))
     ]
 
 

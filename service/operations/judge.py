@@ -4,7 +4,7 @@ import logging
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.orm import Session
+from sqlalchemy import Connection
 
 from monitor_core.pipeline import AxisState, MeasurementOutcome, advance, judge_measurement
 from monitor_core.preload import Calibration
@@ -14,8 +14,8 @@ from service.operations.alarms import raise_alarm
 from service.operations.documents import alarm_evidence, measurement_document, response_document
 from service.operations.monitor_state import dump_state, load_design, load_state
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
-from service.store import measurements
-from service.store.tables import AxisRow, MeasurementRow
+from service.store import intake
+from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
 
 log = logging.getLogger(__name__)
 
@@ -51,9 +51,9 @@ def judge(
 
 
 def record(
-    session: Session,
-    axis: AxisRow,
-    row: MeasurementRow,
+    connection: Connection,
+    axis: AxisRecord,
+    row: MeasurementRecord,
     outcome: MeasurementOutcome,
     calibration: Calibration | None,
 ) -> Verdict:
@@ -61,29 +61,41 @@ def record(
     before = load_state(axis.monitor_state)
     after = _state_after(before, axis, row, outcome, calibration)
     refusal = outcome.refusal
-    row.status = measurements.JUDGED if refusal is None else measurements.REFUSED
-    row.refusal_reason = None if refusal is None else str(refusal.reason)
-    row.judged_at = now()
+    reason = None if refusal is None else str(refusal.reason)
+    row.status = JUDGED if refusal is None else REFUSED
     row.calibration_id = axis.active_calibration_id
-    row.monitor_state = str(after.detector.status)
     row.outcome = document = measurement_document(row, outcome, after, calibration)
-    row.response = response_document(outcome)
-    row.frequency_hz = document["frequency_hz"]
-    row.preload_n = document["preload_n"]
-    if document["interval_95_n"] is not None:
-        row.interval_lower_n, row.interval_upper_n = document["interval_95_n"]
+    lower, upper = document["interval_95_n"] or (None, None)
+    intake.save_judged(
+        connection,
+        row,
+        {
+            "status": row.status,
+            "refusal_reason": reason,
+            "judged_at": now(),
+            "calibration_id": row.calibration_id,
+            "monitor_state": str(after.detector.status),
+            "outcome": document,
+            "response": response_document(outcome),
+            "frequency_hz": document["frequency_hz"],
+            "preload_n": document["preload_n"],
+            "interval_lower_n": lower,
+            "interval_upper_n": upper,
+        },
+    )
     axis.monitor_state = dump_state(after)
+    intake.save_state(connection, axis)
     alarm = None
     if calibration is not None and after.detector.alarm is not None and before.detector.alarm is None:
         alarm = "preload-loss"
-        raise_alarm(session, axis.id, row.id, alarm, alarm_evidence(row, outcome, after, calibration))
-    return Verdict(document, row.refusal_reason or row.status, alarm)
+        raise_alarm(connection, axis.id, row.id, alarm, alarm_evidence(row, outcome, after, calibration))
+    return Verdict(document, reason or row.status, alarm)
 
 
 def _state_after(
     before: AxisState,
-    axis: AxisRow,
-    row: MeasurementRow,
+    axis: AxisRecord,
+    row: MeasurementRecord,
     outcome: MeasurementOutcome,
     calibration: Calibration | None,
 ) -> AxisState:

@@ -1,5 +1,7 @@
 """Windows of a measurement, back from disk."""
 
+from collections.abc import Sequence
+
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import Window
@@ -15,7 +17,7 @@ def accepted_windows(session: Session, waveforms: WaveformStore, measurement_id:
     WaveformDamagedError
         If a waveform is not what was stored.
     """
-    files: dict[WaveformFile, list[Window]] = {}
+    files: dict[WaveformFile, Sequence[Window]] = {}
     windows = []
     for file, index in accepted_places(session, measurement_id):
         if file not in files:

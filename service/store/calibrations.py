@@ -1,11 +1,12 @@
 """Rows of calibrations and of which was in force when."""
 
-from sqlalchemy import select
+from sqlalchemy import Connection, select
 from sqlalchemy.orm import Session
 
 from monitor_core.preload import Calibration
 from monitor_core.recordings.calibration_file import calibration_from_document
 from service.errors import UnknownResourceError
+from service.store.intake import AxisRecord
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
 
 MOST_KNOWN = 1000
@@ -32,14 +33,15 @@ class CalibrationsInForce:
     def __init__(self) -> None:
         self._known: dict[int, Calibration] = {}
 
-    def of(self, session: Session, axis: AxisRow) -> Calibration | None:
+    def of(self, connection: Connection, axis: AxisRecord) -> Calibration | None:
         """Return the calibration in force on an axis."""
         number = axis.active_calibration_id
-        calibration = None if number is None else self._known.get(number)
-        if number is None or calibration is not None:
-            return calibration
-        calibration = active_calibration(session, axis)
-        if calibration is not None:
+        if number is None:
+            return None
+        calibration = self._known.get(number)
+        if calibration is None:
+            with Session(connection) as session:
+                calibration = calibration_from_document(get_calibration(session, axis.id, number).document)
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
             self._known[number] = calibration

@@ -22,7 +22,7 @@ CONNECTIONS = 48
 
 
 class Database:
-    """An engine with two ways in: :meth:`read` and :meth:`write`."""
+    """An engine, and the ways in: sessions to :meth:`read` and :meth:`write`, and the connections they rest on."""
 
     def __init__(self, url: str) -> None:
         self.engine = _create_engine(url)
@@ -30,12 +30,18 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[Session]:
         """Open a session for reading; in WAL mode it never waits for a writer."""
-        with _translated(), Session(self.engine, expire_on_commit=False) as session:
+        with self.reading() as connection, Session(connection, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
-        """Open a session that takes the write lock at once and commits at the end, durably.
+    def reading(self) -> Iterator[Connection]:
+        """Open a connection for reading plain records."""
+        with _translated(), self.engine.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """Open a connection that takes the write lock at once and commits at the end, durably.
 
         Raises
         ------
@@ -44,9 +50,15 @@ class Database:
         """
         with _translated(), self.engine.connect() as connection:
             connection.execution_options(sqlite_begin="IMMEDIATE")
-            with Session(connection, expire_on_commit=False) as session:
-                yield session
-                session.commit()
+            with connection.begin():
+                yield connection
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """Open a session upon :meth:`writing`."""
+        with self.writing() as connection, Session(connection, expire_on_commit=False) as session:
+            yield session
+            session.commit()  # hands everything to the connection, which commits it
 
     def migrate(self) -> None:
         """Bring the schema to the newest version."""

@@ -1,45 +1,14 @@
 """Rows of measurements and their windows."""
 
-from collections.abc import Iterable
 from datetime import datetime
-from typing import Any
 
-from sqlalchemy import Select, and_, bindparam, func, insert, or_, select
+from sqlalchemy import Select, and_, func, or_, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
+from service.store.intake import JUDGED, REFUSED
 from service.store.tables import MeasurementRow, WindowRow
 from service.store.waveforms import WaveformFile
-
-#: Life of a measurement: windows arrive → looked at.
-OPEN, JUDGED, REFUSED = "open", "judged", "refused"
-
-
-# The statements that every request needs are built once: to build one takes longer than to run it.
-_CONTENTS = select(WindowRow.started_at, WindowRow.content_sha256).where(
-    WindowRow.axis_id == bindparam("axis_id"), WindowRow.started_at.in_(bindparam("moments", expanding=True))
-)
-_OPEN_OR_NAMED = select(MeasurementRow).where(
-    MeasurementRow.axis_id == bindparam("axis_id"),
-    or_(MeasurementRow.status == OPEN, MeasurementRow.name.in_(bindparam("names", expanding=True))),
-)
-_ADD_WINDOWS = insert(WindowRow.__table__)  # type: ignore[arg-type]  # declared as FromClause, is a Table
-
-
-def contents_at(session: Session, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, str]:
-    """Return the hashes of the stored windows of an axis that started at these moments."""
-    rows = session.execute(_CONTENTS, {"axis_id": axis_id, "moments": list(moments)})
-    return {row.started_at: row.content_sha256 for row in rows}
-
-
-def add_windows(session: Session, rows: list[dict[str, Any]]) -> None:
-    """Store windows, given by the names of their columns."""
-    session.connection().execute(_ADD_WINDOWS, rows)
-
-
-def open_or_named(session: Session, axis_id: str, names: Iterable[str]) -> list[MeasurementRow]:
-    """Return the open measurements of an axis, and those of these names in whatever status."""
-    return list(session.scalars(_OPEN_OR_NAMED, {"axis_id": axis_id, "names": list(names)}))
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:

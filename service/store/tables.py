@@ -28,6 +28,8 @@ class UtcDateTime(TypeDecorator[datetime]):
         return None if value is None else value.replace(tzinfo=UTC)
 
 
+#: Nothing is stored as NULL, not as the text "null".
+NullableJson = JSON(none_as_null=True)
 #: SQLite only counts up an INTEGER primary key.
 Identity = BigInteger().with_variant(Integer, "sqlite")
 
@@ -44,7 +46,7 @@ class Base(DeclarativeBase):
             "pk": "pk_%(table_name)s",
         }
     )
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
+    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: NullableJson, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
 
 
 class AxisRow(Base):
@@ -58,7 +60,7 @@ class AxisRow(Base):
     created_at: Mapped[datetime]
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
     detector_design: Mapped[dict[str, Any]]  # limits of the charts, as solved for the configuration
-    monitor_state: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # of the charts, after the last measurement
+    monitor_state: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)  # of the charts now
     revision: Mapped[int] = mapped_column()
 
     # A writer who read the row before another process changed it is refused: what it computed rests on what is no more.
@@ -114,8 +116,8 @@ class MeasurementRow(Base):
     interval_upper_n: Mapped[float | None]
     monitor_state: Mapped[str | None] = mapped_column(String(16))  # of the axis, after this measurement
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
-    outcome: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # the whole answer, as the API gives it
-    response: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # FRF in the band, for "why this value"
+    outcome: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)  # the whole answer, as the API gives it
+    response: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)  # FRF in the band, for "why this value"
     revision: Mapped[int] = mapped_column()
 
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - as for an axis
@@ -179,7 +181,7 @@ class JobRow(Base):
     status: Mapped[str] = mapped_column(String(16))  # queued | running | done | failed | cancelled
     done: Mapped[int]
     total: Mapped[int | None]
-    result: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    result: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)
     error: Mapped[str | None] = mapped_column(String(1000))
     created_at: Mapped[datetime]
     updated_at: Mapped[datetime]

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.exc import OperationalError
-from sqlalchemy.orm import Session
 
 from service.operations import ingest
+from service.store import intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_ingest import stored_files
 
@@ -50,7 +51,7 @@ def test_database_failure_stores_nothing(api: Api, monkeypatch: pytest.MonkeyPat
     windows = simulated_measurement(np.random.default_rng(2), "m")
     error = OperationalError("INSERT", {}, Exception("disk I/O error"))
     with monkeypatch.context() as broken:
-        broken.setattr(Session, "flush", failing_once(Session.flush, error))
+        broken.setattr(intake, "add_windows", failing_once(intake.add_windows, error))
         problem = assert_problem(api.post("axis", windows), 503, "storage-failed")
     assert "disk I/O error" in problem["detail"]
     assert stored_files(api.data_dir) == []
@@ -67,7 +68,7 @@ def test_failure_at_the_commit_leaves_rows_with_their_waveforms(
     windows = simulated_measurement(np.random.default_rng(3), "m")
     error = OperationalError("COMMIT", {}, Exception("server closed the connection"))
     with monkeypatch.context() as broken:
-        broken.setattr(Session, "commit", failing_once(Session.commit, error, afterwards=committed))
+        broken.setattr(DefaultDialect, "do_commit", failing_once(DefaultDialect.do_commit, error, afterwards=committed))
         assert_problem(api.post("axis", windows), 503, "storage-failed")
     answer = api.accept("axis", windows)
     assert answer["already_there" if committed else "accepted"] == 15

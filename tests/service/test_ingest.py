@@ -243,6 +243,7 @@ def test_damaged_waveform_is_a_named_refusal(tmp_path: Path) -> None:
         content = bytearray(file.read_bytes())
         content[len(content) // 2] ^= 1
         file.write_bytes(content)
+    with running_service(tmp_path) as api:  # started again: nothing is remembered
         (outcome,) = api.accept("axis", [last])["measurements"]
         assert (outcome["refused"], outcome["reason"]) == (True, "waveform-damaged")
         assert_problem(api.http.post("/v1/axes/axis/calibrations", json={"measurements": {}}), 500, "waveform-damaged")

@@ -1,0 +1,126 @@
+"""What a window's way through the service reads and writes: plain records, one statement each.
+
+The other repositories work with mapped rows. Here, where every window passes, looking after mapped rows would take
+several times as long as the statements themselves.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection, bindparam, insert, or_, select, update
+from sqlalchemy.orm.exc import StaleDataError
+
+from service.errors import UnknownResourceError
+from service.store.tables import AxisRow, MeasurementRow, WindowRow
+
+#: Life of a measurement: windows arrive → looked at.
+OPEN, JUDGED, REFUSED = "open", "judged", "refused"
+
+
+@dataclass(slots=True)
+class AxisRecord:
+    """An axis as far as its windows need it."""
+
+    id: str
+    configuration: dict[str, Any]
+    active_calibration_id: int | None
+    detector_design: dict[str, Any]
+    monitor_state: dict[str, Any] | None
+    revision: int
+
+
+@dataclass(slots=True)
+class MeasurementRecord:
+    """A measurement that takes windows, or took them; one that nothing is stored of has no ``id``."""
+
+    axis_id: str
+    name: str
+    started_at: datetime
+    position_mm: float
+    set_preload_n: float | None
+    status: str = OPEN
+    n_accepted: int = 0
+    calibration_id: int | None = None
+    outcome: dict[str, Any] | None = None
+    revision: int = 1
+    id: int | None = None
+
+
+_AXES, _MEASUREMENTS, _WINDOWS = (
+    mapped.metadata.tables[mapped.__tablename__] for mapped in (AxisRow, MeasurementRow, WindowRow)
+)
+# Statements are built once: to build one takes longer than to run it.
+_AXIS = select(*(_AXES.c[name] for name in AxisRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
+_OPEN_OR_NAMED = select(*(_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__)).where(
+    _MEASUREMENTS.c.axis_id == bindparam("axis_id"),
+    or_(_MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))),
+)
+_CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
+    _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("moments", expanding=True))
+)
+_NEW_MEASUREMENT, _NEW_WINDOWS = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id), insert(_WINDOWS)
+_CHANGE_AXIS, _CHANGE_MEASUREMENT = (
+    update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
+    for table in (_AXES, _MEASUREMENTS)
+)
+
+
+def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
+    """Return an axis or say that there is none of that name."""
+    row = connection.execute(_AXIS, {"axis_id": axis_id}).one_or_none()
+    if row is None:
+        raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
+    return AxisRecord(*row)
+
+
+def open_or_named(connection: Connection, axis_id: str, names: Iterable[str]) -> list[MeasurementRecord]:
+    """Return the open measurements of an axis, and those of these names in whatever status."""
+    rows = connection.execute(_OPEN_OR_NAMED, {"axis_id": axis_id, "names": list(names)})
+    return [MeasurementRecord(*row) for row in rows]
+
+
+def contents_at(connection: Connection, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, str]:
+    """Return the hashes of the stored windows of an axis that started at these moments."""
+    rows = connection.execute(_CONTENTS, {"axis_id": axis_id, "moments": list(moments)})
+    return {row.started_at: row.content_sha256 for row in rows}
+
+
+def add_windows(connection: Connection, rows: list[dict[str, Any]]) -> None:
+    """Store windows, given by the names of their columns."""
+    connection.execute(_NEW_WINDOWS, rows)
+
+
+def save_admitted(connection: Connection, measurement: MeasurementRecord) -> None:
+    """Store a new measurement, which gets its ``id``, or what new windows change of an open one.
+
+    Raises
+    ------
+    StaleDataError
+        Here and below: if somebody else changed the row since it was read, what is to be written rests on what is no
+        more.
+    """
+    if measurement.id is None:
+        values = {name: getattr(measurement, name) for name in MeasurementRecord.__slots__ if name != "id"}
+        measurement.id = connection.execute(_NEW_MEASUREMENT, values).scalar_one()
+    else:
+        _change(connection, measurement, {"started_at": measurement.started_at, "n_accepted": measurement.n_accepted})
+
+
+def save_judged(connection: Connection, measurement: MeasurementRecord, columns: dict[str, Any]) -> None:
+    """Store what came of a measurement, given by the names of its columns."""
+    _change(connection, measurement, columns)
+
+
+def save_state(connection: Connection, axis: AxisRecord) -> None:
+    """Store the state of the charts of an axis."""
+    _change(connection, axis, {"monitor_state": axis.monitor_state})
+
+
+def _change(connection: Connection, record: AxisRecord | MeasurementRecord, columns: dict[str, Any]) -> None:
+    statement = _CHANGE_AXIS if isinstance(record, AxisRecord) else _CHANGE_MEASUREMENT
+    values = columns | {"_id": record.id, "_seen": record.revision, "revision": record.revision + 1}
+    if connection.execute(statement, values).rowcount != 1:
+        raise StaleDataError(f"row {record.id} is no longer at revision {record.revision}")
+    record.revision += 1
