@@ -41,6 +41,7 @@ class UncertaintyBudget:
     frequency: float
     reproducibility: float
     parameters: dict[str, float]  # of each calibration parameter, with half of its covariances
+    gradient: FloatArray  # of the feature to the calibration parameters (k3 is none of them), see parameter_gradient
     degrees_of_freedom: float  # effective (Welch–Satterthwaite)
 
     @property
@@ -136,8 +137,9 @@ def uncertainty_budget(
     # |d(1/f² at reference)/df|
     slope = 2.0 / f**3 * correction_sensitivities(f**-2.0, payload, temperature, calibration.influence).inverse_square
     gradient = parameter_gradient(feature, conditions, calibration)
-    gradient[2] = -feature / calibration.coefficients.k3
-    allocation = gradient * (calibration.parameters.covariance @ gradient)
+    with_k3 = gradient.copy()
+    with_k3[calibration.parameter_names.index("k3")] = -feature / calibration.coefficients.k3
+    allocation = with_k3 * (calibration.parameters.covariance @ with_k3)
     parameters = dict(zip(calibration.parameter_names, allocation.tolist(), strict=True))
     own = (slope * frequency.standard_uncertainty) ** 2
     between = (slope * calibration.reproducibility) ** 2
@@ -158,7 +160,7 @@ def uncertainty_budget(
             (of_moving_mass, calibration.moving_mass_dof),
         ),
     )
-    return UncertaintyBudget(own, between, parameters, dof)
+    return UncertaintyBudget(own, between, parameters, gradient, dof)
 
 
 def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:

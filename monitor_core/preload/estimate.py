@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from scipy import special
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.preload.budget import UncertaintyBudget, VarianceShares, parameter_gradient, uncertainty_budget
+from monitor_core.preload.budget import UncertaintyBudget, VarianceShares, uncertainty_budget
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
 from monitor_core.preload.feature import position_part, preload_from_feature
 from monitor_core.preload.influence import TEMPERATURE_RESOLUTION, to_reference
@@ -105,12 +105,11 @@ def estimate_preload(
             f"preload gives at {conditions.position * 1e3:.0f} mm",
         )
     budget = uncertainty_budget(frequency, feature, conditions, calibration)
-    gradient = parameter_gradient(feature, conditions, calibration)
-    systematic = float(gradient @ calibration.parameters.covariance @ gradient)
+    systematic = float(budget.gradient @ calibration.parameters.covariance @ budget.gradient)
     preload = preload_from_feature(feature, calibration.coefficients)
     return PreloadEstimate(
         preload=preload,
-        interval=_fieller_interval(feature, conditions, calibration, budget),
+        interval=_fieller_interval(feature, calibration, budget),
         feature=Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom),
         feature_own_uncertainty=math.sqrt(budget.frequency),
         feature_systematic_uncertainty=math.sqrt(systematic),
@@ -120,12 +119,10 @@ def estimate_preload(
     )
 
 
-def _fieller_interval(
-    feature: float, conditions: Conditions, calibration: Calibration, budget: UncertaintyBudget
-) -> Interval:
+def _fieller_interval(feature: float, calibration: Calibration, budget: UncertaintyBudget) -> Interval:
     """Solve the inequality of Fieller's theorem, a quadratic in θ; a preload of ∞ is θ = 0, of 0 is θ = ∞."""
     covariance = calibration.parameters.covariance
-    gradient = parameter_gradient(feature, conditions, calibration)
+    gradient = budget.gradient
     t2 = float(special.stdtrit(budget.degrees_of_freedom, 0.5 + LEVEL / 2.0)) ** 2
     k3 = calibration.coefficients.k3
     # quadratic·θ² − 2·linear·θ + constant ≤ 0

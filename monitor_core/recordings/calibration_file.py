@@ -26,6 +26,7 @@ from monitor_core.preload.capability import minimum_detectable_loss
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.fields import Fields
 from monitor_core.recordings.files import read_text
+from monitor_core.recordings.units import metres, to_millimetres
 from monitor_core.uncertainty import VectorEstimate
 
 FORMAT, VERSION = "preload-calibration", 1
@@ -84,7 +85,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "minimum_detectable_loss_n": minimum_detectable_loss(calibration),
         "leave_one_position_out": [
             {
-                "position_mm": error.position * 1e3,
+                "position_mm": to_millimetres(error.position),
                 "frequency_error_rms_hz": error.frequency_error_rms,
                 "preload_error_rms_n": error.preload_error_rms,
             }
@@ -93,7 +94,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "weighting": calibration.weighting.value,
         "n_readings": calibration.n_readings,
         "valid_range": {
-            "position_mm": [position.lower * 1e3, position.upper * 1e3],
+            "position_mm": [to_millimetres(position.lower), to_millimetres(position.upper)],
             "preload_n": [calibration.preload.lower, calibration.preload.upper],
             "payload_kg": [calibration.payload.lower, calibration.payload.upper],
             "temperature_c": None if temperature is None else [temperature.lower, temperature.upper],
@@ -197,7 +198,7 @@ def _calibration(top: Fields) -> Calibration:
         leave_one_position_out=_position_errors(top),
         weighting=top.choice("weighting", Weighting),
         n_readings=top.count("n_readings"),
-        position=ValidRange(position.lower * 1e-3, position.upper * 1e-3),
+        position=ValidRange(metres(position.lower), metres(position.upper)),
         preload=_range(ranges, "preload_n", "N"),
         payload=_range(ranges, "payload_kg", "kg"),
         temperature=_range(ranges, "temperature_c", "°C") if "temperature_c" in ranges else None,
@@ -280,7 +281,7 @@ def _position_errors(top: Fields) -> tuple[PositionError, ...]:
     entries = [_fields(value, f"{top.where}, {name}") for value in _list(top, name)]
     return tuple(
         PositionError(
-            entry.number("position_mm", "mm") * 1e-3,
+            metres(entry.number("position_mm", "mm")),
             _not_negative(entry, "frequency_error_rms_hz", "Hz"),
             entry.optional_number("preload_error_rms_n", "N"),
         )

@@ -100,10 +100,10 @@ class Calibrations:
         with self._lanes.of(axis_id), self._database.write() as session:
             axis = get_axis(session, axis_id)
             row = calibrations.get_calibration(session, axis_id, calibration_id)
-            if expected_active is not None and expected_active.strip().strip('"') != str(axis.active_calibration_id):
-                in_force = "none" if axis.active_calibration_id is None else f'"{axis.active_calibration_id}"'
+            in_force = "none" if axis.active_calibration_id is None else str(axis.active_calibration_id)
+            if expected_active is not None and expected_active.strip().strip('"') != in_force:
                 raise PreconditionError(
-                    f"If-Match must name the calibration in force, {in_force}; got {expected_active}"
+                    f'If-Match must name the calibration in force, "{in_force}"; got {expected_active}'
                 )
             if axis.active_calibration_id == row.id:
                 return

@@ -110,7 +110,9 @@ class Api:
         answer = self.http.post(f"/v1/axes/{axis}/calibrations", json={"readings": readings()})
         assert answer.status_code == 201, answer.text
         number = answer.json()["id"]
-        answer = self.http.post(f"/v1/axes/{axis}/calibrations/{number}/activate", json={"reason": "test"})
+        answer = self.http.post(
+            f"/v1/axes/{axis}/calibrations/{number}/activate", json={"reason": "test"}, headers={"if-match": '"none"'}
+        )
         assert answer.status_code == 200, answer.text
         return int(number)
 

@@ -173,6 +173,12 @@ def test_calibrations_are_activated_and_rolled_back_with_history(shared_api: Api
     shared_api.register("history")
     first = shared_api.calibrate("history")
     path = "/v1/axes/history/calibrations"
+    none_yet = {"if-match": '"none"'}  # it was so before the first
+    assert_problem(
+        shared_api.http.post(f"{path}/{first}/activate", json={"reason": "x"}, headers=none_yet),
+        412,
+        "precondition-failed",
+    )
     document = shared_api.http.get(f"{path}/{first}").json()["document"]
     second = shared_api.http.post(path, json={"document": document, "comment": "brought"}).json()
     assert second["document"]["coefficients"] == document["coefficients"]
