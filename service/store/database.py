@@ -26,6 +26,7 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _create_engine(url)
+        self._writing = self.engine.execution_options(sqlite_begin="IMMEDIATE")
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -48,10 +49,8 @@ class Database:
         StorageError, BusyError
             If the database did not take it; then nothing was changed.
         """
-        with _translated(), self.engine.connect() as connection:
-            connection.execution_options(sqlite_begin="IMMEDIATE")
-            with connection.begin():
-                yield connection
+        with _translated(), self._writing.begin() as connection:
+            yield connection
 
     @contextmanager
     def write(self) -> Iterator[Session]:
@@ -62,7 +61,7 @@ class Database:
 
     def migrate(self) -> None:
         """Bring the schema to the newest version."""
-        with self.engine.connect().execution_options(sqlite_begin="IMMEDIATE") as connection, connection.begin():
+        with self._writing.begin() as connection:
             if connection.dialect.name == "postgresql":  # two services starting together must not both migrate
                 connection.execute(text("SELECT pg_advisory_xact_lock(7102018)"))
             command.upgrade(alembic_config(connection), "head")
@@ -122,6 +121,6 @@ def _create_engine(url: str) -> Engine:
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
         mode = connection.get_execution_options().get("sqlite_begin", "DEFERRED")
-        connection.exec_driver_sql(f"BEGIN {mode}")
+        connection.connection.cursor().execute(f"BEGIN {mode}")
 
     return engine

@@ -1,0 +1,52 @@
+"""What ``modes`` and ``simulate`` share: a drive model from a file, and options that take several numbers."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.models.protocol import DriveModel
+from monitor_core.recordings.model_file import read_model_file
+
+
+class NumbersCommand(click.Command):
+    """A command whose repeatable options take several numbers at a time: ``--position-mm 250 500 750``."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat the option before each further number."""
+        repeatable = {
+            name for option in self.params if isinstance(option, click.Option) and option.multiple for name in option.opts
+        }
+        return super().parse_args(ctx, list(_repeated(args, repeatable)))
+
+
+def built_model(path: Path) -> DriveModel:
+    """Read a model file and build the model; what keeps it from being built is a fault of the file."""
+    try:
+        return read_model_file(path).build()
+    except OutsideValidityError as error:
+        raise RecordingFormatError(f"{path.name}: {error}") from error
+
+
+def _repeated(args: list[str], repeatable: set[str]) -> Iterator[str]:
+    option: str | None = None
+    n_values = 0
+    for word in args:
+        if word in repeatable:
+            option, n_values = word, 0
+        elif option is not None and (n_values == 0 or _is_number(word)):
+            if n_values > 0:
+                yield option
+            n_values += 1
+        else:
+            option = None
+        yield word
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,72 @@
+"""``preload modes MODEL``: natural frequencies and damping of a drive model along the axis."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.recordings.units import metres
+from service.cli.model_input import NumbersCommand, built_model
+from service.cli.output import json_option, print_json, print_table
+
+
+@click.command(cls=NumbersCommand)
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option(
+    "--position-mm", "positions_mm", type=float, multiple=True, required=True, metavar="X…",
+    help="Table positions from the fixed bearing.",
+)  # fmt: skip
+@click.option("--preload-n", type=float, help="Where the nut's rigidity follows the preload.")
+@click.option("--payload-kg", type=float, default=0.0, show_default=True, help="On the table.")
+@click.option(
+    "--motor-end",
+    type=click.Choice([str(end) for end in MotorEnd]),
+    help="What holds the motor end of the screw: clamped by its servo, free to turn, or under a prescribed (measured) "
+    "torque, which hides the motor. Without it as in the family's paper.",
+)
+@json_option
+def modes(
+    model: Path,
+    positions_mm: tuple[float, ...],
+    preload_n: float | None,
+    payload_kg: float,
+    motor_end: str | None,
+    as_json: bool,
+) -> None:
+    """List the modes of a drive model; the motion of the rigid drive (0 Hz) is left out."""
+    drive = built_model(model)
+    end = None if motor_end is None else MotorEnd(motor_end)
+    positions = [
+        {
+            "position_mm": position_mm,
+            "modes": [
+                {"frequency_hz": mode.frequency, "damping_ratio": mode.damping_ratio}
+                for mode in drive.natural_frequencies(
+                    DriveConditions(metres(position_mm), preload_n, payload_kg), motor_end=end
+                )
+                if mode.frequency > 0.0
+            ],
+        }
+        for position_mm in positions_mm
+    ]
+    if as_json:
+        print_json({"preload_n": preload_n, "payload_kg": payload_kg, "motor_end": motor_end, "positions": positions})
+        return
+    print_table(
+        f"Modes of {model.name}",
+        ("position", "mode", "frequency", "damping"),
+        [row for place in positions for row in _rows(place)],
+    )
+
+
+def _rows(place: dict[str, Any]) -> list[tuple[str, ...]]:
+    return [
+        (
+            f"{place['position_mm']:.1f} mm",
+            str(number),
+            f"{mode['frequency_hz']:.3f} Hz",
+            f"{100 * mode['damping_ratio']:.3f} %",
+        )
+        for number, mode in enumerate(place["modes"], start=1)
+    ]
