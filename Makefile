@@ -38,6 +38,9 @@ bench: setup     ## side-by-side timings against peers, in one run
 replay-data: setup  ## write replay_data/ again from the independent plant
 	$(BIN)/python -m tests.plant.write_replay_data
 
+plots: setup     ## draw docs/figures again
+	$(BIN)/python -m benchmarks.plots
+
 LOCK_FLAGS := --quiet --strip-extras --generate-hashes --allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
 
 lock:            ## resolve the two lock files again from pyproject.toml
@@ -47,4 +50,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup demo test check serve bench replay-data lock clean
+.PHONY: help setup demo test check serve bench replay-data plots lock clean

@@ -1,7 +1,7 @@
 """``python -m benchmarks``: all side-by-side timings, one after the other."""
 
-from benchmarks import frf_kernel, ingest
+from benchmarks import frf_kernel, generator, ingest, receptance, transmission_line
 
 if __name__ == "__main__":
-    frf_kernel.main()
-    ingest.main()
+    for benchmark in (frf_kernel, receptance, transmission_line, generator, ingest):
+        benchmark.main()

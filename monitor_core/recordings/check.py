@@ -1,5 +1,6 @@
 """Is this file what it should be? Recognises every format by its content and reads it to the end."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -14,6 +15,8 @@ from monitor_core.recordings.session_hdf5 import open_session
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MOST_PROBLEMS = 20
+#: What only a drive model has. Looked for in the text, so that a model that is no TOML is still judged as a model.
+_DRIVE_MODEL = re.compile(r"""^\s*(["']?family["']?\s*=|\[(parameters|uncertain|effects)\b)""", re.MULTILINE)
 #: How a file begins, where its format has a signature.
 _STARTS: dict[str, bytes | tuple[bytes, ...]] = {
     "tdms": b"TDSm",
@@ -38,8 +41,8 @@ def check_file(path: Path) -> FileReport:
     Parameters
     ----------
     path : Path
-        A session, a modal table, a calibration, a channel map, or a raw file (TDMS, UFF58, MAT, NPZ, text columns). A
-        raw file is checked for being readable; what it means is for a channel map to say.
+        A session, a modal table, a calibration, a drive model, a channel map, or a raw file (TDMS, UFF58, MAT, NPZ,
+        text columns). A raw file is checked for being readable; what it means is for a channel map to say.
 
     Returns
     -------
@@ -75,7 +78,7 @@ def _recognise(path: Path) -> str:
     if text.startswith("{"):
         return "preload-calibration"
     if path.suffix.lower() == ".toml":
-        return "channel-map"
+        return "preload-model" if _DRIVE_MODEL.search(text) else "channel-map"
     columns = [cell.strip().lower() for cell in text.partition("\n")[0].replace(";", ",").split(",")]
     return "modal-table" if any(cell.startswith("frequency") for cell in columns) else "csv"
 
@@ -117,12 +120,20 @@ def _read_calibration(path: Path) -> object:
     return read_calibration(path)
 
 
+def _read_model(path: Path) -> object:
+    # imported here: a drive model brings the four families along
+    from monitor_core.recordings.model_file import read_model_file  # noqa: PLC0415
+
+    return read_model_file(path)
+
+
 def _refuse_frf_set(path: Path) -> object:
     raise RecordingFormatError(f"{path.name}: an FRF set (preload-frf-set); this version has no reader for it")
 
 
 _READERS: dict[str, Callable[[Path], object]] = {
     "preload-calibration": _read_calibration,
+    "preload-model": _read_model,
     "preload-frf-set": _refuse_frf_set,
     "modal-table": read_modal_table,
     "channel-map": read_channel_map,

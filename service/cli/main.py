@@ -13,8 +13,10 @@ from service.cli.check import check
 from service.cli.demo import demo
 from service.cli.estimate import estimate
 from service.cli.frf import frf
+from service.cli.modes import modes
 from service.cli.replay import replay
 from service.cli.serve import serve
+from service.cli.simulate import simulate
 from service.errors import ServiceError
 
 
@@ -24,7 +26,7 @@ def preload() -> None:
     """Ball-screw preload in newtons from motor torque and nut acceleration."""
 
 
-for command in (demo, serve, replay, frf, calibrate, estimate, check):
+for command in (demo, serve, replay, frf, calibrate, estimate, modes, simulate, check):
     preload.add_command(command)
 
 

@@ -16,7 +16,10 @@ class NumbersCommand(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat the option before each further number."""
         repeatable = {
-            name for option in self.params if isinstance(option, click.Option) and option.multiple for name in option.opts
+            name
+            for option in self.params
+            if isinstance(option, click.Option) and option.multiple
+            for name in option.opts
         }
         return super().parse_args(ctx, list(_repeated(args, repeatable)))
 

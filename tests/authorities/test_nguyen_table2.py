@@ -1,6 +1,7 @@
 """Nguyen et al. (2018): Table 2 regressed, and each of the paper's errata (``docs/errata.md``) shown."""
 
 import csv
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from scipy import stats
 
 from monitor_core.arrays import FloatArray
+from monitor_core.models.lumped import LumpedParameters, feature_coefficients, shaft_torsional_stiffness
 from monitor_core.preload import (
     Calibration,
     ModalReading,
@@ -24,8 +26,7 @@ from monitor_core.uncertainty import Estimate
 
 PRINTED_REGRESSED = PreloadFeatureCoefficients(-4872e-8, 5561e-8, 2097e-8, 1228e-8)  # Table 3
 PRINTED_CALCULATED = PreloadFeatureCoefficients(-4557e-8, 5173e-8, 2096e-8, 1287e-8)  # Table 3
-LEAD, SHEAR_MODULUS = 0.006, 206e9 / 2.6  # [m]; [Pa] for Poisson's ratio 0.3, the paper gives none
-RATIO = LEAD / (2.0 * np.pi)  # i = l/2π [m/rad]
+SHEAR_MODULUS = 206e9 / 2.6  # [Pa] for Poisson's ratio 0.3, the paper gives none
 
 
 @pytest.fixture(scope="module")
@@ -139,15 +140,29 @@ def test_printed_regressed_coefficients_miss_table_2_by_one_and_a_half_hertz(tab
     assert np.abs(error).max() == pytest.approx(2.85, abs=0.005)
 
 
+def lumped_parameters(parameters: dict[str, float], bracket_stiffness: float) -> LumpedParameters:
+    """Table 1, with a bracket stiffness [N/m] and the shear modulus that the paper does not give."""
+    return LumpedParameters(
+        table_mass=parameters["m_table"],
+        screw_mass=parameters["m_screw"],
+        nut_mass=parameters["m_nut"],
+        screw_inertia=parameters["J_s"],
+        screw_length=parameters["L"],
+        screw_minor_diameter=parameters["d_minor"],
+        screw_lead=parameters["l"],
+        youngs_modulus=parameters["E"],
+        shear_modulus=SHEAR_MODULUS,
+        bearing_stiffness=parameters["k_bearing"],
+        bracket_stiffness=bracket_stiffness,
+        nut_stiffness=parameters["K"],
+        dynamic_load_rating=10.0 * parameters["0.1 C_d"],
+        coupling_stiffness=parameters["k_coupling"],
+    )
+
+
 def lumped_coefficients(parameters: dict[str, float], bracket_stiffness: float) -> FloatArray:
     """k1…k4 from Table 1 through Eqs. (1)–(6), with Eq. (3) read as k_rot = π d⁴ G L / (32 x (L − x))."""
-    mass = parameters["m_table"] + parameters["m_screw"] + parameters["m_nut"]
-    length, d = parameters["L"], parameters["d_minor"]
-    torsion = RATIO**2 * 32.0 / (np.pi * d**4 * SHEAR_MODULUS * length)
-    nut = parameters["0.1 C_d"] ** (1 / 3) / (0.8 * parameters["K"])
-    constant = 1.0 / parameters["k_bearing"] + 1.0 / bracket_stiffness + RATIO**2 / parameters["k_coupling"]
-    axial = 4.0 / (np.pi * d**2 * parameters["E"])
-    return (2.0 * np.pi) ** 2 * mass * np.array([-torsion, axial + torsion * length, nut, constant])
+    return np.array(astuple(feature_coefficients(lumped_parameters(parameters, bracket_stiffness))))
 
 
 def test_printed_calculated_coefficients_do_not_follow_from_table_1(parameters: dict[str, float]) -> None:
@@ -186,12 +201,13 @@ def test_masses_under_eq_7_are_exchanged(parameters: dict[str, float]) -> None:
     assert not bars[0] < parameters["m_nut"] < bars[1]
 
 
-def test_eq_3_as_printed_has_no_dimension_of_stiffness() -> None:
+def test_eq_3_as_printed_has_no_dimension_of_stiffness(parameters: dict[str, float]) -> None:
     """The equals sign stands before d⁴G: left of it is 1/m. Moved, a shaft held at both ends: GJ/x + GJ/(L − x)."""
-    x, length, d = 0.3, 0.971, 0.0172
+    x, length, d = 0.3, parameters["L"], parameters["d_minor"]
     polar = np.pi * d**4 / 32.0
     both_ends = SHEAR_MODULUS * polar * (1.0 / x + 1.0 / (length - x))
-    assert np.pi * length / (32.0 * x * (length - x)) * d**4 * SHEAR_MODULUS == pytest.approx(both_ends, rel=1e-12)
+    model = lumped_parameters(parameters, parameters["k_bracket"])
+    assert shaft_torsional_stiffness(model, x) == pytest.approx(both_ends, rel=1e-12)
 
 
 def test_feature_is_not_proportional_to_preload(unweighted: Calibration) -> None:

@@ -62,18 +62,18 @@ def names_of_tests(path: Path) -> set[str]:
 
 
 def named_tests() -> list[tuple[str, str, str]]:
-    """Return page, file and name of each test that the two pages name."""
+    """Return page, file and name of each test that the two pages name; a section may say where its tests are."""
     named = []
-    default = re.search(r"Tests are in `tests/(\S+)` unless another file is named", text_of("errata.md"))
-    assert default is not None
     for page in ("equations.md", "errata.md"):
-        for span in sorted(code_spans(text_of(page))):
-            file, separator, name = span.rpartition("::")
-            if separator:
-                named.append((page, file.removeprefix("tests/"), name))
-            elif span.startswith("test_") and not span.endswith(".py"):
-                assert page == "errata.md", f"{page} names {span} without its file"
-                named.append((page, default[1], span))
+        for section in text_of(page).split("\n## "):
+            default = re.search(r"Tests are in `tests/(\S+)` unless another file is named", section)
+            for span in sorted(code_spans(section)):
+                file, separator, name = span.rpartition("::")
+                if separator:
+                    named.append((page, file.removeprefix("tests/"), name))
+                elif span.startswith("test_") and not span.endswith(".py"):
+                    assert default is not None, f"{page} names {span} without its file"
+                    named.append((page, default[1], span))
     return named
 
 
@@ -107,7 +107,7 @@ def test_every_function_that_is_named_exists(dotted):
 
 
 def test_equations_name_functions_of_every_package_that_computes():
-    computing = {"quality", "spectral", "modal", "preload", "trend"}
+    computing = {"quality", "spectral", "modal", "preload", "trend", "models"}
     assert {name.split(".")[0] for name in named_functions()} >= computing
     assert not exists("preload.feature.no_such_function")
 

@@ -9,16 +9,19 @@ import scipy.io
 
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import FileReport, check_file, write_session
+from tests.conftest import PROJECT_ROOT
 
 MAP = (
     'axis_id = "x"\n[excitation]\nchannel = "f"\nquantity = "force"\nsource = "sensor"\nunit = "N"\n[response]\n'
     'channel = "a"\nunit = "g"\n[window]\nposition_mm = 1\nposition_span_mm = 0\n'
 )
+MODELS = PROJECT_ROOT / "replay_data" / "models"
 TEXTS = {
     "table.csv": ("modal-table", "position_mm,frequency_hz\n250,189\n"),
     "samples.csv": ("csv", "t,force\n0,1\n1,2\n"),
     "samples.txt": ("csv", "0.0 1.0\n1.0 2.0\n"),
     "map.toml": ("channel-map", MAP),
+    "model.toml": ("preload-model", (MODELS / "lumped.toml").read_text(encoding="utf-8")),
 }
 
 
@@ -83,6 +86,10 @@ BAD = {
     "cut.uff": (b"    -1\n    58\n", "uff58", "the file is cut off"),
     "cut.h5": (b"\x89HDF\r\n\x1a\n", "preload-session", "expected an HDF5 file"),
     "bad.json": (b"{", "preload-calibration", "bad.json"),
+    "family.toml": (b'family = "spring"\n[parameters]\n', "preload-model", "family must be one of lumped, hybrid"),
+    "quoted.toml": (b"'family' = 1\n", "preload-model", "family: expected a text; got int 1"),
+    "cut.toml": (b'family = "lumped"\n[param', "preload-model", "expected a drive model in TOML"),
+    "nameless.toml": (b"[parameters]\ntable_mass_kg = 1\n", "preload-model", "family: expected a text; it is missing"),
     "bad.toml": (b"axis_id = 3\n", "channel-map", "expected a table [excitation]"),
 }
 

@@ -27,8 +27,8 @@ def main() -> None:
 
 
 def checksums(folder: Path) -> str:
-    """Return the checksums of all sessions and tables, as ``sha256sum -c`` reads them."""
-    files = sorted([*folder.glob("*.session.h5"), *folder.glob("published/*.csv")])
+    """Return the checksums of all sessions, tables and model files, as ``sha256sum -c`` reads them."""
+    files = sorted([*folder.glob("*.session.h5"), *folder.glob("published/*.csv"), *folder.glob("models/*.toml")])
     return "".join(f"{hashlib.sha256(f.read_bytes()).hexdigest()}  {f.relative_to(folder).as_posix()}\n" for f in files)
 
 

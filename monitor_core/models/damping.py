@@ -1,0 +1,108 @@
+"""Springs that lose energy: complex stiffness, springs in series, and the viscous damper that stands for them in time.
+
+A loss factor belongs to the frequency domain. With a complex stiffness the equations of motion have, besides the
+decaying solution that oscillates with ω > 0, one with ω < 0 that grows: they must not be integrated in time.
+"""
+
+import cmath
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import OutsideValidityError
+
+
+def complex_stiffness(stiffness: float, loss_factor: float) -> complex:
+    r"""Return the stiffness of a spring with hysteretic damping.
+
+    .. math:: \hat k = k (1 + j \eta)
+
+    Section 3 of [1]_, for positive frequencies.
+
+    Parameters
+    ----------
+    stiffness : float
+        k; infinite for a joint that does not give, and then does not lose energy either. [N/m] or [N·m/rad]
+    loss_factor : float
+        η. [-]
+
+    References
+    ----------
+    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
+    """
+    return complex(math.inf, 0.0) if math.isinf(stiffness) else stiffness * complex(1.0, loss_factor)
+
+
+def series_stiffness(*stiffnesses: complex) -> complex:
+    r"""Return the stiffness of springs in series.
+
+    .. math:: \hat k = \left[ \sum_i \frac{1}{\hat k_i} \right]^{-1} = k (1 + j \eta_e)
+
+    Eqs. (5) and (14) of [1]_.
+
+    Parameters
+    ----------
+    *stiffnesses : complex
+        Infinite ones do not count. [N/m] or [N·m/rad]
+
+    Raises
+    ------
+    OutsideValidityError
+        If one of them is zero, or none is finite: the chain would be open, or rigid.
+
+    Examples
+    --------
+    Half of each of two equal springs, and a rigid bracket:
+
+    >>> series_stiffness(complex_stiffness(2.0, 0.1), complex_stiffness(2.0, 0.1), complex_stiffness(math.inf, 0.1))
+    (1+0.1j)
+
+    References
+    ----------
+    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
+    """
+    finite = [k for k in map(complex, stiffnesses) if cmath.isfinite(k)]
+    if not finite or 0.0 in finite:
+        raise OutsideValidityError(f"springs in series must not be zero, nor all of them infinite; got {stiffnesses}")
+    return 1.0 / sum(1.0 / k for k in finite)
+
+
+def effective_loss_factor(stiffness: complex) -> float:
+    """Return η_e of k(1 + jη_e), Eq. (14) of Sun et al. (2022), without unit."""
+    return stiffness.imag / stiffness.real
+
+
+def equivalent_viscous_damping(stiffness: npt.ArrayLike, omega: float) -> FloatArray:
+    r"""Return the viscous damping that loses as much energy in a cycle at one frequency.
+
+    .. math:: c = \frac{\eta_e k}{\omega}
+
+    from :math:`j \omega c = j \eta_e k`; for the time domain, in which a complex stiffness must not be used.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (...)
+        k(1 + jη_e), one spring or a stiffness matrix. [N/m] or [N·m/rad]
+    omega : float
+        Where both are to be equal: the resonance. [rad/s]
+
+    Returns
+    -------
+    ndarray, shape (...)
+        [N·s/m] or [N·m·s/rad]
+
+    Raises
+    ------
+    OutsideValidityError
+        If omega is not positive.
+
+    Examples
+    --------
+    >>> float(equivalent_viscous_damping(100.0 + 4.0j, 2.0))
+    2.0
+    """
+    if not (math.isfinite(omega) and omega > 0.0):
+        raise OutsideValidityError(f"omega must be positive; got {omega} rad/s")
+    return np.asarray(np.imag(np.asarray(stiffness, dtype=np.complex128)) / omega)

@@ -1,0 +1,21 @@
+"""From a drive model to a recorded session: moves of the table, modes that answer them, friction, sensors."""
+
+from monitor_core.models.generator.moves import RampMoves
+from monitor_core.models.generator.scan import GuideFriction
+from monitor_core.models.generator.session import (
+    MOTOR_END,
+    SimulationSettings,
+    condition_grid,
+    simulate_measurements,
+    simulate_session,
+)
+
+__all__ = [
+    "MOTOR_END",
+    "GuideFriction",
+    "RampMoves",
+    "SimulationSettings",
+    "condition_grid",
+    "simulate_measurements",
+    "simulate_session",
+]

@@ -1,0 +1,205 @@
+"""From a drive model to a recorded session: torque at the motor end, acceleration and position of the table."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from itertools import product
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.generator.moves import RampMoves, Reference, draw_reference
+from monitor_core.models.generator.scan import GuideFriction, Motion, advance_modes
+from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
+from monitor_core.recording import Conditions, ExcitationSource, Session, Window
+
+#: What a torque leaves free to move: measured behind the coupling it is given there, and hides the motor.
+MOTOR_END = {ExcitationSource.SENSOR: MotorEnd.PRESCRIBED, ExcitationSource.DRIVE: MotorEnd.FREE}
+#: Windows that advance together hold about so many samples: more save no time and take memory.
+BATCH_SAMPLES = 2**22
+#: A window begins so many window lengths after the one before it: the table comes to rest in between.
+WINDOW_SPACING = 2.0
+_FEWEST_SAMPLES_PER_RAMP = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSettings:
+    """How a simulated session is taken."""
+
+    windows_per_measurement: int = 15
+    window_duration: float = 1.0  # [s]
+    sample_rate: float = 4096.0  # [Hz]
+    excitation_source: ExcitationSource = ExcitationSource.SENSOR
+    moves: RampMoves = field(default_factory=RampMoves)
+    friction: GuideFriction = field(default_factory=GuideFriction)
+    torque_noise: float = 0.005  # standard deviation of white noise [N·m]
+    acceleration_noise: float = 0.05  # the same [m/s²]
+    encoder_resolution: float = 1e-7  # travel of one count; 0: none [m]
+    reference_temperature: float = 20.0  # at which the temperature deviation is zero [°C]
+
+    def __post_init__(self) -> None:
+        if self.windows_per_measurement < 1:
+            raise OutsideValidityError(
+                f"windows_per_measurement must be at least 1; got {self.windows_per_measurement}"
+            )
+        for name, unit in (("window_duration", "s"), ("sample_rate", "Hz")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise OutsideValidityError(f"{name} must be positive; got {value} {unit}")
+        for name, unit in (("torque_noise", "N·m"), ("acceleration_noise", "m/s²"), ("encoder_resolution", "m")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise OutsideValidityError(f"{name} must not be negative; got {value} {unit}")
+        least = _FEWEST_SAMPLES_PER_RAMP / self.moves.ramp[0]
+        if self.sample_rate < least:
+            raise OutsideValidityError(
+                f"a ramp of {self.moves.ramp[0]:g} s needs a sample_rate of at least {least:g} Hz; "
+                f"got {self.sample_rate:g} Hz"
+            )
+
+    @property
+    def n_samples(self) -> int:
+        """Samples in a window."""
+        return round(self.window_duration * self.sample_rate)
+
+
+def condition_grid(
+    positions: Sequence[float],
+    preloads: Sequence[float | None] = (None,),
+    payload_masses: Sequence[float] = (0.0,),
+    temperature_deviations: Sequence[float] = (0.0,),
+) -> tuple[DriveConditions, ...]:
+    """Return every combination: positions [m] run fastest, then preloads [N], payloads [kg], temperatures [K]."""
+    return tuple(
+        DriveConditions(position, preload, payload, deviation)
+        for deviation, payload, preload, position in product(
+            temperature_deviations, payload_masses, preloads, positions
+        )
+    )
+
+
+def simulate_session(
+    model: DriveModel,
+    conditions: Sequence[DriveConditions],
+    settings: SimulationSettings,
+    *,
+    axis_id: str,
+    started_at: datetime,
+    rng: np.random.Generator,
+) -> Session:
+    """Record one measurement of a model under each of some conditions.
+
+    The table goes out and back in each window, between rests. A window's modes are those at its condition: travel of
+    some millimetres moves them by less than the friction does. Mode shapes and damping ratios are the model's normal
+    modes below half the sampling rate, so the frequency response of the record lacks the static share of those above.
+
+    Parameters
+    ----------
+    model : DriveModel
+        Any family.
+    conditions : sequence of DriveConditions
+        One for each measurement, in time order.
+    settings : SimulationSettings
+        How it is taken.
+    axis_id : str
+        Name of the axis.
+    started_at : datetime
+        Of the first window, with a time zone.
+    rng : numpy.random.Generator
+        Source of moves and noise. Each measurement has a stream of its own, so that it does not depend on the others.
+
+    Returns
+    -------
+    Session
+        The same for the same arguments.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the model refuses a condition or has no rigid-body mode, or the moves do not fit into the windows.
+    """
+    measurements = simulate_measurements(model, conditions, settings, started_at=started_at, rng=rng)
+    return Session(axis_id, tuple(window for windows in measurements for window in windows))
+
+
+def simulate_measurements(
+    model: DriveModel,
+    conditions: Sequence[DriveConditions],
+    settings: SimulationSettings,
+    *,
+    started_at: datetime,
+    rng: np.random.Generator,
+) -> Iterator[tuple[Window, ...]]:
+    """Yield the windows of one measurement after the other; see :func:`simulate_session`."""
+    streams = rng.spawn(len(conditions))
+    n = settings.windows_per_measurement
+    at_once = max(1, BATCH_SAMPLES // (n * settings.n_samples))
+    spacing = timedelta(seconds=WINDOW_SPACING * settings.window_duration)
+    for first in range(0, len(conditions), at_once):
+        batch = range(first, min(first + at_once, len(conditions)))
+        references = [_draw(settings, streams[i]) for i in batch]
+        modes = [model.normal_modes(conditions[i], MOTOR_END[settings.excitation_source]) for i in batch]
+        stacked = Reference(*(np.stack([getattr(r, name) for r in references], axis=1) for name in Reference.__slots__))
+        motion = advance_modes(modes, stacked, settings.friction, 1.0 / settings.sample_rate)
+        for place, i in enumerate(batch):
+            yield _record(
+                motion, place, conditions[i], settings,
+                reference=references[place], measurement=f"m{i:04d}", starts=started_at + i * n * spacing,
+                rng=streams[i],
+            )  # fmt: skip
+
+
+def _draw(settings: SimulationSettings, rng: np.random.Generator) -> Reference:
+    time = np.arange(settings.n_samples + 1) / settings.sample_rate
+    return draw_reference(settings.moves, time, settings.window_duration, rng, settings.windows_per_measurement)
+
+
+def _record(
+    motion: Motion,
+    place: int,
+    condition: DriveConditions,
+    settings: SimulationSettings,
+    *,
+    reference: Reference,
+    measurement: str,
+    starts: datetime,
+    rng: np.random.Generator,
+) -> tuple[Window, ...]:
+    """Return what the sensors and the linear encoder of the table make of one condition's motion."""
+    torque = _with_noise(motion.torque[:, place], settings.torque_noise, rng)
+    acceleration = _with_noise(motion.acceleration[:, place], settings.acceleration_noise, rng)
+    # the window's travel lies about the stated position, not beside it
+    travel = reference.travel
+    centre = 0.5 * (travel.max(axis=0) + travel.min(axis=0))
+    encoder = _counted(condition.position - centre + motion.travel[:, place], settings.encoder_resolution)
+    spacing = timedelta(seconds=WINDOW_SPACING * settings.window_duration)
+    stated = Conditions(
+        position=condition.position,
+        payload_mass=condition.payload_mass,
+        temperature=settings.reference_temperature + condition.temperature_deviation,
+        preload=condition.preload,
+    )
+    return tuple(
+        Window(
+            excitation=torque[:, w].astype(np.float32),
+            response=acceleration[:, w].astype(np.float32),
+            sample_rate=settings.sample_rate,
+            started_at=starts + w * spacing,
+            conditions=stated,
+            measurement=measurement,
+            excitation_source=settings.excitation_source,
+            position_span=float(np.ptp(encoder[:, w])),
+            position_trace=encoder[:, w],
+        )
+        for w in range(settings.windows_per_measurement)
+    )
+
+
+def _with_noise(samples: FloatArray, noise: float, rng: np.random.Generator) -> FloatArray:
+    return samples + noise * rng.standard_normal(samples.shape) if noise else samples
+
+
+def _counted(travel: FloatArray, resolution: float) -> FloatArray:
+    counted: FloatArray = np.round(travel / resolution) * resolution if resolution else travel
+    return counted

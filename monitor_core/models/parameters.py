@@ -1,0 +1,116 @@
+"""Parameters of the drive models: one vocabulary, and for each family a frozen record of what it needs.
+
+The names are those of the model file (FORMATS, section 5) without the unit that ends them there. ``PARAMETERS`` is the
+vocabulary; a family's record picks from it, so that a quantity means the same in every family.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Self
+
+from monitor_core.errors import OutsideValidityError
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterName:
+    """One word of the vocabulary."""
+
+    name: str
+    suffix: str  # how its unit ends the name in a file
+    unit: str
+    meaning: str
+
+
+PARAMETERS: tuple[ParameterName, ...] = (
+    ParameterName("table_mass", "kg", "kg", "table with what is fixed to it"),
+    ParameterName("screw_mass", "kg", "kg", "whole screw"),
+    ParameterName("nut_mass", "kg", "kg", "nut"),
+    ParameterName("screw_length", "m", "m", "between the bearings"),
+    ParameterName("screw_diameter", "m", "m", "outer diameter"),
+    ParameterName("screw_minor_diameter", "m", "m", "diameter that carries the load"),
+    ParameterName("screw_lead", "m", "m", "travel per turn"),
+    ParameterName("youngs_modulus", "pa", "Pa", "of the screw"),
+    ParameterName("shear_modulus", "pa", "Pa", "of the screw"),
+    ParameterName("density", "kg_per_m3", "kg/m³", "of the screw"),
+    ParameterName("screw_inertia", "kg_m2", "kg·m²", "whole screw, about its axis"),
+    ParameterName("motor_inertia", "kg_m2", "kg·m²", "rotor"),
+    ParameterName("coupling_inertia", "kg_m2", "kg·m²", "coupling, counted with the rotor"),
+    ParameterName("bearing_stiffness", "n_per_m", "N/m", "fixed bearing, axial"),
+    ParameterName("far_bearing_stiffness", "n_per_m", "N/m", "far bearing, axial; 0: it carries no axial load"),
+    ParameterName("bracket_stiffness", "n_per_m", "N/m", "between nut and table; infinite where not stated"),
+    ParameterName("nut_stiffness", "n_per_m", "N/m", "nut rigidity; with a dynamic load rating the catalogue's K"),
+    ParameterName("dynamic_load_rating", "n", "N", "C_d; makes the nut rigidity follow the preload"),
+    ParameterName("coupling_stiffness", "nm_per_rad", "N·m/rad", "coupling, torsional"),
+    ParameterName("loss_factor", "", "-", "energy loss factor of the joints' springs"),
+    ParameterName("bearing_damping", "ns_per_m", "N·s/m", "fixed bearing"),
+    ParameterName("far_bearing_damping", "ns_per_m", "N·s/m", "far bearing"),
+    ParameterName("nut_damping", "ns_per_m", "N·s/m", "nut"),
+    ParameterName("coupling_damping", "nms_per_rad", "N·m·s/rad", "coupling"),
+    ParameterName("table_damping", "ns_per_m", "N·s/m", "guides, viscous, to ground"),
+    ParameterName("motor_damping", "nms_per_rad", "N·m·s/rad", "rotor, viscous, to ground"),
+    ParameterName("screw_nut_segment_mass", "kg", "kg", "rigid piece of the screw inside the nut"),
+    ParameterName("screw_nut_segment_inertia", "kg_m2", "kg·m²", "of that piece"),
+    ParameterName("screw_motor_segment_inertia", "kg_m2", "kg·m²", "rigid piece of the screw at the coupling"),
+)
+_VOCABULARY = {word.name: word for word in PARAMETERS}
+
+
+def name_in_file(name: str) -> str:
+    """Return the name with its unit, as files have it: ``table_mass`` → ``table_mass_kg``."""
+    word = _VOCABULARY[name]
+    return f"{word.name}_{word.suffix}" if word.suffix else word.name
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a parameter."""
+    return _VOCABULARY[name].unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveParameters:
+    """Base of the families' records: every field is a word of the vocabulary, finite and not negative.
+
+    A field without a default must be stated and be positive; a default says what *not stated* means (no damping, no
+    such part). ``bracket_stiffness`` may be infinite.
+    """
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value is None or value == math.inf == item.default:
+                continue
+            required = item.default is item.default_factory  # both are MISSING
+            if not math.isfinite(value) or value < 0.0 or (required and value == 0.0):
+                expected = "positive and finite" if required else "finite and not negative"
+                unit = unit_of(item.name)
+                raise OutsideValidityError(
+                    f"{name_in_file(item.name)} must be {expected}; got {value}{'' if unit == '-' else ' ' + unit}"
+                )
+
+    @classmethod
+    def from_file_names(cls, values: Mapping[str, float], family: str) -> Self:
+        """Make the record from the names that a model file uses.
+
+        Raises
+        ------
+        OutsideValidityError
+            If a name is missing, not one of this family, or a value is out of range.
+        """
+        known = {name_in_file(item.name): item for item in fields(cls)}
+        unknown = sorted(set(values) - set(known))
+        if unknown:
+            raise OutsideValidityError(
+                f"a {family} model has no parameter {unknown[0]}; it has {', '.join(sorted(known))}"
+            )
+        missing = [name for name, item in known.items() if item.default is item.default_factory and name not in values]
+        if missing:
+            raise OutsideValidityError(f"a {family} model needs {', '.join(missing)}; the file does not state it")
+        return cls(**{known[name].name: value for name, value in values.items()})
+
+    def to_file_names(self) -> dict[str, float]:
+        """Return what is stated, by the names that a model file uses."""
+        stated = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {
+            name_in_file(name): value for name, value in stated.items() if value is not None and math.isfinite(value)
+        }

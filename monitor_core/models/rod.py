@@ -1,0 +1,187 @@
+"""A uniform rod in axial or torsional vibration: receptance, dynamic stiffness, and what it makes of an end.
+
+Axial and torsional waves obey one equation. Axially the rigidity is E S and the wave runs on E; in torsion it is G J
+and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.
+"""
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from monitor_core.arrays import ComplexArray, FloatArray
+
+#: What is real on the frequency axis and complex beside it.
+Wave = TypeVar("Wave", FloatArray, ComplexArray)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RodWaves(Generic[Wave]):
+    r"""The three functions of ω from which every response of a rod follows; none of them has a pole.
+
+    With :math:`z` the rigidity times the wave number; they obey cos² + (sin/z)(z sin) = 1.
+    """
+
+    cosine: Wave  # cos λl, shape (n_frequencies,) [-]
+    sine_over_z: Wave  # sin λl / z: [m/N] or [rad/(N·m)]
+    z_sine: Wave  # z sin λl: [N/m] or [N·m/rad]
+
+
+def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
+    r"""Return the wave number of a rod in radians per metre.
+
+    .. math::
+
+        \lambda = \omega \sqrt{\rho/E}
+
+    Eq. (3) of [1]_.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (n_frequencies,)
+        [rad/s]
+    modulus : float
+        E for axial waves, G for torsional ones. [Pa]
+    density : float
+        [kg/m³]
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies,)
+        [rad/m]
+
+    Notes
+    -----
+    The paper states λ for axial waves only and uses the symbol in its torsional Eqs. (10)-(11) too; there it must run
+    on G, see docs/errata.md.
+
+    References
+    ----------
+    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
+    """
+    return omega * float(np.sqrt(density / modulus))
+
+
+def rod_waves(rigidity: float, wave_number: Wave, length: float) -> RodWaves[Wave]:
+    """Return the trigonometry of a rod, all that a closed form needs to know of it.
+
+    Parameters
+    ----------
+    rigidity : float
+        E S [N] or G J [N·m²].
+    wave_number : ndarray, shape (n_frequencies,)
+        Not zero. [rad/m]
+    length : float
+        [m]
+    """
+    z = rigidity * wave_number
+    sine = np.sin(wave_number * length)
+    return RodWaves(np.cos(wave_number * length), sine / z, z * sine)
+
+
+def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
+    r"""Receptance of a rod with free ends.
+
+    .. math::
+
+        \mathbf H = \frac{1}{z} \begin{bmatrix} -\cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & -\cot\lambda l
+        \end{bmatrix}, \qquad z = E S \lambda \text{ or } G J \lambda
+
+    Eqs. (1), (2), (10) and (11) of [1]_.
+
+    Parameters
+    ----------
+    rigidity : float
+        E S [N] or G J [N·m²].
+    wave_number : ndarray, shape (n_frequencies,)
+        Not zero. [rad/m]
+    length : float
+        [m]
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies, 2, 2)
+        Between the near end and the far end. [m/N] or [rad/(N·m)]
+
+    Notes
+    -----
+    Eqs. (1) and (2) print −cos where −cot is right, see docs/errata.md.
+
+    References
+    ----------
+    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
+    """
+    waves = rod_waves(rigidity, wave_number, length)
+    return _symmetric(-waves.cosine / waves.z_sine, -1.0 / waves.z_sine)
+
+
+def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
+    r"""Dynamic stiffness of a rod, the inverse of its receptance.
+
+    .. math::
+
+        \mathbf D = z \begin{bmatrix} \cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & \cot\lambda l \end{bmatrix}
+
+    Parameters
+    ----------
+    rigidity : float
+        E S [N] or G J [N·m²].
+    wave_number : ndarray, shape (n_frequencies,)
+        Not zero. [rad/m]
+    length : float
+        [m]
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies, 2, 2)
+        Between the near end and the far end. [N/m] or [N·m/rad]
+    """
+    waves = rod_waves(rigidity, wave_number, length)
+    return _symmetric(waves.cosine / waves.sine_over_z, -1.0 / waves.sine_over_z)
+
+
+def condensed_stiffness(
+    rigidity: float, wave_number: Wave, length: float, end_stiffness: FloatArray | ComplexArray
+) -> ComplexArray:
+    r"""Dynamic stiffness felt at one end of a rod whose other end is held by a dynamic stiffness k.
+
+    .. math::
+
+        D = z \, \frac{k \cos\lambda l - z \sin\lambda l}{z \cos\lambda l + k \sin\lambda l}
+
+    The wave equation with the end's condition put in; a free end has k = 0.
+
+    Parameters
+    ----------
+    rigidity : float
+        E S [N] or G J [N·m²].
+    wave_number : ndarray, shape (n_frequencies,)
+        Not zero. [rad/m]
+    length : float
+        [m]
+    end_stiffness : ndarray, shape (n_frequencies,) or ()
+        k(ω): spring, damper and mass at the other end together. [N/m] or [N·m/rad]
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies,)
+        [N/m] or [N·m/rad]
+
+    Examples
+    --------
+    Slowly, a bar of E S/l = 2 N/m behind a spring of 2 N/m is a spring of 1 N/m:
+
+    >>> condensed_stiffness(2.0, np.array([1e-6]), 1.0, np.array(2.0)).round(9).item()
+    (1+0j)
+    """
+    waves = rod_waves(rigidity, wave_number, length)
+    quotient = (end_stiffness * waves.cosine - waves.z_sine) / (waves.cosine + end_stiffness * waves.sine_over_z)
+    return np.asarray(quotient, dtype=np.complex128)
+
+
+def _symmetric(diagonal: FloatArray | ComplexArray, beside: FloatArray | ComplexArray) -> ComplexArray:
+    """Return a stack of symmetric 2 × 2 matrices with equal diagonal, shape (..., 2, 2)."""
+    matrix = np.empty((*np.shape(diagonal), 2, 2), dtype=np.complex128)
+    matrix[..., 0, 0] = matrix[..., 1, 1] = diagonal
+    matrix[..., 0, 1] = matrix[..., 1, 0] = beside
+    return matrix

@@ -1,0 +1,185 @@
+"""Systems of few degrees of freedom, M q̈ + C q̇ + K q = f: response, poles and modes, and a drive written as one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.protocol import (
+    ExcitationPoint,
+    NaturalFrequency,
+    NormalModes,
+    ResponsePoint,
+    quantity_of,
+    require_frequencies,
+)
+from monitor_core.response import FrequencyResponse
+
+#: A mode whose springs cancel to this share of what each of them stores is one of the rigid body.
+_RIGID = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SecondOrderSystem:
+    """Matrices of a linear system with n degrees of freedom, in the units of its coordinates."""
+
+    mass: FloatArray  # M, shape (n, n), symmetric and positive definite
+    damping: FloatArray  # C, shape (n, n): viscous
+    stiffness: ComplexArray  # K, shape (n, n); complex if springs have a loss factor
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", read_only(self.mass))
+        object.__setattr__(self, "damping", read_only(self.damping))
+        object.__setattr__(self, "stiffness", read_only_complex(self.stiffness))
+        shapes = (self.mass.shape, self.damping.shape, self.stiffness.shape)
+        if len(set(shapes)) != 1 or self.mass.ndim != 2 or self.mass.shape[0] != self.mass.shape[1]:
+            raise OutsideValidityError(f"M, C and K must be square and of one size; got {shapes}")
+
+
+def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
+    r"""Return all responses of a system to all excitations.
+
+    .. math:: \mathbf G(s) = (\mathbf M s^2 + \mathbf C s + \mathbf K)^{-1}
+
+    Eq. (13) of [1]_.
+
+    Parameters
+    ----------
+    system : SecondOrderSystem
+    s : ndarray, shape (n_frequencies,)
+        jω for a frequency response. [rad/s]
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies, n, n)
+        Coordinate of the row per excitation of the column.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the stiffness is complex and an s is not in the upper half plane: k(1 + jη) stands for ω > 0 only.
+
+    References
+    ----------
+    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
+    """
+    s = np.asarray(s, dtype=np.complex128)
+    if np.any(system.stiffness.imag) and not np.all(s.imag > 0.0):
+        raise OutsideValidityError("with a loss factor s must have a positive imaginary part")
+    at = s[:, None, None]
+    return np.asarray(np.linalg.inv(system.mass * at**2 + system.damping * at + system.stiffness))
+
+
+def undamped_modes(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray]:
+    """Return the modes that the system would have without damping, mass-normalised.
+
+    Returns
+    -------
+    omega : ndarray, shape (n_modes,)
+        Rising; 0 for a rigid-body mode. [rad/s]
+    shapes : ndarray, shape (n, n_modes)
+        Φ with Φᵀ M Φ = 1 and Φᵀ Re(K) Φ = diag(ω²).
+    """
+    omega_squared, shapes = scipy.linalg.eigh(system.stiffness.real, system.mass)
+    # not by comparison with the highest mode, which may be far away: φᵀKφ against |φ|ᵀ|K||φ|
+    stored = np.einsum("in,ij,jn->n", np.abs(shapes), np.abs(system.stiffness.real), np.abs(shapes))
+    return np.sqrt(np.where(omega_squared > _RIGID * stored, omega_squared, 0.0)), shapes
+
+
+def poles(system: SecondOrderSystem) -> ComplexArray:
+    """Return the pole of each mode that oscillates with ω > 0.
+
+    Notes
+    -----
+    Eigenvalues of the state space. With a complex stiffness they are no conjugate pairs, and those with ω < 0 grow;
+    the root with a positive imaginary part is the one that the complex stiffness is made for.
+
+    Returns
+    -------
+    ndarray, shape (n_modes,)
+        In order of magnitude; 0 for a rigid-body mode, damped or not. [rad/s]
+
+    Raises
+    ------
+    OutsideValidityError
+        If an elastic mode is damped beyond critical.
+    """
+    omega, shapes = undamped_modes(system)
+    if not (np.any(system.damping) or np.any(system.stiffness.imag)):
+        return np.asarray(1j * omega, dtype=np.complex128)  # on the axis, without the rounding of eigenvalues
+    n_modes, n_rigid = omega.size, int(np.count_nonzero(omega == 0.0))
+    state_space = np.zeros((2 * n_modes, 2 * n_modes), dtype=np.complex128)
+    state_space[:n_modes, n_modes:] = np.eye(n_modes)
+    state_space[n_modes:, :n_modes] = -shapes.T @ system.stiffness @ shapes
+    state_space[n_modes:, n_modes:] = -shapes.T @ system.damping @ shapes
+    roots = np.linalg.eigvals(state_space)
+    # the two real roots of a damped rigid-body mode may stray off the axis by rounding: take the highest only
+    elastic = roots[np.argsort(roots.imag)][n_modes + n_rigid :]
+    if np.any(elastic.imag <= 1e-6 * np.abs(elastic)):
+        raise OutsideValidityError("an elastic mode is damped beyond critical; it has no natural frequency")
+    return np.concatenate([np.zeros(n_rigid), elastic[np.argsort(np.abs(elastic))]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveEquations:
+    """A drive as a small system, and the two points at which it is driven and watched.
+
+    The row that picks a displacement is also the column by which a force on it acts (virtual work); so reciprocity
+    is built in.
+    """
+
+    system: SecondOrderSystem
+    angle_at_motor: FloatArray  # shape (n,): angle = row · q [rad per coordinate]; zeros where it is clamped
+    displacement_at_table: FloatArray  # shape (n,): displacement = row · q [m per coordinate]
+
+    def __post_init__(self) -> None:
+        for name in ("angle_at_motor", "displacement_at_table"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+            if getattr(self, name).shape != self.system.mass.shape[:1]:
+                raise OutsideValidityError(f"{name} must have one number for each of the coordinates")
+
+
+def drive_response(
+    equations: DriveEquations, frequency: FloatArray, excitation: ExcitationPoint, response: ResponsePoint
+) -> FrequencyResponse:
+    """Return a frequency response of a drive, shape (n_frequencies,).
+
+    Raises
+    ------
+    OutsideValidityError
+        If a frequency is not positive, or the angle of a clamped motor end is asked for.
+    """
+    frequency = require_frequencies(frequency)
+    if response is ResponsePoint.ANGLE_AT_MOTOR and not np.any(equations.angle_at_motor):
+        raise OutsideValidityError("the motor end is clamped for this excitation and has no angle; excite by a torque")
+    column, row = (
+        equations.displacement_at_table if at_table else equations.angle_at_motor
+        for at_table in (excitation is ExcitationPoint.FORCE_AT_TABLE, response is not ResponsePoint.ANGLE_AT_MOTOR)
+    )
+    omega = 2.0 * np.pi * frequency
+    s = np.asarray(1j * omega, dtype=np.complex128)
+    receptance = row @ transfer_matrix(equations.system, s) @ column
+    if response is ResponsePoint.ACCELERATION_AT_TABLE:
+        receptance = -(omega**2) * receptance
+    return FrequencyResponse(frequency, receptance, quantity_of(excitation, response))
+
+
+def drive_natural_frequencies(equations: DriveEquations) -> tuple[NaturalFrequency, ...]:
+    """Return the poles of a drive as natural frequencies and damping ratios, rigid-body mode first."""
+    return tuple(
+        NaturalFrequency(float(abs(s)) / (2.0 * np.pi), (0.0 - float(s.real)) / float(abs(s)) if s else 0.0)
+        for s in poles(equations.system)
+    )
+
+
+def drive_normal_modes(equations: DriveEquations) -> NormalModes:
+    """Return the undamped modes of a drive, each with the damping ratio of its pole."""
+    omega, shapes = undamped_modes(equations.system)
+    return NormalModes(
+        omega / (2.0 * np.pi),
+        np.array([mode.damping_ratio for mode in drive_natural_frequencies(equations)]),
+        equations.angle_at_motor @ shapes,
+        equations.displacement_at_table @ shapes,
+    )

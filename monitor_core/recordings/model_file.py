@@ -1,0 +1,155 @@
+"""Drive model as a TOML file: the family, its parameters by names with units, what a fit may adjust, added effects.
+
+.. code-block:: toml
+
+    family = "lumped"                        # lumped | hybrid | receptance | transmission-line
+
+    [parameters]                             # SI; the unit ends the name
+    table_mass_kg = 20.54
+
+    [uncertain]                              # relative prior standard deviation of what a fit may adjust
+    bearing_stiffness_n_per_m = 0.2
+
+    [effects.far-bearing-stiffness]          # effects already part of the model, with their values
+    stiffness_n_per_m = 3.8e7
+
+Unknown entries are refused, and so is anything that is not a finite number where one belongs.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.models.families import build_model, family_named
+from monitor_core.models.protocol import DriveModel
+from monitor_core.recordings.fields import Fields
+from monitor_core.recordings.files import read_text
+
+_TABLES = ("parameters", "uncertain", "effects")
+_NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveModelFile:
+    """What a model file states, by the names of the file."""
+
+    family: str
+    parameters: Mapping[str, float]  # SI, by names that end with the unit
+    uncertain: Mapping[str, float] = field(default_factory=dict)  # relative standard deviation [-]
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by key; values by names with units
+
+    def build(self) -> DriveModel:
+        """Return the model.
+
+        Raises
+        ------
+        OutsideValidityError
+            If an effect is part of it, since this version knows none; or as :func:`build_model` says.
+        """
+        if self.effects:
+            raise OutsideValidityError(
+                f"the model contains the effect {next(iter(self.effects))!r}; none is known here"
+            )
+        return build_model(self.family, self.parameters)
+
+
+def read_model_file(path: Path) -> DriveModelFile:
+    """Read a drive model; the module's text shows every entry.
+
+    Parameters
+    ----------
+    path : Path
+        A TOML file.
+
+    Returns
+    -------
+    DriveModelFile
+        Family and parameters fit each other, so that only an effect can keep it from being built.
+
+    Raises
+    ------
+    RecordingFormatError
+        If it is no TOML, or anything in it is missing, unknown, of the wrong type or out of range: one sentence names
+        file and entry.
+    """
+    try:
+        document = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise RecordingFormatError(f"{path.name}: expected a drive model in TOML; {error}") from error
+    return _from_document(document, path.name)
+
+
+def model_file_text(model: DriveModelFile) -> str:
+    """Return the model as TOML text; :func:`read_model_file` reads it back to the last bit.
+
+    Raises
+    ------
+    RecordingFormatError
+        If the record is not one that could be read back.
+    """
+    tables: dict[str, object] = {
+        "family": model.family,
+        "parameters": dict(model.parameters),
+        "uncertain": dict(model.uncertain),
+        "effects": {key: dict(values) for key, values in model.effects.items()},
+    }
+    _from_document(tables, "drive model")
+    sections = [("parameters", model.parameters)]
+    if model.uncertain:
+        sections.append(("uncertain", model.uncertain))
+    sections += [(f"effects.{_key(key)}", values) for key, values in model.effects.items()]
+    lines = [f'family = "{model.family}"']
+    for name, values in sections:
+        lines += ["", f"[{name}]", *(f"{_key(entry)} = {float(value)!r}" for entry, value in values.items())]
+    return "\n".join(lines) + "\n"
+
+
+def write_model_file(path: Path, model: DriveModelFile) -> None:
+    """Write a drive model; an existing file is replaced. Raises as :func:`model_file_text`."""
+    path.write_text(model_file_text(model), encoding="utf-8")
+
+
+def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile:
+    top = Fields(document, where)
+    top.only({"family", *_TABLES})
+    name, parameters = top.text("family"), _numbers(top.table("parameters"))
+    try:
+        family = family_named(name)
+    except OutsideValidityError as error:
+        raise RecordingFormatError(f"{where}, family: {error}") from error
+    try:
+        family.build(parameters)
+    except OutsideValidityError as error:
+        raise RecordingFormatError(f"{where} [parameters]: {error}") from error
+    effects = top.table("effects") if "effects" in top else Fields({}, where)
+    return DriveModelFile(
+        family=name,
+        parameters=parameters,
+        uncertain=_uncertain(top.table("uncertain"), parameters) if "uncertain" in top else {},
+        effects={_require_name(key, effects): _numbers(effects.table(key)) for key in effects.values},
+    )
+
+
+def _uncertain(fields: Fields, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the shares; one of a value that is not stated would say nothing."""
+    fields.only(set(parameters))
+    return {name: fields.positive(name, "-") for name in fields.values}
+
+
+def _numbers(fields: Fields) -> dict[str, float]:
+    return {_require_name(name, fields): fields.number(name, "SI") for name in fields.values}
+
+
+def _require_name(name: str, fields: Fields) -> str:
+    if not _NAME.fullmatch(name):
+        raise RecordingFormatError(f"{fields.where}: expected a name of letters, digits and _ . : -; got {name!a}")
+    return name
+
+
+def _key(name: str) -> str:
+    """Return a key as TOML writes it; names hold nothing that would need an escape."""
+    return name if _BARE_KEY.fullmatch(name) else f'"{name}"'

@@ -1,0 +1,250 @@
+"""``preload modes`` and ``preload simulate``: drive models on the command line, and back through the product's road."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor_core.models.protocol import MotorEnd
+from monitor_core.recordings.model_file import read_model_file
+from monitor_core.recordings.session_hdf5 import read_session
+from tests.conftest import PROJECT_ROOT
+from tests.service import test_cli
+from tests.service.test_cli import assert_refused
+
+MODELS = PROJECT_ROOT / "replay_data" / "models"
+preload = test_cli.preload  # a fixture
+FAMILIES = ("lumped", "hybrid", "receptance", "transmission-line")
+
+
+@pytest.fixture
+def undamped(tmp_path: Path) -> Path:
+    """Nguyen's axis without the damping that his paper does not state."""
+    path = tmp_path / "undamped.toml"
+    text = (MODELS / "lumped.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("loss_factor = 0.03", ""), encoding="utf-8")
+    return path
+
+
+# --- modes -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_modes_of_every_family(preload: Any, name: str) -> None:
+    model = MODELS / f"{name}.toml"
+    stated = ("--preload-n", "200") if name == "lumped" else ()
+    document = preload("modes", model, "--position-mm", 200, 400, *stated, "--json").json()
+    assert [place["position_mm"] for place in document["positions"]] == [200.0, 400.0]
+    for place in document["positions"]:
+        frequencies = [mode["frequency_hz"] for mode in place["modes"]]
+        assert frequencies == sorted(frequencies)
+        assert min(frequencies) > 0.0  # without the motion of the rigid drive
+        assert all(0.0 <= mode["damping_ratio"] < 1.0 for mode in place["modes"])
+    table = preload("modes", model, "--position-mm", 200, *stated).out
+    assert "200.0 mm" in table
+    assert f"{document['positions'][0]['modes'][0]['frequency_hz']:.3f} Hz" in table
+
+
+def test_modes_of_suns_axis_fall_along_the_screw(preload: Any) -> None:
+    """Recomputed from Sun et al. (2022), Table 1 without loss factor: 318.2 Hz at 0.05 m, 268.9 Hz at 0.70 m."""
+    document = preload("modes", MODELS / "hybrid.toml", "--position-mm", 50, "--position-mm", 700, "--json").json()
+    first = [place["modes"][0]["frequency_hz"] for place in document["positions"]]
+    assert first == pytest.approx([318.2, 268.9], abs=0.4)  # the loss factor of the file adds up to 0.1 %
+
+
+def test_modes_depend_on_motor_end_preload_and_payload(preload: Any) -> None:
+    def first(*options: Any) -> float:
+        words = ("modes", MODELS / "lumped.toml", "--position-mm", 500, "--preload-n", 200, *options, "--json")
+        frequency = preload(*words).json()["positions"][0]["modes"][0]["frequency_hz"]
+        assert isinstance(frequency, float)
+        return frequency
+
+    ends = {end: first("--motor-end", end) for end in MotorEnd}
+    assert ends[MotorEnd.CLAMPED] < ends[MotorEnd.FREE] < ends[MotorEnd.PRESCRIBED]
+    assert first() == ends[MotorEnd.CLAMPED]  # Nguyen's Eq. (6)
+    assert first("--preload-n", 400) > first()
+    table_mass = read_model_file(MODELS / "lumped.toml").parameters["table_mass_kg"] + 2.024 + 1.3  # Σm of Eq. (6)
+    assert first("--payload-kg", 10) / first() == pytest.approx((table_mass / (table_mass + 10.0)) ** 0.5, rel=1e-3)
+
+
+# --- simulate --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_simulated_session_goes_the_whole_road(preload: Any, tmp_path: Path, name: str) -> None:
+    model = MODELS / f"{name}.toml"
+    out = tmp_path / "out.session.h5"
+    stated = ("--preload-n", "200") if name == "lumped" else ()
+    simulated = preload("simulate", model, "--out", out, *stated, "--json").json()
+    assert simulated["windows"] == 45
+    assert preload("check", out, "--json").json()["valid"] is True
+    found = preload("frf", out, "--json").json()["measurements"]
+    for item, truth in zip(found, simulated["measurements"], strict=True):
+        assert item["measurement"] == truth["measurement"]
+        assert item["windows_refused"] == {}
+        assert item["coherence"] > 0.8  # below, the product warns
+        deviation = item["frequency_hz"] - truth["model_frequency_hz"]
+        assert abs(deviation) < 3.0 * item["frequency_standard_uncertainty_hz"]
+        assert item["position_mm"] == pytest.approx(truth["position_mm"])
+
+
+def test_calibrate_on_a_simulated_session(preload: Any, tmp_path: Path) -> None:
+    """Eq. (8) of Nguyen et al. holds exactly for his model, so that the preloads of a second session come back."""
+    session, other = tmp_path / "calibration.session.h5", tmp_path / "other.session.h5"
+    calibration = tmp_path / "calibration.json"
+    places = ("--position-mm", 200, 500, 800)
+    preload("simulate", MODELS / "lumped.toml", "--out", session, *places, "--preload-n", 100, 200, 350)
+    document = preload("calibrate", session, "--out", calibration, "--json").json()
+    assert document["n_readings"] == 9
+    assert document["residual_max_hz"] < 0.02
+    preload("simulate", MODELS / "lumped.toml", "--out", other, *places, "--preload-n", 150, 300, "--seed", 3)
+    estimates = preload("estimate", other, "--calibration", calibration, "--json").json()["estimates"]
+    for estimate, truth in zip(estimates, np.repeat([150.0, 300.0], 3), strict=True):
+        low, high = estimate["interval_95_n"]
+        assert low < truth < high
+        assert estimate["preload_n"] == pytest.approx(truth, rel=0.02)
+
+
+def test_the_same_seed_gives_the_same_file(preload: Any, tmp_path: Path) -> None:
+    files = []
+    for name, seed in (("a.h5", 5), ("b.h5", 5), ("c.h5", 6)):
+        words = ("simulate", MODELS / "hybrid.toml", "--out", tmp_path / name, "--windows", 2, "--seed", seed)
+        assert preload(*words).exit_code == 0
+        files.append((tmp_path / name).read_bytes())
+    assert files[0] == files[1]
+    assert files[0] != files[2]
+
+
+def test_simulate_does_what_its_options_say(preload: Any, tmp_path: Path) -> None:
+    out = tmp_path / "out.h5"
+    words = (
+        "simulate", MODELS / "lumped.toml", "--out", out,
+        "--position-mm", 300, 600, "--preload-n", 150, 250, "--payload-kg", 4,
+        "--windows", 3, "--seconds", 0.5, "--sample-rate-hz", 2048, "--excitation-source", "drive", "--friction-n", 8,
+        "--torque-noise-nm", 0, "--acceleration-noise-m-s2", 0,
+    )  # fmt: skip
+    answer = preload(*words)
+    assert answer.exit_code == 0
+    assert "12 windows in out.h5" in answer.out
+    session = read_session(out)
+    assert len(session.measurements) == 4
+    settings = {(w.conditions.position, w.conditions.preload, w.conditions.payload_mass) for w in session.windows}
+    assert settings == {(0.3, 150.0, 4.0), (0.6, 150.0, 4.0), (0.3, 250.0, 4.0), (0.6, 250.0, 4.0)}
+    first = session.windows[0]
+    assert (first.n_samples, first.sample_rate, str(first.excitation_source)) == (1024, 2048.0, "drive")
+    assert session.axis_id == "lumped"
+    quiet = preload(*words[:-4], "--force", "--friction-n", 0, *words[-4:], "--json").json()
+    assert quiet["windows"] == 12
+    drag = np.abs(first.excitation).max() - np.abs(read_session(out).windows[0].excitation).max()
+    assert drag != 0.0
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["modes", "simulate"])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("family = ", "expected a drive model in TOML"),
+        ('family = "spring"\n[parameters]\n', "family must be one of lumped, hybrid, receptance, transmission-line"),
+        ('family = "hybrid"\n[parameters]\n', "a hybrid model needs table_mass_kg"),
+        ('family = "hybrid"\n[parameters]\ntable_mass_kg = true\n', "expected a number [SI]; got bool True"),
+        ('family = "hybrid"\n[motor]\n', "got 'motor'"),
+        ("EFFECT", "bad.toml: the model contains the effect 'added-mass'; none is known here"),
+    ],
+)
+def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, text: str, words: str) -> None:
+    if text == "EFFECT":
+        text = (MODELS / "hybrid.toml").read_text(encoding="utf-8") + "[effects.added-mass]\nmass_kg = 1\n"
+    bad, out = tmp_path / "bad.toml", tmp_path / "out.h5"
+    bad.write_text(text, encoding="utf-8")
+    more = ("--position-mm", 300) if command == "modes" else ("--out", out)
+    assert_refused(preload(command, bad, *more), words)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("modes", "lumped.toml"), "--position-mm"),
+        (("modes", "lumped.toml", "--position-mm", 500), "state the preload"),
+        (("modes", "lumped.toml", "--position-mm", 500, "--preload-n", 500), "must not exceed 10 %"),
+        (("modes", "lumped.toml", "--position-mm", 500, "--preload-n", -5), "preload must be positive; got -5.0 N"),
+        (("modes", "hybrid.toml", "--position-mm", 900), "position must lie on the screw, within 0 and 0.7465 m"),
+        (("modes", "hybrid.toml", "--position-mm", 300, "--motor-end", "loose"), "loose"),
+        (("modes", "hybrid.toml", "--position-mm", "here"), "'here'"),
+        (("modes", "hybrid.toml", "--position-mm", 300, "--payload-kg", -1), "payload_mass must not be negative"),
+        (("modes", "none.toml", "--position-mm", 300), "none.toml: expected a file; there is none"),
+        (("simulate", "hybrid.toml"), "--out"),
+        (("simulate", "hybrid.toml", "--out", "x.csv"), "a session file ends in .h5 or .hdf5; got x.csv"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--windows", 0), "--windows"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--seconds", 0), "window_duration must be positive; got 0.0 s"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--seconds", 0.1), "a move takes up to 0.069 s"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--sample-rate-hz", 500), "sample_rate of at least 1333.33 Hz"),
+        (
+            ("simulate", "hybrid.toml", "--out", "x.h5", "--friction-n", -1),
+            "coulomb of the guides must not be negative",
+        ),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--preload-n", 100), "state the rating"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--position-mm", 0), "position must lie on the screw"),
+    ],
+)
+def test_bad_input_is_one_line(
+    preload: Any, words: tuple[Any, ...], complaint: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("lumped", "hybrid"):
+        (tmp_path / f"{name}.toml").write_bytes((MODELS / f"{name}.toml").read_bytes())
+    assert_refused(preload(*words), complaint)
+    assert not (tmp_path / "x.h5").exists()
+
+
+def test_a_model_without_damping_is_told_so(preload: Any, undamped: Path, tmp_path: Path) -> None:
+    for model, said in ((undamped, True), (MODELS / "lumped.toml", False)):
+        words = (
+            "simulate",
+            model,
+            "--out",
+            tmp_path / "out.h5",
+            "--force",
+            "--preload-n",
+            200,
+            "--windows",
+            2,
+            "--json",
+        )
+        answer = preload(*words)
+        assert answer.json()["windows"] == 6
+        assert ("states no damping" in answer.err) == said
+
+
+def test_a_file_that_is_there_is_kept_unless_forced(preload: Any, tmp_path: Path) -> None:
+    out = tmp_path / "out.h5"
+    out.write_text("precious")
+    words = ("simulate", MODELS / "hybrid.toml", "--out", out, "--windows", 2, "--position-mm", 300)
+    assert_refused(preload(*words), "is there already; --force replaces it")
+    assert out.read_text() == "precious"
+    assert preload(*words, "--force").exit_code == 0
+    assert len(read_session(out).windows) == 2
+
+
+def test_check_tells_a_drive_model(preload: Any, tmp_path: Path) -> None:
+    for name in FAMILIES:
+        report = preload("check", MODELS / f"{name}.toml", "--json").json()
+        assert report == {"format": "preload-model", "valid": True, "problems": []}
+    bad = tmp_path / "bad.toml"
+    bad.write_text('family = "hybrid"\n[parameters]\n')
+    answer = preload("check", bad, "--json")
+    assert answer.exit_code == 2
+    assert "needs table_mass_kg" in json.loads(answer.out)["problems"][0]
+
+
+def test_help_of_both(preload: Any) -> None:
+    for command in ("modes", "simulate"):
+        answer = preload(command, "--help")
+        assert (answer.exit_code, answer.err) == (0, "")
+        assert "--position-mm X…" in answer.out
+    assert "the rigid drive (0 Hz) is left out" in " ".join(preload("modes", "--help").out.split())
