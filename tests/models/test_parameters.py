@@ -13,7 +13,8 @@ from monitor_core.models.parameters import PARAMETERS, name_in_file, unit_of
 STATED = {
     "table_mass_kg": 10.0, "screw_length_m": 0.7465, "screw_diameter_m": 0.02, "screw_lead_m": 0.02,
     "youngs_modulus_pa": 2.2e11, "shear_modulus_pa": 0.8e11, "density_kg_per_m3": 7830.0,
-    "motor_inertia_kg_m2": 1.56e-4, "coupling_stiffness_nm_per_rad": 2.681e4, "bearing_stiffness_n_per_m": 6.21e7, "nut_stiffness_n_per_m": 1.37e8,
+    "motor_inertia_kg_m2": 1.56e-4,
+    "coupling_stiffness_nm_per_rad": 2.681e4, "bearing_stiffness_n_per_m": 6.21e7, "nut_stiffness_n_per_m": 1.37e8,
 }  # fmt: skip
 
 
