@@ -70,7 +70,7 @@ def test_missing_unknown_and_impossible_parameters_are_refused(name):
         build_model(name, {key: value for key, value in values.items() if key != "table_mass_kg"})
     with pytest.raises(OutsideValidityError, match="no parameter table_mass;"):
         build_model(name, values | {"table_mass": 1.0})
-    with pytest.raises(OutsideValidityError, match=r"table_mass_kg must be positive; got -1\.0 kg"):
+    with pytest.raises(OutsideValidityError, match=r"table_mass_kg must be positive and finite; got -1\.0 kg"):
         build_model(name, values | {"table_mass_kg": -1.0})
 
 
