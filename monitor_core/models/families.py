@@ -2,57 +2,35 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.hybrid import HybridModel, HybridParameters
 from monitor_core.models.lumped import LumpedModel, LumpedParameters
+from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveModel
 from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
 from monitor_core.models.transmission_line import TransmissionLineModel, TransmissionLineParameters
 
-Parameters = TypeVar("Parameters", LumpedParameters, HybridParameters, ReceptanceParameters, TransmissionLineParameters)
-
 
 @dataclass(frozen=True, slots=True)
-class Family(Generic[Parameters]):
-    """One way to predict an axis."""
+class Family:
+    """One way to predict an axis: its name in files, its record of parameters, its model."""
 
     name: str
-    parameters: type[Parameters]
-    model: Callable[[Parameters], DriveModel]
-
-    def read(self, values: Mapping[str, float]) -> Parameters:
-        """Return the record of parameters from their names in files, with units.
-
-        Raises
-        ------
-        OutsideValidityError
-            If a name is missing or not one of this family, or a value is out of range.
-        """
-        return self.parameters.from_file_names(values, self.name)
-
-    def build(self, values: Mapping[str, float]) -> DriveModel:
-        """Return a model with these parameters; raises as :meth:`read`."""
-        return self.model(self.read(values))
+    parameters: type[DriveParameters]
+    model: Callable[[Any], DriveModel]  # takes that record
 
 
-# Nguyen et al. (2018), Sun et al. (2022), Tian et al., Moreno-Castaneda et al. (2005)
-LUMPED = Family("lumped", LumpedParameters, LumpedModel)
-HYBRID = Family("hybrid", HybridParameters, HybridModel)
-RECEPTANCE = Family("receptance", ReceptanceParameters, ReceptanceModel)
-TRANSMISSION_LINE = Family("transmission-line", TransmissionLineParameters, TransmissionLineModel)
-
-AnyFamily = (
-    Family[LumpedParameters]
-    | Family[HybridParameters]
-    | Family[ReceptanceParameters]
-    | Family[TransmissionLineParameters]
+FAMILIES: tuple[Family, ...] = (
+    Family("lumped", LumpedParameters, LumpedModel),  # Nguyen et al. (2018)
+    Family("hybrid", HybridParameters, HybridModel),  # Sun et al. (2022)
+    Family("receptance", ReceptanceParameters, ReceptanceModel),  # Tian et al.
+    Family("transmission-line", TransmissionLineParameters, TransmissionLineModel),  # Moreno-Castaneda et al. (2005)
 )
-FAMILIES: tuple[AnyFamily, ...] = (LUMPED, HYBRID, RECEPTANCE, TRANSMISSION_LINE)
 
 
-def family_named(name: str) -> AnyFamily:
+def family_named(name: str) -> Family:
     """Return a family by its name in files.
 
     Raises
@@ -86,4 +64,5 @@ def build_model(family: str, parameters: Mapping[str, float]) -> DriveModel:
     OutsideValidityError
         If the family is unknown, a name is missing or not one of the family, or a value is out of range.
     """
-    return family_named(family).build(parameters)
+    found = family_named(family)
+    return found.model(found.parameters.from_file_names(parameters, found.name))

@@ -36,8 +36,8 @@ class HybridParameters(DriveParameters):
     """Table 1 of the paper, read right.
 
     The polar area moment of the screw follows from its diameter: the J_s of Table 1 is neither that nor the inertia of
-    such a bar. The coupling's stiffness is in N·m/rad, the nut's in N/m, against the units of the print. The nut counts
-    as in Eq. (5), with a compliance of 2/k_n: a nut of the rigidity k has ``nut_stiffness`` = 2 k here.
+    such a bar. The coupling's stiffness is in N·m/rad, the nut's in N/m, against the units of the print. Eq. (5) counts
+    the nut with a compliance of 2/k_n; ``nut_stiffness`` is the rigidity, k_n/2, as in every other family.
     """
 
     table_mass: float  # m_t [kg]
@@ -51,7 +51,7 @@ class HybridParameters(DriveParameters):
     coupling_inertia: float = 0.0  # J_c [kg·m²]
     coupling_stiffness: float  # k_c [N·m/rad]
     bearing_stiffness: float  # k_b [N/m]
-    nut_stiffness: float  # k_n, twice the rigidity [N/m]
+    nut_stiffness: float  # rigidity, half of the paper's k_n; K of the catalogue with a load rating [N/m]
     dynamic_load_rating: float | None = None  # [N]
     bracket_stiffness: float = math.inf  # [N/m]
     loss_factor: float = 0.0  # η of bearing, nut, bracket and coupling [-]
@@ -117,7 +117,7 @@ def equivalent_stiffness(
     .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     p, x = parameters, require_position(conditions.position, parameters.screw_length)
-    nut = 0.5 * nut_rigidity(p.nut_stiffness, conditions.preload, p.dynamic_load_rating)
+    nut = nut_rigidity(p.nut_stiffness, conditions.preload, p.dynamic_load_rating)
     seen_at_table = p.transmission_ratio**-2
     coupling_stiffness = p.coupling_stiffness * seen_at_table if coupling else math.inf
     joints = (p.bearing_stiffness, nut, p.bracket_stiffness, coupling_stiffness)

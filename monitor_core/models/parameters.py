@@ -6,7 +6,7 @@ vocabulary; a family's record picks from it, so that a quantity means the same i
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Self
 
 from monitor_core.errors import OutsideValidityError
@@ -53,6 +53,9 @@ PARAMETERS: tuple[ParameterName, ...] = (
     ParameterName("screw_nut_segment_inertia", "kg_m2", "kg·m²", "of that piece"),
     ParameterName("screw_motor_segment_inertia", "kg_m2", "kg·m²", "rigid piece of the screw at the coupling"),
 )
+#: Beyond these no drive was meant, but a slip of the unit or of the keyboard.
+_PLAUSIBLE = {"m": (1e-6, 1e3), "-": (0.0, 0.9)}
+_ANY_SCALE = (1e-30, 1e30)
 _VOCABULARY = {word.name: word for word in PARAMETERS}
 
 
@@ -72,7 +75,7 @@ class DriveParameters:
     """Base of the families' records: every field is a word of the vocabulary, finite and not negative.
 
     A field without a default must be stated and be positive; a default says what *not stated* means (no damping, no
-    such part). ``bracket_stiffness`` may be infinite.
+    such part, a rigid bracket).
     """
 
     def __post_init__(self) -> None:
@@ -80,12 +83,15 @@ class DriveParameters:
             value = getattr(self, item.name)
             if value is None or value == math.inf == item.default:
                 continue
-            required = item.default is item.default_factory  # both are MISSING
+            required = item.default in (MISSING, math.inf)
+            unit = "" if unit_of(item.name) == "-" else f" {unit_of(item.name)}"
             if not math.isfinite(value) or value < 0.0 or (required and value == 0.0):
                 expected = "positive and finite" if required else "finite and not negative"
-                unit = unit_of(item.name)
+                raise OutsideValidityError(f"{name_in_file(item.name)} must be {expected}; got {value}{unit}")
+            lowest, highest = _PLAUSIBLE.get(unit_of(item.name), _ANY_SCALE)
+            if value and not lowest <= value <= highest:
                 raise OutsideValidityError(
-                    f"{name_in_file(item.name)} must be {expected}; got {value}{'' if unit == '-' else ' ' + unit}"
+                    f"{name_in_file(item.name)} must lie within {lowest:g} and {highest:g}{unit}; got {value:g}"
                 )
 
     @classmethod
@@ -103,7 +109,7 @@ class DriveParameters:
             raise OutsideValidityError(
                 f"a {family} model has no parameter {unknown[0]}; it has {', '.join(sorted(known))}"
             )
-        missing = [name for name, item in known.items() if item.default is item.default_factory and name not in values]
+        missing = [name for name, item in known.items() if item.default is MISSING and name not in values]
         if missing:
             raise OutsideValidityError(f"a {family} model needs {', '.join(missing)}; the file does not state it")
         return cls(**{known[name].name: value for name, value in values.items()})

@@ -96,7 +96,8 @@ class NormalModes:
     def __post_init__(self) -> None:
         for name in ("frequency", "damping_ratio", "angle_at_motor", "displacement_at_table"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        if len({array.shape for array in (self.frequency, self.damping_ratio, self.angle_at_motor)}) != 1:
+        parts = (self.frequency, self.damping_ratio, self.angle_at_motor, self.displacement_at_table)
+        if len({array.shape for array in parts}) != 1:
             raise OutsideValidityError("modes must have a frequency, a damping ratio and two shape values each")
 
 

@@ -1,5 +1,6 @@
 """Named values of one place in a file (HDF5 attributes, a TOML table), each read with its type and unit."""
 
+import math
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
@@ -42,9 +43,13 @@ class Fields:
         value = self._required(name, expected)
         if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise RecordingFormatError(f"{self._place(name)}: expected {expected}; got {_shown(value)}")
-        if not np.isfinite(value):
-            raise RecordingFormatError(f"{self._place(name)}: expected a finite number; got {value} {unit}")
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # an integer of hundreds of digits
+            number = math.inf
+        if not math.isfinite(number):
+            raise RecordingFormatError(f"{self._place(name)}: expected a finite number; got {number} {unit}")
+        return number
 
     def optional_number(self, name: str, unit: str) -> float | None:
         """Return a finite number, or None where nothing is stated."""

@@ -122,7 +122,7 @@ def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile
     except OutsideValidityError as error:
         raise RecordingFormatError(f"{where}, family: {error}") from error
     try:
-        family.build(parameters)
+        family.parameters.from_file_names(parameters, family.name)
     except OutsideValidityError as error:
         raise RecordingFormatError(f"{where} [parameters]: {error}") from error
     effects = top.table("effects") if "effects" in top else Fields({}, where)

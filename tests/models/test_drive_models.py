@@ -38,7 +38,7 @@ def one_axis(**changes: float) -> dict[str, DriveModel]:
                 screw_inertia=DENSITY * POLAR * LENGTH,
             )
         ),
-        "hybrid": HybridModel(HybridParameters(**steel, nut_stiffness=2.0 * nut)),  # Eq. (5): its compliance is 2/k
+        "hybrid": HybridModel(HybridParameters(**steel, nut_stiffness=nut)),
         "receptance": ReceptanceModel(ReceptanceParameters(**steel, nut_stiffness=nut)),
         "transmission-line": TransmissionLineModel(
             TransmissionLineParameters(**steel, nut_stiffness=nut, screw_minor_diameter=DIAMETER)
@@ -131,7 +131,7 @@ def test_free_drive_moves_as_a_rigid_body_when_slow(family: str) -> None:
 
 @families
 def test_rigid_joints_leave_the_screw(family: str) -> None:
-    """A stiffness of its own that goes to infinity stops mattering: the next factor of ten moves nothing."""
+    """A stiffness that goes to infinity matters first, and then no more: the next factor of ten moves nothing."""
     for joint in ("bearing_stiffness", "coupling_stiffness", "nut_stiffness"):
         value = {"nut_stiffness": NUT}.get(joint, SHARED.get(joint, 0.0))
         stiff, stiffer = (
@@ -139,6 +139,7 @@ def test_rigid_joints_leave_the_screw(family: str) -> None:
             for factor in (1e5, 1e6)
         )
         assert stiffer == pytest.approx(stiff, rel=3e-5)
+        assert stiff > 1.003 * first_elastic(one_axis()[family], CONDITIONS, MotorEnd.CLAMPED)
 
 
 #: How far f1 of a reduction lies from the distributed drive on this axis, lowest and highest, by motor end: what
@@ -167,6 +168,18 @@ def test_first_mode_of_one_axis_agrees_to_the_reduction_error(
     reduced = first_elastic(models[family], DriveConditions(position), motor_end)
     lowest, highest = REDUCTION_ERRORS[family, motor_end]
     assert lowest <= reduced / exact - 1.0 <= highest
+
+
+@pytest.mark.parametrize("motor_end", [MotorEnd.CLAMPED, MotorEnd.FREE])  # else nothing would turn at the motor end
+@pytest.mark.parametrize("position", [0.15, 0.4, 0.7])
+def test_hybrid_and_receptance_meet_where_the_screw_has_no_mass(motor_end: MotorEnd, position: float) -> None:
+    """Without inertia the screw deforms as if at rest, which is all that the hybrid model assumes."""
+    shared = SHARED | {"screw_diameter": DIAMETER, "density": 1e-3, "nut_stiffness": NUT, "bracket_stiffness": 3e8}
+    hybrid, receptance_ = HybridModel(HybridParameters(**shared)), ReceptanceModel(ReceptanceParameters(**shared))
+    conditions = DriveConditions(position, payload_mass=7.0)
+    assert first_elastic(hybrid, conditions, motor_end) == pytest.approx(
+        first_elastic(receptance_, conditions, motor_end), rel=1e-6
+    )
 
 
 @families

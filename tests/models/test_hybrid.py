@@ -53,7 +53,7 @@ def test_model_file_is_table_1(published_data):
         "P_t": p.screw_lead * 1e3, "l_s": p.screw_length * 1e3, "rho_s": p.density, "d_s": p.screw_diameter * 1e3,
         "E_s": p.youngs_modulus, "G_s": p.shear_modulus, "m_t": p.table_mass, "k_c": p.coupling_stiffness,
         "J_m": p.motor_inertia, "J_c": p.coupling_inertia, "c_m": p.motor_damping, "c_t": p.table_damping,
-        "k_b": p.bearing_stiffness, "k_n": p.nut_stiffness, "eta": p.loss_factor,
+        "k_b": p.bearing_stiffness, "k_n": 2.0 * p.nut_stiffness, "eta": p.loss_factor,
     }  # fmt: skip
     assert read == pytest.approx({symbol: float(printed[symbol]) for symbol in read}, rel=1e-12)
     assert p.transmission_ratio == pytest.approx(float(printed["r_g"]), rel=1e-5)
@@ -236,7 +236,7 @@ def galerkin_inertia(p, conditions):
     node, weight = np.polynomial.legendre.leggauss(4)
     z = np.concatenate([0.5 * x * (node + 1.0), x + 0.5 * (length - x) * (node + 1.0)])
     dz = np.concatenate([0.5 * x * weight, 0.5 * (length - x) * weight])
-    compliance = 1 / p.bearing_stiffness + x / p.axial_rigidity + 2 / p.nut_stiffness
+    compliance = 1 / p.bearing_stiffness + x / p.axial_rigidity + 1 / p.nut_stiffness
     compliance += r_g**2 * (1 / p.coupling_stiffness + x / p.torsional_rigidity)
     k, loaded = 1.0 / compliance, np.minimum(z, x)
     axial = k / p.bearing_stiffness + k * loaded / p.axial_rigidity
@@ -268,7 +268,7 @@ def exact_frequencies(p, x, motor_end, lowest=50.0, highest=450.0):
         }[motor_end]
         axial = rod_at_nut(omega, p.axial_rigidity, p.mass_per_length, p.bearing_stiffness)
         torsional = rod_at_nut(omega, p.torsional_rigidity, p.inertia_per_length, end)
-        return axial + p.transmission_ratio**2 * torsional + 2 / p.nut_stiffness - 1 / (omega**2 * p.table_mass)
+        return axial + p.transmission_ratio**2 * torsional + 1 / p.nut_stiffness - 1 / (omega**2 * p.table_mass)
 
     omega = 2.0 * np.pi * np.linspace(lowest, highest, 1500)
     value = np.array([flexibility(w) for w in omega])
@@ -441,7 +441,7 @@ def lumped_twin(p, position):
         # Eq. (3) of Nguyen holds the far end of the screw, Eq. (5) of Sun does not: x (L − x)/L against x
         shear_modulus=p.shear_modulus * (p.screw_length - position) / p.screw_length,
         bearing_stiffness=p.bearing_stiffness, bracket_stiffness=p.bracket_stiffness,
-        nut_stiffness=p.nut_stiffness / 2.0,  # Sun's convention
+        nut_stiffness=p.nut_stiffness,
         coupling_stiffness=p.coupling_stiffness, motor_inertia=p.motor_inertia, coupling_inertia=p.coupling_inertia,
         loss_factor=p.loss_factor,
     )  # fmt: skip

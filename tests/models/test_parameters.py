@@ -14,7 +14,7 @@ STATED = {
     "table_mass_kg": 10.0, "screw_length_m": 0.7465, "screw_diameter_m": 0.02, "screw_lead_m": 0.02,
     "youngs_modulus_pa": 2.2e11, "shear_modulus_pa": 0.8e11, "density_kg_per_m3": 7830.0,
     "motor_inertia_kg_m2": 1.56e-4,
-    "coupling_stiffness_nm_per_rad": 2.681e4, "bearing_stiffness_n_per_m": 6.21e7, "nut_stiffness_n_per_m": 1.37e8,
+    "coupling_stiffness_nm_per_rad": 2.681e4, "bearing_stiffness_n_per_m": 6.21e7, "nut_stiffness_n_per_m": 6.85e7,
 }  # fmt: skip
 
 
@@ -53,6 +53,10 @@ def test_names_of_a_file_make_the_record_and_come_back() -> None:
         ({"table_mass_kg": 0.0}, "table_mass_kg must be positive and finite; got 0.0 kg"),
         ({"table_mass_kg": math.nan}, "table_mass_kg must be positive and finite; got nan kg"),
         ({"motor_damping_nms_per_rad": -1.0}, "must be finite and not negative; got -1.0 N·m·s/rad"),
+        ({"bracket_stiffness_n_per_m": 0.0}, "bracket_stiffness_n_per_m must be positive and finite; got 0.0 N/m"),
+        ({"screw_diameter_m": 1e300}, "screw_diameter_m must lie within 1e-06 and 1000 m; got 1e\\+300"),
+        ({"screw_lead_m": 1e-200}, "screw_lead_m must lie within 1e-06 and 1000 m; got 1e-200"),
+        ({"loss_factor": 5.0}, "loss_factor must lie within 0 and 0.9; got 5"),
         ({"loss_factor": math.inf}, "loss_factor must be finite and not negative; got inf$"),
     ],
 )

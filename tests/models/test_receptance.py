@@ -435,3 +435,14 @@ def test_modal_superposition_is_refused_where_a_mode_does_not_oscillate(paper):
 
 def test_parameters_survive_the_file(full):
     assert ReceptanceParameters.from_file_names(full.to_file_names(), "receptance") == full
+
+
+@pytest.mark.parametrize("motor_end", MotorEnd)
+@pytest.mark.parametrize("loss_factor", [0.001, 0.03, 0.1])
+def test_a_loss_factor_alone_does_not_make_a_mode_of_the_rigid_body(paper, motor_end, loss_factor):
+    """Its speed is a pole at zero, which rounding puts anywhere: it was followed as the first mode, and refused."""
+    model = ReceptanceModel(replace(paper, loss_factor=loss_factor))
+    for position in np.linspace(0.1, 2.5, 25):
+        modes = model.natural_frequencies(DriveConditions(position), motor_end)
+        assert len(modes) == 8
+        assert sum(mode.frequency == 0.0 for mode in modes) == (motor_end is not MotorEnd.CLAMPED)

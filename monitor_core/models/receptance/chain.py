@@ -22,6 +22,8 @@ _N_SCREW = 3 + 2 * (_DEGREE - 1)
 _NEAR, _NUT, _FAR = 0, 1, 2
 #: A pole whose imaginary part is a smaller share than this of its magnitude does not oscillate.
 _OSCILLATING = 1e-6
+#: A pole slower than this share of the first natural frequency is the rest of a rigid body's motion. [-]
+_RIGID = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,8 +154,10 @@ def oscillating_poles(drive: DiscreteDrive) -> ComplexArray:
     if drive.nut_relaxes:
         state = _with_nut_deflection(state, drive, drive.nut_deflection @ shapes, n_elastic)
     poles: ComplexArray = scipy.linalg.eigvals(state if loss_factor else state.real)
-    # a loss factor turns real poles a little out of the real axis, by less than itself
-    poles = poles[poles.imag > max(_OSCILLATING, loss_factor) * np.abs(poles)]
+    # A loss factor turns real poles a little out of the real axis, by less than itself. The speed of a rigid body is a
+    # pole at zero, which comes out as rounding: complex rounding, with a loss factor.
+    slowest = _RIGID * np.sqrt(np.abs(square[elastic][0]))
+    poles = poles[(poles.imag > max(_OSCILLATING, loss_factor) * np.abs(poles)) & (np.abs(poles) > slowest)]
     return poles[np.argsort(np.abs(poles))]
 
 

@@ -37,8 +37,8 @@ def natural_frequencies(
 
     Returns
     -------
-    tuple of NaturalFrequency, shape (8,)
-        Rigid-body mode first where the motor end is not clamped.
+    tuple of NaturalFrequency
+        Eight, fewer where some do not oscillate; rigid-body mode first where the motor end is not clamped.
 
     Raises
     ------
@@ -48,6 +48,8 @@ def natural_frequencies(
     drive = discretise(parameters, conditions, motor_end)
     n_elastic = N_MODES - drive.free
     start = -1j * oscillating_poles(drive)[:n_elastic]
+    if not start.size:
+        raise OutsideValidityError("no mode of this drive oscillates: its joints are damped too strongly")
     omega = _refine(_characteristic(parameters, conditions, motor_end), start)
     if np.any(np.abs(omega - start) > _LARGEST_MOVE * np.abs(start)) or _coincide(omega):
         raise OutsideValidityError("the poles of this drive cannot be told apart")
