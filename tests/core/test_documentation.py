@@ -107,7 +107,7 @@ def test_every_function_that_is_named_exists(dotted):
 
 
 def test_equations_name_functions_of_every_package_that_computes():
-    computing = {"quality", "spectral", "modal", "preload", "trend", "models"}
+    computing = {"quality", "spectral", "modal", "preload", "trend", "models", "identification"}
     assert {name.split(".")[0] for name in named_functions()} >= computing
     assert not exists("preload.feature.no_such_function")
 

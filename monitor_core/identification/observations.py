@@ -1,0 +1,99 @@
+"""What was measured for an identification: peaks at positions, or whole frequency responses."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+
+
+@dataclass(frozen=True, slots=True)
+class ModalObservation:
+    """One measured peak of the table's receptance. ``None`` means: not stated."""
+
+    conditions: DriveConditions
+    frequency: float  # of the peak [Hz]
+    frequency_uncertainty: float | None = None  # standard uncertainty [Hz]
+    amplitude: float | None = None  # |H| at the peak [m/N]
+    amplitude_uncertainty: float | None = None  # standard uncertainty [m/N]
+    order: int | None = None  # as the source counts it, from 1: a label, not the mode of a model
+
+    def __post_init__(self) -> None:
+        for name, unit in (
+            ("frequency", "Hz"), ("frequency_uncertainty", "Hz"), ("amplitude", "m/N"),
+            ("amplitude_uncertainty", "m/N"),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise OutsideValidityError(f"{name} must be positive and finite; got {value} {unit}")
+        if self.amplitude is None and self.amplitude_uncertainty is not None:
+            raise OutsideValidityError(
+                f"an amplitude must be stated with its uncertainty; got {self.amplitude_uncertainty} m/N without one"
+            )
+        if self.order is not None and self.order < 1:
+            raise OutsideValidityError(f"order must count from 1; got {self.order}")
+
+    @property
+    def name(self) -> str:
+        """How a sentence calls it."""
+        return f"the peak at {self.frequency:g} Hz at {self.conditions.position * 1e3:g} mm"
+
+
+@dataclass(frozen=True, slots=True)
+class AssignedPeak:
+    """A measured peak with the mode it belongs to."""
+
+    observation: ModalObservation
+    mode: int  # of the axis, from 1
+
+
+#: Peaks in the order of their source; positions may repeat and any peak may be missing.
+ModalTable = tuple[ModalObservation, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyResponseObservation:
+    """One measured frequency response with the noise of its lines.
+
+    The noise is circular: real and imaginary part have the same standard deviation and are independent, as those of an
+    H1 estimate of many averages are.
+    """
+
+    conditions: DriveConditions
+    frequency: FloatArray  # shape (n_frequencies,), rising [Hz]
+    response: ComplexArray  # shape (n_frequencies,), in the unit of the two points [m/N, m/(N·s²), …]
+    standard_deviation: FloatArray  # of the real part and of the imaginary part, shape (n_frequencies,), same unit
+    excitation: ExcitationPoint = ExcitationPoint.FORCE_AT_TABLE
+    response_point: ResponsePoint = ResponsePoint.DISPLACEMENT_AT_TABLE
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", read_only(self.frequency))
+        object.__setattr__(self, "response", read_only_complex(self.response))
+        object.__setattr__(self, "standard_deviation", read_only(self.standard_deviation))
+        shapes = {self.frequency.shape, self.response.shape, self.standard_deviation.shape}
+        if len(shapes) != 1 or self.frequency.ndim != 1 or not self.frequency.size:
+            raise OutsideValidityError(
+                "frequency, response and standard_deviation must be of one length, at least 1; got shapes "
+                f"{self.frequency.shape}, {self.response.shape} and {self.standard_deviation.shape}"
+            )
+        if not (self.frequency[0] > 0.0 and np.all(np.diff(self.frequency) > 0.0) and self.frequency[-1] < math.inf):
+            raise OutsideValidityError("frequencies of a response must be positive, finite and rising")
+        if not np.all(np.isfinite(self.response)):
+            raise OutsideValidityError("a response must be finite at every frequency")
+        if not (np.all(self.standard_deviation > 0.0) and np.all(np.isfinite(self.standard_deviation))):
+            raise OutsideValidityError("standard_deviation must be positive and finite at every frequency")
+
+
+def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:
+    """Return the distinct conditions of a table, by position.
+
+    Parameters
+    ----------
+    observations : iterable of ModalObservation
+    """
+    distinct = dict.fromkeys(one.conditions for one in observations)
+    return tuple(sorted(distinct, key=lambda one: (one.position, one.payload_mass, one.preload or 0.0)))

@@ -1,0 +1,154 @@
+"""Whole responses of an axis in finite elements, with noise: joints come back, and their intervals cover."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.identification.coordinates import JointCoordinates
+from monitor_core.identification.fit import fit_local
+from monitor_core.identification.modal_problem import modal_problem
+from monitor_core.identification.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
+from monitor_core.identification.problem import Bounds
+from monitor_core.identification.response_problem import ResidualForm, in_form, response_problem
+from monitor_core.identification.search import SearchSettings, search
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.models.receptance import ReceptanceModel
+from tests.identification import simulated, tian
+
+AXIS = tian.axis()
+JOINTS = JointCoordinates(AXIS)
+TRUTH = JOINTS.coordinates(AXIS)
+NUT = 2
+#: Two decades of stiffness and four of damping around the truth, which is nowhere near the middle of one's knowledge.
+WIDE = Bounds(TRUTH - np.repeat([1.0, 2.0], 4), TRUTH + np.repeat([1.0, 2.0], 4))
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return simulated.receptances(AXIS)
+
+
+@pytest.fixture(scope="module")
+def fits(exact):
+    rng = np.random.default_rng(7)
+    return [fit_local(response_problem(JOINTS, simulated.noisy(exact, rng)), WIDE, TRUTH) for _ in range(60)]
+
+
+def test_nut_stiffness_comes_back_within_half_a_percent(fits):
+    errors = np.array([fit.coordinates.values[NUT] - TRUTH[NUT] for fit in fits]) * np.log(10)
+    assert np.max(np.abs(errors)) < 0.005
+    assert np.abs(errors.mean()) < 4 * errors.std() / np.sqrt(len(fits))  # no bias beside the scatter
+
+
+def test_intervals_cover_as_often_as_they_say(fits):
+    inside = [np.abs(fit.coordinates.values - TRUTH) <= 1.96 * fit.coordinates.standard_uncertainties for fit in fits]
+    # 480 intervals of 95 %: 92 to 98 % is 3 standard deviations of the binomial, were they independent
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_residuals_are_as_large_as_the_noise(fits):
+    n = fits[0].degrees_of_freedom
+    chi_squared = np.array([fit.chi_squared for fit in fits]) / n
+    assert chi_squared.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / n / len(fits)))
+
+
+def test_wide_random_starts_agree(exact):
+    problem = response_problem(JOINTS, simulated.noisy(exact, np.random.default_rng(1)))
+    found = search(
+        in_form(problem, ResidualForm.LOGARITHMIC), WIDE, 1, SearchSettings(n_populations=0, n_random_starts=20)
+    )
+    assert found.agreement() >= 0.7
+    final = fit_local(problem, WIDE, found.best.coordinates.values)
+    assert final.converged
+    shift = np.abs(final.coordinates.values - found.best.coordinates.values)
+    assert np.all(shift < final.coordinates.standard_uncertainties)  # the same optimum but for the second order
+
+
+def test_peaks_of_the_same_data_know_ten_times_less(exact, fits):
+    bands, rng = tian.BANDS, np.random.default_rng(3)
+    modes = modal_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3", "l5")), bands=bands).predict(TRUTH)
+    errors = []
+    for _ in range(20):
+        peaks = []
+        for one, near in zip(simulated.noisy(exact, rng), modes.frequency.reshape(3, 4), strict=True):
+            for mode, frequency in enumerate(near, start=1):
+                f, a = simulated.picked_peak(one, frequency)
+                peaks.append(AssignedPeak(ModalObservation(one.conditions, f, 0.002 * f, a, 0.05 * a), mode))
+        fit = fit_local(modal_problem(JOINTS, peaks, bands=bands), WIDE, TRUTH)
+        errors.append(fit.coordinates.values[NUT] - TRUTH[NUT])
+    whole = [fit.coordinates.values[NUT] - TRUTH[NUT] for fit in fits]
+    assert np.sqrt(np.mean(np.square(errors))) > 10 * np.sqrt(np.mean(np.square(whole)))
+
+
+@pytest.mark.parametrize("form", ResidualForm)
+@pytest.mark.parametrize(
+    ("excitation", "response"),
+    [(e, r) for e in ExcitationPoint for r in ResponsePoint],
+)
+def test_jacobian_is_the_slope_of_the_residuals_at_all_points(form, excitation, response):
+    frequency, conditions = np.linspace(15.0, 900.0, 150), DriveConditions(0.7)
+    measured = ReceptanceModel(replace(AXIS, nut_stiffness=8e8)).frequency_response(
+        frequency, conditions, excitation=excitation, response=response
+    )
+    if not np.any(measured.response):
+        pytest.skip("the model says zero there")
+    one = FrequencyResponseObservation(
+        conditions, frequency, measured.response, 0.05 * np.abs(measured.response), excitation, response
+    )
+    problem, x, h = response_problem(JOINTS, [one], form=form), TRUTH + 0.03, 3e-6
+    slope = np.array([problem.residuals(x + e) - problem.residuals(x - e) for e in h * np.eye(8)]).T / (2 * h)
+    # 1e-8: rounding of residuals of a few tens, over the step; a joint that plays no part has slopes of exactly 0
+    assert np.all(np.abs(problem.jacobian(x) - slope) <= 1e-5 * np.abs(slope).max(axis=0) + 1e-8 * slope.any(axis=0))
+
+
+def test_at_its_own_joints_a_response_leaves_nothing():
+    frequency, conditions = np.linspace(15.0, 900.0, 150), DriveConditions(0.7)
+    for excitation, response in ((e, r) for e in ExcitationPoint for r in ResponsePoint):
+        values = ReceptanceModel(AXIS).frequency_response(
+            frequency, conditions, excitation=excitation, response=response
+        )
+        one = FrequencyResponseObservation(
+            conditions, frequency, values.response, np.abs(values.response) + 1e-30, excitation, response
+        )
+        for form in ResidualForm:
+            assert np.max(np.abs(response_problem(JOINTS, [one], form=form).residuals(TRUTH))) < 1e-9
+
+
+def test_both_forms_are_one_near_the_truth(exact):
+    rng = np.random.default_rng(4)
+    observations = simulated.noisy(exact, rng, noise=1e-4)
+    by_form = [response_problem(JOINTS, observations, form=form).residuals(TRUTH) for form in ResidualForm]
+    chi_squared = [np.sum(one**2) for one in by_form]
+    assert chi_squared[0] == pytest.approx(chi_squared[1], rel=1e-3)
+
+
+def test_too_little_is_refused():
+    one = FrequencyResponseObservation(DriveConditions(1.0), np.array([20.0, 30.0]), np.array([1e-7, 1e-8]), np.ones(2))
+    with pytest.raises(NotIdentifiableError, match="at 1 positions at least; got 0"):
+        response_problem(JOINTS, [])
+    with pytest.raises(NotIdentifiableError, match="at 2 positions at least; got 1"):
+        response_problem(JOINTS, [one], minimum_positions=2)
+    with pytest.raises(NotIdentifiableError, match="half as many lines at least; got 2"):
+        response_problem(JOINTS, [one])
+
+
+def test_the_logarithm_of_nothing_is_refused():
+    response = np.full(9, 1e-7)
+    response[3] = 0.0
+    one = FrequencyResponseObservation(DriveConditions(1.0), np.linspace(20.0, 60.0, 9), response, np.ones(9))
+    with pytest.raises(OutsideValidityError, match="got 0 at 35 Hz"):
+        response_problem(JOINTS, [one], form=ResidualForm.LOGARITHMIC)
+    response_problem(JOINTS, [one], form=ResidualForm.COMPLEX)
+
+
+def test_joints_that_are_no_coordinates_are_refused():
+    with pytest.raises(OutsideValidityError, match="must be some of"):
+        JointCoordinates(AXIS, ("nut_stiffness", "bearing_stiffness"))
+    with pytest.raises(OutsideValidityError, match="nut_damping must be positive to be free"):
+        JOINTS.coordinates(replace(AXIS, nut_damping=0.0))
+    with pytest.raises(OutsideValidityError, match="coupling_damping has none"):
+        JOINTS.bounds({name: limits for name, limits in tian.LIMITS.items() if name != "coupling_damping"})
+    with pytest.raises(OutsideValidityError, match=r"must have shape \(8,\)"):
+        JOINTS.parameters(np.zeros(3))
