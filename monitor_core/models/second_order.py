@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 
 from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
@@ -106,20 +107,33 @@ def poles(system: SecondOrderSystem) -> ComplexArray:
     OutsideValidityError
         If an elastic mode is damped beyond critical.
     """
+    _, _, found = _modes_and_poles(system)
+    return found[np.argsort(np.abs(found), kind="stable")]
+
+
+def _modes_and_poles(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Return ω and shapes of :func:`undamped_modes`, and of each mode its pole; see :func:`poles`.
+
+    Neither magnitude nor frequency tells whose a pole is, as damping shifts close modes past each other. Its own
+    motion does: poles go to modes, one to one, so that together they consist of them as far as possible.
+    """
     omega, shapes = undamped_modes(system)
     if not (np.any(system.damping) or np.any(system.stiffness.imag)):
-        return np.asarray(1j * omega, dtype=np.complex128)  # on the axis, without the rounding of eigenvalues
+        return omega, shapes, np.asarray(1j * omega, dtype=np.complex128)  # without the rounding of eigenvalues
     n_modes, n_rigid = omega.size, int(np.count_nonzero(omega == 0.0))
     state_space = np.zeros((2 * n_modes, 2 * n_modes), dtype=np.complex128)
     state_space[:n_modes, n_modes:] = np.eye(n_modes)
     state_space[n_modes:, :n_modes] = -shapes.T @ system.stiffness @ shapes
     state_space[n_modes:, n_modes:] = -shapes.T @ system.damping @ shapes
-    roots = np.linalg.eigvals(state_space)
+    roots, motions = np.linalg.eig(state_space)
     # the two real roots of a damped rigid-body mode may stray off the axis by rounding: take the highest only
-    elastic = roots[np.argsort(roots.imag)][n_modes + n_rigid :]
-    if np.any(elastic.imag <= 1e-6 * np.abs(elastic)):
+    elastic = np.argsort(roots.imag)[n_modes + n_rigid :]
+    if np.any(roots[elastic].imag <= 1e-6 * np.abs(roots[elastic])):
         raise OutsideValidityError("an elastic mode is damped beyond critical; it has no natural frequency")
-    return np.concatenate([np.zeros(n_rigid), elastic[np.argsort(np.abs(elastic))]])
+    consists_of = np.abs(motions[:n_modes, elastic]) ** 2
+    consists_of /= np.sum(consists_of, axis=0)
+    _, pole_of_mode = scipy.optimize.linear_sum_assignment(consists_of[n_rigid:], maximize=True)
+    return omega, shapes, np.concatenate([np.zeros(n_rigid), roots[elastic[pole_of_mode]]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,18 +182,20 @@ def drive_response(
 
 def drive_natural_frequencies(equations: DriveEquations) -> tuple[NaturalFrequency, ...]:
     """Return the poles of a drive as natural frequencies and damping ratios, rigid-body mode first."""
-    return tuple(
-        NaturalFrequency(float(abs(s)) / (2.0 * np.pi), (0.0 - float(s.real)) / float(abs(s)) if s else 0.0)
-        for s in poles(equations.system)
-    )
+    return tuple(_natural_frequency(complex(s)) for s in poles(equations.system))
 
 
 def drive_normal_modes(equations: DriveEquations) -> NormalModes:
     """Return the undamped modes of a drive, each with the damping ratio of its pole."""
-    omega, shapes = undamped_modes(equations.system)
+    omega, shapes, own = _modes_and_poles(equations.system)
     return NormalModes(
         omega / (2.0 * np.pi),
-        np.array([mode.damping_ratio for mode in drive_natural_frequencies(equations)]),
+        np.array([_natural_frequency(complex(s)).damping_ratio for s in own]),
         equations.angle_at_motor @ shapes,
         equations.displacement_at_table @ shapes,
     )
+
+
+def _natural_frequency(pole: complex) -> NaturalFrequency:
+    magnitude = abs(pole)
+    return NaturalFrequency(magnitude / (2.0 * np.pi), (0.0 - pole.real) / magnitude if pole else 0.0)

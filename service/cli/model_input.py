@@ -11,7 +11,7 @@ from monitor_core.recordings.model_file import read_model_file
 
 
 class NumbersCommand(click.Command):
-    """A command whose repeatable options take several numbers at a time: ``--position-mm 250 500 750``."""
+    """A command whose options take several numbers: ``--position-mm 250 500`` or ``--position-mm=250 500``."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat the option before each further number."""
@@ -36,8 +36,9 @@ def _repeated(args: list[str], repeatable: set[str]) -> Iterator[str]:
     option: str | None = None
     n_values = 0
     for word in args:
-        if word in repeatable:
-            option, n_values = word, 0
+        name, equals, _ = word.partition("=")
+        if name in repeatable:
+            option, n_values = name, len(equals)  # --position-mm=300 has its first number already
         elif option is not None and (n_values == 0 or _is_number(word)):
             if n_values > 0:
                 yield option

@@ -91,6 +91,8 @@ def simulate(
     """Record a session of a drive model: short ramps to and fro, in windows as a machine would record them."""
     if out.suffix.lower() not in SESSION_SUFFIXES:
         raise click.BadParameter(f"a session file ends in {' or '.join(SESSION_SUFFIXES)}; got {out.name}")
+    if not out.parent.is_dir():
+        raise click.BadParameter(f"there is no folder {out.parent} for {out.name}; make it first")
     if out.exists() and not force:
         raise click.UsageError(f"{out} is there already; --force replaces it")
     drive = built_model(model)

@@ -151,6 +151,19 @@ def test_modal_superposition_of_a_proportionally_damped_system_is_its_response()
     assert np.abs(asked - summed).max() < 1e-11 * np.abs(asked).max()
 
 
+def test_damping_of_close_modes_was_paired_by_magnitude_with_the_wrong_mode():
+    """Two masses that do not know of each other; damping lifts the pole of the lower one above that of the other."""
+    lossy, clean = complex_stiffness(1.0, 0.3), complex_stiffness(1.005, 0.1)
+    system = SecondOrderSystem(np.eye(2), np.zeros((2, 2)), np.diag([lossy, clean]))
+    modes = drive_normal_modes(DriveEquations(system, np.zeros(2), np.array([1.0, 0.0])))
+    own = 1j * np.sqrt([lossy, clean])
+    assert abs(own[0]) > abs(own[1])
+    assert modes.frequency * 2.0 * np.pi == pytest.approx([1.0, np.sqrt(1.005)], rel=1e-12)
+    assert np.abs(modes.displacement_at_table) == pytest.approx([1.0, 0.0])
+    assert modes.damping_ratio == pytest.approx(-own.real / np.abs(own), rel=1e-10)
+    assert np.abs(poles(system)) == pytest.approx(np.sort(np.abs(own)))  # the poles themselves stay in their order
+
+
 def test_natural_frequencies_are_magnitude_and_cosine_of_the_poles():
     equations = DriveEquations(one_mass(), np.array([0.0]), np.array([1.0]))
     (mode,) = drive_natural_frequencies(equations)

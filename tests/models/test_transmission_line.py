@@ -104,6 +104,46 @@ def test_poles_are_the_eigenvalues_of_one_step(motor_end, position):
         assert np.min(np.abs(poles - s)) < 1e-8 * abs(s)
 
 
+#: Joints and masses within a factor of two of the bundled axis: two of its poles pass each other as damping grows.
+CLOSE_POLES = [
+    {"table_mass": 230.0, "motor_inertia": 8.6e-3, "coupling_inertia": 4.2e-4, "coupling_stiffness": 3.0e4,
+     "bearing_stiffness": 3.5e8, "far_bearing_stiffness": 1.9e8, "nut_stiffness": 5.7e8},
+    {"table_mass": 370.0, "motor_inertia": 5.6e-3, "coupling_inertia": 5.0e-4, "coupling_stiffness": 2.4e4,
+     "bearing_stiffness": 3.2e8, "far_bearing_stiffness": 2.0e8, "nut_stiffness": 5.8e8},
+    {"table_mass": 270.0, "motor_inertia": 7.7e-3, "coupling_inertia": 3.1e-4, "coupling_stiffness": 1.7e4,
+     "bearing_stiffness": 2.6e8, "far_bearing_stiffness": 1.1e8, "nut_stiffness": 4.1e8},
+]  # fmt: skip
+#: Here the highest pole given used to be that of the mode above it, which has less damping.
+HIGHEST_POLE = {
+    "table_mass": 982.0, "motor_inertia": 7.44e-4, "coupling_inertia": 3.99e-3, "coupling_stiffness": 5214.0,
+    "bearing_stiffness": 4.523e8, "far_bearing_stiffness": 1.389e9, "nut_stiffness": 1.928e8,
+    "bearing_damping": 1425.0, "far_bearing_damping": 18720.0, "nut_damping": 64396.0, "coupling_damping": 0.58,
+    "table_damping": 265.0, "motor_damping": 0.0162,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes", CLOSE_POLES)
+def test_poles_that_pass_each_other_fell_onto_one_path_and_were_refused(changes):
+    p = shaft(**changes)
+    model = TransmissionLineModel(p)
+    matrix = step_matrix(*drive_on(model.grid, p))
+    modes = model.natural_frequencies(HERE)[1:]
+    poles = np.array([2j * np.pi * m.frequency * np.exp(1j * math.asin(m.damping_ratio)) for m in modes])
+    apart = np.abs(poles[:, None] - poles) + np.diag(np.abs(poles))
+    assert apart.min() > 1.0
+    for s in poles:
+        assert pole_of_matrix(matrix, model.grid.time_step, s / (2j * np.pi)) == pytest.approx(s, rel=1e-7)
+
+
+def test_the_highest_pole_was_exchanged_for_that_of_a_mode_beyond():
+    """The damping ratio of a mode rises as its dampers grow; that of the mode beyond is 0.7 %."""
+    ratios = []
+    for share in np.linspace(0.0, 1.0, 11):
+        changes = {name: value * (share if name in UNDAMPED else 1.0) for name, value in HIGHEST_POLE.items()}
+        ratios.append(TransmissionLineModel(shaft(**changes)).natural_frequencies(HERE)[-1].damping_ratio)
+    assert np.all(np.diff(ratios) > 0.015)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_any_drive_has_the_modes_of_its_step_and_no_others(seed):
     rng = np.random.default_rng(seed)

@@ -69,6 +69,12 @@ def test_modes_depend_on_motor_end_preload_and_payload(preload: Any) -> None:
     assert first("--payload-kg", 10) / first() == pytest.approx((table_mass / (table_mass + 10.0)) ** 0.5, rel=1e-3)
 
 
+@pytest.mark.parametrize("words", [("--position-mm=300", 400), ("--position-mm", 300, "--position-mm=400")])
+def test_numbers_after_an_equals_sign_were_an_unexpected_argument(preload: Any, words: tuple[Any, ...]) -> None:
+    document = preload("modes", MODELS / "hybrid.toml", *words, "--json").json()
+    assert [place["position_mm"] for place in document["positions"]] == [300.0, 400.0]
+
+
 # --- simulate --------------------------------------------------------------------------------------------------------
 
 
@@ -188,6 +194,12 @@ def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, tex
             ("simulate", "hybrid.toml", "--out", "x.h5", "--friction-n", -1),
             "coulomb of the guides must not be negative",
         ),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--friction-n", 1e6), "must not exceed the 508.3 N"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--seconds", 1e12), "must not exceed 16,777,216 samples"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--windows", 10**9), "must not exceed 16,777,216 samples"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--sample-rate-hz", 1e9), "must not exceed 16,777,216 samples"),
+        (("simulate", "hybrid.toml", "--out", "x.h5", "--torque-noise-nm", 1e300), "must fit into single precision"),
+        (("simulate", "none.toml", "--out", "nodir/x.h5"), "there is no folder nodir for x.h5"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--preload-n", 100), "state the rating"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--position-mm", 0), "position must lie on the screw"),
     ],

@@ -6,12 +6,13 @@ from datetime import datetime, timedelta
 from itertools import product
 
 import numpy as np
+import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.generator.moves import RampMoves, Reference, draw_reference
 from monitor_core.models.generator.scan import GuideFriction, Motion, advance_modes
-from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
+from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd, NormalModes
 from monitor_core.recording import Conditions, ExcitationSource, Session, Window
 
 #: What a torque leaves free to move: measured behind the coupling it is given there, and hides the motor.
@@ -20,6 +21,8 @@ MOTOR_END = {ExcitationSource.SENSOR: MotorEnd.PRESCRIBED, ExcitationSource.DRIV
 BATCH_SAMPLES = 2**22
 #: A window begins so many window lengths after the one before it: the table comes to rest in between.
 WINDOW_SPACING = 2.0
+#: Bound of a measurement: advancing it takes some 130 bytes a sample, 2.2 GB. An hour in one window has 2**23.8.
+MOST_SAMPLES = 2**24
 _FEWEST_SAMPLES_PER_RAMP = 4.0
 
 
@@ -56,6 +59,12 @@ class SimulationSettings:
             raise OutsideValidityError(
                 f"a ramp of {self.moves.ramp[0]:g} s needs a sample_rate of at least {least:g} Hz; "
                 f"got {self.sample_rate:g} Hz"
+            )
+        samples = self.windows_per_measurement * self.window_duration * self.sample_rate
+        if samples > MOST_SAMPLES:
+            raise OutsideValidityError(
+                f"a measurement must not exceed {MOST_SAMPLES:,} samples; {self.windows_per_measurement} x "
+                f"{self.window_duration:g} s at {self.sample_rate:g} Hz are {samples:.3g}; take fewer or shorter ones"
             )
 
     @property
@@ -117,7 +126,8 @@ def simulate_session(
     Raises
     ------
     OutsideValidityError
-        If the model refuses a condition or has no rigid-body mode, or the moves do not fit into the windows.
+        If the model refuses a condition or has no rigid-body mode, the moves do not fit into the windows or do not
+        overcome the friction, or a sample does not fit into single precision.
     """
     measurements = simulate_measurements(model, conditions, settings, started_at=started_at, rng=rng)
     return Session(axis_id, tuple(window for windows in measurements for window in windows))
@@ -140,6 +150,8 @@ def simulate_measurements(
         batch = range(first, min(first + at_once, len(conditions)))
         references = [_draw(settings, streams[i]) for i in batch]
         modes = [model.normal_modes(conditions[i], MOTOR_END[settings.excitation_source]) for i in batch]
+        for each in modes:
+            _require_moves_that_overcome(settings.friction, settings.moves, each)
         stacked = Reference(*(np.stack([getattr(r, name) for r in references], axis=1) for name in Reference.__slots__))
         motion = advance_modes(modes, stacked, settings.friction, 1.0 / settings.sample_rate)
         for place, i in enumerate(batch):
@@ -148,6 +160,21 @@ def simulate_measurements(
                 reference=references[place], measurement=f"m{i:04d}", starts=started_at + i * n * spacing,
                 rng=streams[i],
             )  # fmt: skip
+
+
+def _require_moves_that_overcome(friction: GuideFriction, moves: RampMoves, modes: NormalModes) -> None:
+    """Refuse friction above the force that accelerates the rigid drive at the peak of the gentlest ramp, 2 m v/t_r.
+
+    Such moves no longer strike the drive: they first wind it up against the guides, and the table flies from there.
+    """
+    resistance = friction.coulomb + friction.viscous * moves.speed
+    reflected = modes.displacement_at_table[:1] ** -2.0 if resistance else np.full(1, np.inf)
+    strongest = 2.0 * reflected * moves.speed / moves.ramp[1]
+    if np.any(resistance > strongest):
+        raise OutsideValidityError(
+            f"friction of the guides must not exceed the {strongest[0]:.4g} N with which a ramp of {moves.ramp[1]:g} s "
+            f"accelerates the drive; got {resistance:g} N at {moves.speed:g} m/s"
+        )
 
 
 def _draw(settings: SimulationSettings, rng: np.random.Generator) -> Reference:
@@ -167,8 +194,10 @@ def _record(
     rng: np.random.Generator,
 ) -> tuple[Window, ...]:
     """Return what the sensors and the linear encoder of the table make of one condition's motion."""
-    torque = _with_noise(motion.torque[:, place], settings.torque_noise, rng)
-    acceleration = _with_noise(motion.acceleration[:, place], settings.acceleration_noise, rng)
+    torque = _single(_with_noise(motion.torque[:, place], settings.torque_noise, rng), "torque", "N·m")
+    acceleration = _single(
+        _with_noise(motion.acceleration[:, place], settings.acceleration_noise, rng), "acceleration", "m/s²"
+    )
     # the window's travel lies about the stated position, not beside it
     travel = reference.travel
     centre = 0.5 * (travel.max(axis=0) + travel.min(axis=0))
@@ -182,8 +211,8 @@ def _record(
     )
     return tuple(
         Window(
-            excitation=torque[:, w].astype(np.float32),
-            response=acceleration[:, w].astype(np.float32),
+            excitation=torque[:, w],
+            response=acceleration[:, w],
             sample_rate=settings.sample_rate,
             started_at=starts + w * spacing,
             conditions=stated,
@@ -197,7 +226,18 @@ def _record(
 
 
 def _with_noise(samples: FloatArray, noise: float, rng: np.random.Generator) -> FloatArray:
-    return samples + noise * rng.standard_normal(samples.shape) if noise else samples
+    with np.errstate(over="ignore"):  # what does not fit is refused with its unit
+        return samples + noise * rng.standard_normal(samples.shape) if noise else samples
+
+
+def _single(samples: FloatArray, name: str, unit: str) -> npt.NDArray[np.float32]:
+    largest = float(np.finfo(np.float32).max)
+    if not np.all(np.abs(samples) <= largest):
+        raise OutsideValidityError(
+            f"samples of the {name} must fit into single precision, up to {largest:.2g} {unit}; "
+            f"got up to {np.max(np.abs(samples)):.2g} {unit}"
+        )
+    return samples.astype(np.float32)
 
 
 def _counted(travel: FloatArray, resolution: float) -> FloatArray:

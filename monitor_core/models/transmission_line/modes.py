@@ -2,13 +2,15 @@ r"""Poles and modes of the discretised drive.
 
 Without damping the loop mobility is jB(ω), and B rises between its poles (Foster's reactance theorem). So there is
 exactly one natural frequency between two neighbouring poles of the lines alone, and these follow from a phase that
-rises with frequency: none can be missed or counted twice. Damping is then let in by degrees.
+rises with frequency: none can be missed or counted twice. Damping is then let in by degrees, the smaller the closer
+two poles come, so that each keeps to its own path.
 """
 
 import math
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
@@ -20,7 +22,10 @@ _HALF_WAVES = 4
 #: A natural frequency is told from a pole of a line alone from this relative distance on. [-]
 _APART = 1e-9
 _BISECTIONS = 80
-_DAMPING_DEGREES = 8
+#: Share of the dampers that is let in at once: at the most, and before a pole is given up.
+_LARGEST_DEGREE, _SMALLEST_DEGREE = 2.0**-3, 2.0**-20
+#: At once a pole may move by so much of its distance to the nearest other one; one that changes paths moves by all.
+_FOLLOWED = 0.1
 _SECANTS = 50
 #: Points on the circle around a pole; what the neighbours add falls with their power of the radius over the distance.
 _CIRCLE = 16
@@ -31,7 +36,7 @@ _MOTOR, _TABLE = ResponsePoint.ANGLE_AT_MOTOR, ResponsePoint.DISPLACEMENT_AT_TAB
 def natural_frequencies(drive: DiscreteDrive) -> tuple[NaturalFrequency, ...]:
     """Return the poles up to the fourth half-wave of the screw in torsion, rigid-body mode first."""
     rigid = () if drive.motor_end is MotorEnd.CLAMPED else (NaturalFrequency(0.0, 0.0),)
-    poles = damped_poles(drive, undamped_omega(drive))
+    poles = damped_poles(drive, *undamped_omega(drive))
     order = np.argsort(np.abs(poles))
     return rigid + tuple(
         NaturalFrequency(float(abs(s)) / (2.0 * math.pi), float(max(-s.real, 0.0) / abs(s))) for s in poles[order]
@@ -40,8 +45,8 @@ def natural_frequencies(drive: DiscreteDrive) -> tuple[NaturalFrequency, ...]:
 
 def normal_modes(drive: DiscreteDrive) -> NormalModes:
     """Return the undamped modes up to the fourth half-wave of the screw in torsion, shapes from residues."""
-    omega = undamped_omega(drive)
-    poles = damped_poles(drive, omega)
+    omega, beyond = undamped_omega(drive)
+    poles = damped_poles(drive, omega, beyond)
     table = np.sqrt(np.maximum(_residue(drive, omega, _FORCE, _TABLE), 0.0))
     motor = np.sqrt(np.maximum(_residue(drive, omega, _TORQUE, _MOTOR), 0.0))
     rigid_table, rigid_motor = _rigid_body_mode(drive)
@@ -68,11 +73,11 @@ def _residue(
     return np.asarray(np.mean(receptance * offset * (s + 1j * omega[:, None]), axis=1).real)
 
 
-def undamped_omega(drive: DiscreteDrive) -> FloatArray:
-    """Return the natural frequencies without damping, rising, in rad/s."""
-    highest = _HALF_WAVES * math.pi / (drive.torsional_line.sections * drive.grid.time_step)
+def undamped_omega(drive: DiscreteDrive) -> tuple[FloatArray, FloatArray]:
+    """Return the natural frequencies without damping, rising, in rad/s, and beyond them those of one half-wave more."""
+    half_wave = math.pi / (drive.torsional_line.sections * drive.grid.time_step)
     alone = np.sort(np.concatenate([_axial_poles(drive), _torsional_poles(drive)]))
-    alone = alone[: np.searchsorted(alone, highest) + 1]
+    alone = alone[: np.searchsorted(alone, (_HALF_WAVES + 1) * half_wave) + 1]
     low = np.concatenate([[_APART * alone[0]], alone[:-1] * (1.0 + _APART)])
     high = np.maximum(alone * (1.0 - _APART), low)
 
@@ -86,42 +91,79 @@ def undamped_omega(drive: DiscreteDrive) -> FloatArray:
     # No change of sign: the nut lies in a node of that line's mode, which then is a mode of the drive as it stands.
     nearer = np.where(np.abs(at_low) < np.abs(at_high), low, high)
     roots = np.sort(np.where(at_low * at_high < 0.0, roots, nearer))
-    return np.asarray(roots[roots <= highest])
+    given, beyond = np.searchsorted(roots, np.array([_HALF_WAVES, _HALF_WAVES + 1]) * half_wave, side="right")
+    return roots[:given], roots[given:beyond]
 
 
-def damped_poles(drive: DiscreteDrive, omega: FloatArray) -> ComplexArray:
-    """Follow the poles from jω while all dampers grow from nothing to what they are, in 1/s."""
-    s = np.asarray(1j * omega, dtype=np.complex128)
-    for damping in np.linspace(0.0, 1.0, _DAMPING_DEGREES + 1)[1:]:
-        s = _secant(drive, s, float(damping))
-    distance = np.abs(s[:, None] - s[None, :]) + np.diag(np.abs(s))
-    if np.any(distance < _APART * np.abs(s)) or np.any(s.imag <= 0.0):
-        raise OutsideValidityError(
-            "a mode is damped so strongly that it no longer oscillates; this model needs underdamped modes"
+def damped_poles(drive: DiscreteDrive, omega: FloatArray, beyond: FloatArray) -> ComplexArray:
+    """Follow the poles from jω while all dampers grow from nothing to what they are, in 1/s.
+
+    Those ``beyond`` are followed as long as they can be, so that none of the others takes their place.
+    """
+    s = np.asarray(1j * np.concatenate([omega, beyond]), dtype=np.complex128)
+    damping, degree = 0.0, _LARGEST_DEGREE
+    while damping < 1.0:
+        degree = min(degree, 1.0 - damping)
+        after = _secant(drive, s, damping + degree)
+        room = np.minimum(_nearest(s)[0], _nearest(after)[0])
+        if np.all(np.abs(after - s) <= _FOLLOWED * room):  # not where it is nan
+            s, damping, degree = after, damping + degree, min(2.0 * degree, _LARGEST_DEGREE)
+        elif degree > _SMALLEST_DEGREE:
+            degree *= 0.5
+        elif s.size > omega.size:
+            s = s[: omega.size]
+        else:
+            raise OutsideValidityError(_where_it_was_lost(s, damping))
+    return s[: omega.size]
+
+
+def _nearest(s: ComplexArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return the distance of each pole to the nearest other one, and which; itself where that is its conjugate.
+
+    The distance is not positive where a pole no longer oscillates.
+    """
+    distance = np.abs(s[:, None] - s[None, :])
+    np.fill_diagonal(distance, 2.0 * s.imag)
+    return distance.min(axis=1), distance.argmin(axis=1)
+
+
+def _where_it_was_lost(s: ComplexArray, damping: float) -> str:
+    """Say which poles were about to meet when so much of the damping was let in."""
+    distance, other = _nearest(s)
+    n = int(np.argmin(distance / np.abs(s)))
+    near, and_near = (np.abs(s[[n, other[n]]]) / (2.0 * math.pi)).tolist()
+    if n == other[n]:
+        return (
+            f"the mode near {near:.6g} Hz is damped so strongly that it no longer oscillates from {damping:.3%} of its "
+            "damping on; this model needs underdamped modes"
         )
-    return s
+    return (
+        f"the modes near {near:.6g} and {and_near:.6g} Hz meet at {damping:.3%} of their damping, from where on it is "
+        "not known which is which; change the damping a little"
+    )
 
 
 def _secant(drive: DiscreteDrive, s: ComplexArray, damping: float) -> ComplexArray:
-    """Return the zeros of the characteristic function next to s."""
+    """Return the zeros of the characteristic function next to s, nan where none is found."""
 
     def characteristic(at: ComplexArray) -> ComplexArray:
         parts = drive.mobilities(at, damping)
         return np.asarray(parts.line_poles * loop_mobility(parts, drive.parameters.transmission))
 
     before, s = s, np.asarray(s * (1.0 + 1e-6j), dtype=np.complex128)
-    value_before, value = characteristic(before), characteristic(s)
-    for _ in range(_SECANTS):
-        difference = value - value_before
-        moving = (difference != 0.0) & (np.abs(s - before) > 1e-14 * np.abs(s))
-        if not np.any(moving):
-            return s
-        slope = np.where(moving, difference, 1.0)
-        step = np.where(moving, value * (s - before) / slope, 0.0)
-        before, value_before = s, value
-        s = np.asarray(s - step, dtype=np.complex128)
-        value = characteristic(s)
-    raise OutsideValidityError("the poles of this drive were not found; its damping is too strong for its modes")
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a step that is too long may lead anywhere
+        value_before, value = characteristic(before), characteristic(s)
+        for _ in range(_SECANTS):
+            difference = value - value_before
+            moving = (difference != 0.0) & (np.abs(s - before) > 1e-14 * np.abs(s))
+            if not np.any(moving):
+                return s
+            slope = np.where(moving, difference, 1.0)
+            step = np.where(moving, value * (s - before) / slope, 0.0)
+            before, value_before = s, value
+            s = np.asarray(s - step, dtype=np.complex128)
+            value = characteristic(s)
+    return np.where(moving, np.nan, s)
 
 
 def _axial_poles(drive: DiscreteDrive) -> FloatArray:
@@ -144,7 +186,7 @@ def _poles_of_line(
 ) -> FloatArray:
     """Solve ωT − φ₀ − φ₁ = nπ, where an end of impedance −jX turns the phase by φ = arctan(X/Z), 0 to π."""
     delay = line.sections * line.time_step
-    order = np.arange(first, _HALF_WAVES + 1, dtype=np.float64)
+    order = np.arange(first, _HALF_WAVES + 2, dtype=np.float64)
 
     def phase(omega: FloatArray) -> FloatArray:
         turned = [
