@@ -95,7 +95,7 @@ BAD = {
     "list": (with_value("table_mass_kg", "[1.0]"), "table_mass_kg: expected a number [SI]; got list [1.0]"),
     "not a number": (with_value("table_mass_kg", "nan"), "table_mass_kg: expected a finite number; got nan SI"),
     "infinite": (with_value("table_mass_kg", "inf"), "table_mass_kg: expected a finite number; got inf SI"),
-    "negative": (with_value("table_mass_kg", "-1"), "[parameters]: table_mass_kg must be positive and finite; got -1.0 kg"),
+    "negative": (with_value("table_mass_kg", "-1"), "table_mass_kg must be positive and finite; got -1.0 kg"),
     "twice": (TEXT + "table_mass_kg = 3\ntable_mass_kg = 3\n", "expected a drive model in TOML"),
     "uncertain is no table": ("uncertain = 1\n" + TEXT, "expected a table [uncertain]; got int 1"),
     "uncertain of nothing": (TEXT + "[uncertain]\nmass_kg = 0.1", "drive.toml [uncertain]: expected only "),
