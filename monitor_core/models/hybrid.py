@@ -8,7 +8,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models.damping import complex_stiffness, equivalent_viscous_damping, series_stiffness
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.parameters import DriveParameters, transmission_ratio
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -19,6 +19,7 @@ from monitor_core.models.protocol import (
     motor_end_of,
     require_position,
 )
+from monitor_core.models.rod import axial_rigidity, torsional_rigidity
 from monitor_core.models.second_order import (
     DriveEquations,
     SecondOrderSystem,
@@ -61,27 +62,27 @@ class HybridParameters(DriveParameters):
     @property
     def transmission_ratio(self) -> float:
         """Travel per angle, r_g = P_t/2π [m/rad]."""
-        return self.screw_lead / (2.0 * math.pi)
+        return transmission_ratio(self.screw_lead)
 
     @property
     def axial_rigidity(self) -> float:
         """E_s A_s [N]."""
-        return self.youngs_modulus * math.pi * self.screw_diameter**2 / 4.0
+        return axial_rigidity(self.youngs_modulus, self.screw_diameter)
 
     @property
     def torsional_rigidity(self) -> float:
         """G_s J_s with the polar area moment πd⁴/32 [N·m²]."""
-        return self.shear_modulus * math.pi * self.screw_diameter**4 / 32.0
+        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
 
     @property
     def mass_per_length(self) -> float:
         """ρ_s A_s [kg/m]."""
-        return self.density * math.pi * self.screw_diameter**2 / 4.0
+        return axial_rigidity(self.density, self.screw_diameter)
 
     @property
     def inertia_per_length(self) -> float:
         """ρ_s J_s with the polar area moment [kg·m]."""
-        return self.density * math.pi * self.screw_diameter**4 / 32.0
+        return torsional_rigidity(self.density, self.screw_diameter)
 
 
 def equivalent_stiffness(

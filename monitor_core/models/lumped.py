@@ -9,7 +9,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.damping import complex_stiffness, series_stiffness
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.parameters import DriveParameters, transmission_ratio
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -60,7 +60,7 @@ class LumpedParameters(DriveParameters):
     @property
     def transmission_ratio(self) -> float:
         """Travel per angle, i = l/2π [m/rad]."""
-        return self.screw_lead / (2.0 * math.pi)
+        return transmission_ratio(self.screw_lead)
 
 
 def shaft_axial_stiffness(parameters: LumpedParameters, position: float) -> float:

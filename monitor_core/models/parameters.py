@@ -70,6 +70,11 @@ def unit_of(name: str) -> str:
     return _VOCABULARY[name].unit
 
 
+def transmission_ratio(screw_lead: float) -> float:
+    """Return the travel per angle, lead/2π, in m/rad."""
+    return screw_lead / (2.0 * math.pi)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveParameters:
     """Base of the families' records: every field is a word of the vocabulary, finite and not negative.

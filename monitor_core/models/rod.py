@@ -4,6 +4,7 @@ Axial and torsional waves obey one equation. Axially the rigidity is E S and the
 and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -25,6 +26,16 @@ class RodWaves(Generic[Wave]):
     cosine: Wave  # cos λl, shape (n_frequencies,) [-]
     sine_over_z: Wave  # sin λl / z: [m/N] or [rad/(N·m)]
     z_sine: Wave  # z sin λl: [N/m] or [N·m/rad]
+
+
+def axial_rigidity(modulus: float, diameter: float) -> float:
+    """Return E S of a round bar in newtons; with its density in place of E, its mass per length in kg/m."""
+    return modulus * math.pi * diameter**2 / 4.0
+
+
+def torsional_rigidity(modulus: float, diameter: float) -> float:
+    """Return G J, J = πd⁴/32, of a round bar in N·m²; with its density in place of G, its inertia per length."""
+    return modulus * math.pi * diameter**4 / 32.0
 
 
 def wave_number(omega: Wave, modulus: float, density: float) -> Wave:

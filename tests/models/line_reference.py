@@ -218,7 +218,7 @@ def dynamic_stiffness(parameters, position, omega, **axial):
     ``axial`` may state another rigidity [N] and speed [m/s] of the axial waves.
     """
     p = parameters
-    i = p.transmission
+    i = p.transmission_ratio
     k = np.zeros((8, 8))
     lengths = (position, p.screw_length - position)
     for rigidity, speed, nodes in (

@@ -6,7 +6,7 @@ import pytest
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.transmission_line import (
-    GuideFriction,
+    StribeckFriction,
     common_step_grid,
     simulate_drive,
     synchronised_grid,
@@ -34,7 +34,7 @@ from tests.models.line_reference import (
 )
 
 needs_compiler = pytest.mark.skipif(not compiler_installed(), reason="numba is not installed (extra `compiled`)")
-STRIBECK = GuideFriction(coulomb_force=20.0, static_force=30.0, stribeck_velocity=1e-3)
+STRIBECK = StribeckFriction(coulomb_force=20.0, static_force=30.0, stribeck_velocity=1e-3)
 
 
 def moving_run(grid, n, motor_end=MotorEnd.FREE):
@@ -153,7 +153,7 @@ def test_energy_never_grows_with_friction():
 def test_a_sliding_table_stops_after_the_distance_that_coulomb_friction_allows():
     # A nut of 1 mN/m holds nothing: s = v²/(2 F/m), t = v m/F, and then the table stays where it is.
     parameters = shaft(nut_stiffness=1e-3, **UNDAMPED)
-    drive, *places = drive_on(common_step_grid(parameters, 20), parameters, friction=GuideFriction(50.0, 50.0))
+    drive, *places = drive_on(common_step_grid(parameters, 20), parameters, friction=StribeckFriction(50.0, 50.0))
     v, deceleration = 5e-3, 50.0 / 300.0
     n = round(1.5 * v / deceleration / (2 * drive.table.half_step))
     outputs = empty_outputs(n)
@@ -202,9 +202,9 @@ def test_friction_fades_from_the_static_to_the_coulomb_force():
 
 def test_friction_that_cannot_be_is_refused():
     with pytest.raises(OutsideValidityError, match="exceed static_force"):
-        GuideFriction(30.0, 20.0, 1e-3)
+        StribeckFriction(30.0, 20.0, 1e-3)
     with pytest.raises(OutsideValidityError, match="stribeck_velocity must be positive"):
-        GuideFriction(20.0, 30.0)
+        StribeckFriction(20.0, 30.0)
 
 
 # --- a nut that moves ----------------------------------------------------------------------------------------------

@@ -301,7 +301,7 @@ def test_static_limit_with_a_clamped_motor_is_the_sum_of_the_compliances(positio
     )  # fmt: skip
     ea, gj, rest = p.axial_rigidity, p.torsional_rigidity, p.screw_length - position
     screw = 1.0 / (1.0 / (1.0 / 5e8 + position / ea) + 1.0 / (1.0 / 2e8 + rest / ea))
-    torsion = p.transmission**2 * (1.0 / 2e4 + position / gj)
+    torsion = p.transmission_ratio**2 * (1.0 / 2e4 + position / gj)
     compliance = screw + torsion + 1.0 / 6e8 + 1.0 / 9e8
     assert run.displacement_at_table[-1] == pytest.approx(100.0 * compliance, rel=1e-9)
 
@@ -309,7 +309,7 @@ def test_static_limit_with_a_clamped_motor_is_the_sum_of_the_compliances(positio
 def test_rigid_body_limit_of_a_free_drive():
     p = shaft(**UNDAMPED)
     model = TransmissionLineModel(p)
-    i, screw = p.transmission, p.density * math.pi * 0.04**4 / 32 * p.screw_length
+    i, screw = p.transmission_ratio, p.density * math.pi * 0.04**4 / 32 * p.screw_length
     conditions = DriveConditions(0.6, payload_mass=50.0)
     for excitation, inertia in (
         (ExcitationPoint.TORQUE_AT_MOTOR, 6.5e-3 + screw), (ExcitationPoint.TORQUE_AT_SCREW, screw),
@@ -348,7 +348,7 @@ def test_a_screw_without_mass_or_compliance_leaves_the_joints_in_series():
         youngs_modulus=204.8e15, shear_modulus=80e15, density=1e-3, far_bearing_stiffness=0.0, bracket_stiffness=9e8,
         **UNDAMPED,
     )  # fmt: skip
-    compliance = 1 / 5e8 + 1 / 6e8 + 1 / 9e8 + p.transmission**2 / 2e4
+    compliance = 1 / 5e8 + 1 / 6e8 + 1 / 9e8 + p.transmission_ratio**2 / 2e4
     assert first(p) == pytest.approx(math.sqrt(1 / (compliance * 300.0)) / (2 * math.pi), rel=1e-5)
 
 

@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.parameters import DriveParameters, transmission_ratio
 from monitor_core.models.protocol import DriveConditions
+from monitor_core.models.rod import axial_rigidity, torsional_rigidity
 
 #: Joint parameters in the order of Eq. (25), as the rows of a gradient.
 JOINT_NAMES = (
@@ -71,17 +72,17 @@ class ReceptanceParameters(DriveParameters):
     @property
     def axial_rigidity(self) -> float:
         """E S. [N]."""
-        return self.youngs_modulus * math.pi * self.screw_diameter**2 / 4.0
+        return axial_rigidity(self.youngs_modulus, self.screw_diameter)
 
     @property
     def torsional_rigidity(self) -> float:
         """G J with J = π d⁴/32, Eq. (12). [N·m²]."""
-        return self.shear_modulus * math.pi * self.screw_diameter**4 / 32.0
+        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
 
     @property
     def transmission_ratio(self) -> float:
         """i_b = h/2π, Eq. (21). [m/rad]."""
-        return self.screw_lead / (2.0 * math.pi)
+        return transmission_ratio(self.screw_lead)
 
     @property
     def rotor_inertia(self) -> float:

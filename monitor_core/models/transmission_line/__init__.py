@@ -4,7 +4,7 @@
 runs a drive in time; ``mobility`` and ``modes`` say what the same discretised drive does at a frequency.
 """
 
-from monitor_core.models.transmission_line.drive import GuideFriction
+from monitor_core.models.transmission_line.drive import StribeckFriction
 from monitor_core.models.transmission_line.grid import (
     LineGrid,
     closest_common_step_grid,
@@ -17,8 +17,8 @@ from monitor_core.models.transmission_line.parameters import TransmissionLinePar
 
 __all__ = [
     "DriveMotion",
-    "GuideFriction",
     "LineGrid",
+    "StribeckFriction",
     "TransmissionLineModel",
     "TransmissionLineParameters",
     "closest_common_step_grid",

@@ -13,7 +13,7 @@ from monitor_core.models.transmission_line.parameters import TransmissionLinePar
 
 
 @dataclass(frozen=True, slots=True)
-class GuideFriction:
+class StribeckFriction:
     """Dry friction of the guides: Coulomb friction, and a static force that fades as the table moves (Stribeck)."""
 
     coulomb_force: float  # [N]
@@ -37,7 +37,7 @@ class GuideFriction:
 
 
 #: Guides without dry friction.
-SMOOTH_GUIDES = GuideFriction(0.0, 0.0)
+SMOOTH_GUIDES = StribeckFriction(0.0, 0.0)
 
 
 def discretise(
@@ -45,13 +45,13 @@ def discretise(
     grid: LineGrid,
     conditions: DriveConditions,
     motor_end: MotorEnd,
-    friction: GuideFriction,
+    friction: StribeckFriction,
 ) -> LineDrive:
     """Return the discretised drive: lines as delays, everything else as trapezoidal stubs."""
     h = 0.5 * grid.axial_step
     z = grid.axial_impedance(parameters)
     nut_stiffness = nut_rigidity(parameters.nut_stiffness, conditions.preload, parameters.dynamic_load_rating)
-    i = parameters.transmission
+    i = parameters.transmission_ratio
     length = parameters.screw_length
     moving_mass = parameters.table_mass + conditions.payload_mass
     return LineDrive(

@@ -160,7 +160,7 @@ class DiscreteDrive:
         a, t = axial_place % 1.0, torsional_place % 1.0
         axial = a * (1.0 - a) * p.screw_length / (grid.axial_sections * p.axial_rigidity)
         torsional = t * (1.0 - t) * p.screw_length / (grid.torsional_sections * p.torsional_rigidity)
-        return axial + p.transmission**2 * torsional
+        return axial + p.transmission_ratio**2 * torsional
 
 
 def loop_mobility(parts: Mobilities, transmission: float) -> ComplexArray:
@@ -176,7 +176,7 @@ def response_at(
     damping: float = 1.0,
 ) -> ComplexArray:
     """Return the response at complex frequencies s with the motor end that the drive has, shape (n_frequencies,)."""
-    i = drive.parameters.transmission
+    i = drive.parameters.transmission_ratio
     parts = drive.mobilities(s, damping)
     loop = loop_mobility(parts, i)
     # The nut transmits the velocity of the loop over the loop's mobility; what it transmits moves both sides.

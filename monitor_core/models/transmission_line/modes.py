@@ -83,7 +83,7 @@ def undamped_omega(drive: DiscreteDrive) -> tuple[FloatArray, FloatArray]:
 
     def characteristic(omega: FloatArray) -> FloatArray:
         parts = drive.mobilities(1j * omega, damping=0.0)
-        value = parts.line_poles * loop_mobility(parts, drive.parameters.transmission)
+        value = parts.line_poles * loop_mobility(parts, drive.parameters.transmission_ratio)
         return np.asarray(value.real)  # three imaginary factors of the poles, and an imaginary mobility
 
     at_low, at_high = characteristic(low), characteristic(high)
@@ -148,7 +148,7 @@ def _secant(drive: DiscreteDrive, s: ComplexArray, damping: float) -> ComplexArr
 
     def characteristic(at: ComplexArray) -> ComplexArray:
         parts = drive.mobilities(at, damping)
-        return np.asarray(parts.line_poles * loop_mobility(parts, drive.parameters.transmission))
+        return np.asarray(parts.line_poles * loop_mobility(parts, drive.parameters.transmission_ratio))
 
     before, s = s, np.asarray(s * (1.0 + 1e-6j), dtype=np.complex128)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a step that is too long may lead anywhere
@@ -210,7 +210,7 @@ def _rigid_body_mode(drive: DiscreteDrive) -> tuple[FloatArray, FloatArray]:
     """Return φ of table and motor where the whole drive can turn, arrays of one element; else of none."""
     if drive.motor_end is MotorEnd.CLAMPED:
         return np.zeros(0), np.zeros(0)
-    p, line, i = drive.parameters, drive.torsional_line, drive.parameters.transmission
+    p, line, i = drive.parameters, drive.torsional_line, drive.parameters.transmission_ratio
     inertia = line.impedance * line.sections * line.time_step + i**2 * (p.table_mass + drive.conditions.payload_mass)
     if drive.motor_end is MotorEnd.FREE:
         inertia += p.rotor_inertia

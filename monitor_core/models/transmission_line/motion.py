@@ -9,7 +9,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.transmission_line.drive import SMOOTH_GUIDES, GuideFriction, discretise
+from monitor_core.models.transmission_line.drive import SMOOTH_GUIDES, StribeckFriction, discretise
 from monitor_core.models.transmission_line.grid import LineGrid
 from monitor_core.models.transmission_line.kernel import (
     Inputs,
@@ -46,7 +46,7 @@ def simulate_drive(
     motor_end: MotorEnd = MotorEnd.FREE,
     force_at_table: FloatArray | None = None,
     position: FloatArray | None = None,
-    friction: GuideFriction = SMOOTH_GUIDES,
+    friction: StribeckFriction = SMOOTH_GUIDES,
 ) -> DriveMotion:
     r"""Run the drive in time, from rest.
 
@@ -75,7 +75,7 @@ def simulate_drive(
         Along the axis. [N]
     position : ndarray, shape (n_samples,), optional
         Where the nut is at each step, instead of the position of the conditions. [m]
-    friction : GuideFriction
+    friction : StribeckFriction
         Dry friction of the guides.
 
     Returns

@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.parameters import DriveParameters, transmission_ratio
+from monitor_core.models.rod import axial_rigidity, torsional_rigidity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +44,9 @@ class TransmissionLineParameters(DriveParameters):
     motor_damping: float = 0.0
 
     @property
-    def transmission(self) -> float:
+    def transmission_ratio(self) -> float:
         """Travel per radian in metres."""
-        return self.screw_lead / (2.0 * math.pi)
+        return transmission_ratio(self.screw_lead)
 
     @property
     def rotor_inertia(self) -> float:
@@ -55,12 +56,12 @@ class TransmissionLineParameters(DriveParameters):
     @property
     def torsional_rigidity(self) -> float:
         """GJ, J = πd⁴/32 with the outer diameter, in N·m²."""
-        return self.shear_modulus * math.pi * self.screw_diameter**4 / 32.0
+        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
 
     @property
     def axial_rigidity(self) -> float:
         """EA with the diameter that carries the load, in newtons."""
-        return self.youngs_modulus * math.pi * self.screw_minor_diameter**2 / 4.0
+        return axial_rigidity(self.youngs_modulus, self.screw_minor_diameter)
 
     @property
     def torsional_speed(self) -> float:
