@@ -1,14 +1,16 @@
 """Ingest over loopback against the bare core: windows of 2 × 20 000 float32 samples, on disk before acknowledged.
 
 ``python -m benchmarks.ingest``: both sides in one run on the same machine, in turns, so that what else the machine does
-hits both. The bare core gates and judges the same windows in this process (``check_window``, ``judge_measurement``).
+hits both. A turn is several measurements in a row, as an axis sends them: the first after another program had the
+processor finds its caches cold. The sender is not what is timed: it writes requests encoded beforehand to a socket. The
+bare core gates and judges the same windows in this process (``check_window``, ``judge_measurement``).
 """
 
 import argparse
 import base64
-import http.client
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -21,6 +23,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
 import msgpack
 import numpy as np
 import scipy.signal
@@ -35,6 +38,7 @@ from service.cli.client import window_document
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 
 SAMPLE_RATE, N_SAMPLES, N_WINDOWS = 4000.0, 20_000, 20  # five seconds each
+IN_A_ROW = 4  # measurements of a turn
 START = datetime(2026, 1, 1, tzinfo=UTC)
 CONFIGURATION = {"search_band_hz": [140, 230], "windows_per_measurement": N_WINDOWS, "silent_after_hours": 1e6}
 #: Nguyen et al. (2018), Table 3: the axis that is simulated.
@@ -97,18 +101,24 @@ def judge_bare(windows: list[Window], configuration: AxisConfiguration, in_force
 
 @dataclass(frozen=True)
 class Way:
-    """One way to send a measurement: its requests, encoded beforehand (the sender is not what is timed)."""
+    """One way to send a measurement."""
 
     name: str
     content_type: str
     encode: Callable[[Any], bytes]
     windows_per_request: int
 
-    def requests(self, windows: list[Window]) -> list[bytes]:
-        """Return the bodies."""
+    def requests(self, axis: str, windows: list[Window]) -> list[bytes]:
+        """Return the requests, headers and all."""
         documents = [window_document(window) for window in windows]
         size = self.windows_per_request
-        return [self.encode({"windows": documents[i : i + size]}) for i in range(0, len(documents), size)]
+        bodies = [self.encode({"windows": documents[i : i + size]}) for i in range(0, len(documents), size)]
+        return [
+            f"POST /v1/axes/{axis}/windows HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: {self.content_type}\r\n"
+            f"Content-Length: {len(body)}\r\n\r\n".encode()
+            + body
+            for body in bodies
+        ]
 
 
 def json_with(samples: Callable[[bytes], Any]) -> Callable[[Any], bytes]:
@@ -132,21 +142,32 @@ class Service:
 
     def __init__(self, process: subprocess.Popen[bytes], port: int) -> None:
         self._pid = process.pid
-        self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+        self._url = f"http://127.0.0.1:{port}"
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=120)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def ask(self, method: str, path: str, body: bytes, content_type: str = JSON_TYPE) -> Any:
-        """Send a request; anything but success ends the benchmark."""
-        self._connection.request(method, path, body, {"Content-Type": content_type})
-        answer = self._connection.getresponse()
-        content = answer.read()
-        assert answer.status in (200, 201), content
+    def send(self, request: bytes) -> Any:
+        """Send a request to the windows of an axis; anything but success ends the benchmark."""
+        self._socket.sendall(request)
+        head, _, content = self._receive(lambda received: b"\r\n\r\n" in received).partition(b"\r\n\r\n")
+        (length,) = re.findall(rb"content-length: (\d+)", head)
+        content += self._receive(lambda received: len(content) + len(received) >= int(length))
+        assert head.startswith(b"HTTP/1.1 201"), content
         return json.loads(content)
+
+    def _receive(self, enough: Callable[[bytes], bool]) -> bytes:
+        received = b""
+        while not enough(received):
+            received += self._socket.recv(65536)
+        return received
 
     def prepare(self, axis: str, document: dict[str, Any]) -> None:
         """Register an axis and put a calibration in force."""
-        self.ask("PUT", f"/v1/axes/{axis}", json.dumps({"name": axis, "configuration": CONFIGURATION}).encode())
-        stored = self.ask("POST", f"/v1/axes/{axis}/calibrations", json.dumps({"document": document}).encode())
-        self.ask("POST", f"/v1/axes/{axis}/calibrations/{stored['id']}/activate", b'{"reason": "benchmark"}')
+        with httpx.Client(base_url=f"{self._url}/v1/axes", timeout=120) as client:
+            client.put(axis, json={"name": axis, "configuration": CONFIGURATION}).raise_for_status()
+            stored = client.post(f"{axis}/calibrations", json={"document": document}).raise_for_status().json()
+            activation = f"{axis}/calibrations/{stored['id']}/activate"
+            client.post(activation, json={"reason": "benchmark"}).raise_for_status()
 
     def rss_mib(self) -> float:
         """Return the memory that the process holds."""
@@ -176,28 +197,32 @@ def running_service() -> Iterator[Service]:
             process.wait(30)
 
 
-def compare(service: Service, rounds: int) -> dict[str, list[float]]:
-    """Return windows per second of the bare core and of each way, round by round, in turns."""
+def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[float]]]:
+    """Return windows per second of each way and, turn by turn, of the bare core right before it."""
     rng = np.random.default_rng(2)
     samples = [measurement(rng) for _ in range(3)]
     in_force = calibration()
     configuration = AxisConfiguration.model_validate(CONFIGURATION)
-    rates: dict[str, list[float]] = {"bare core": [], **{way.name: [] for way in WAYS}}
+    rates: dict[str, tuple[list[float], list[float]]] = {way.name: ([], []) for way in WAYS}
     for number in range(len(WAYS)):
         service.prepare(f"axis-{number}", calibration_document(in_force))
-    for turn in range(rounds):
-        windows = renamed(samples[turn % len(samples)], turn)
-        started = time.perf_counter()
-        judge_bare(windows, configuration, in_force)
-        rates["bare core"].append(N_WINDOWS / (time.perf_counter() - started))
+    for turn in range(turns):
+        numbers = range(turn * IN_A_ROW, (turn + 1) * IN_A_ROW)
+        measurements = [renamed(samples[number % len(samples)], number) for number in numbers]
         for number, way in enumerate(WAYS):
-            requests = way.requests(windows)
+            requests = [way.requests(f"axis-{number}", windows) for windows in measurements]
+            of_way, of_core = rates[way.name]
             started = time.perf_counter()
-            answers = [service.ask("POST", f"/v1/axes/axis-{number}/windows", r, way.content_type) for r in requests]
-            rates[way.name].append(N_WINDOWS / (time.perf_counter() - started))
-            assert sum(answer["accepted"] for answer in answers) == N_WINDOWS
-            assert answers[-1]["measurements"][0]["preload_n"] is not None
-    return {name: values[1:] for name, values in rates.items()}  # the first round warms up
+            for windows in measurements:
+                judge_bare(windows, configuration, in_force)
+            of_core.append(IN_A_ROW * N_WINDOWS / (time.perf_counter() - started))
+            started = time.perf_counter()
+            answers = [[service.send(request) for request in of_one] for of_one in requests]
+            of_way.append(IN_A_ROW * N_WINDOWS / (time.perf_counter() - started))
+            for of_one in answers:
+                assert sum(answer["accepted"] for answer in of_one) == N_WINDOWS
+                assert of_one[-1]["measurements"][0]["preload_n"] is not None
+    return {name: (of_way[1:], of_core[1:]) for name, (of_way, of_core) in rates.items()}  # the first warms up
 
 
 def memory(service: Service, n_windows: int) -> list[tuple[int, float]]:
@@ -206,8 +231,8 @@ def memory(service: Service, n_windows: int) -> list[tuple[int, float]]:
     service.prepare("memory", calibration_document(calibration()))
     way, figures = WAYS[0], []
     for number in range(n_windows // N_WINDOWS):
-        (request,) = way.requests(renamed(windows, number))
-        service.ask("POST", "/v1/axes/memory/windows", request, way.content_type)
+        (request,) = way.requests("memory", renamed(windows, number))
+        service.send(request)
         if number % 10 == 9:
             figures.append(((number + 1) * N_WINDOWS, service.rss_mib()))
     return figures
@@ -216,17 +241,16 @@ def memory(service: Service, n_windows: int) -> list[tuple[int, float]]:
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=12, help="measurements of 20 windows by each way")
+    parser.add_argument("--turns", type=int, default=16, help=f"turns of {IN_A_ROW} measurements by each way")
     parser.add_argument("--memory-windows", type=int, default=10_000)
     options = parser.parse_args()
     threadpool_limits(limits=1)  # as the service does
     with running_service() as service:
-        rates = compare(service, options.rounds)
-        bare = rates["bare core"]
-        print(f"{'windows of 2 × 20 000 float32':36} windows/s   of the bare core: median   best round")
-        for name, values in rates.items():
-            ratios = np.median(values) / np.median(bare), max(values) / max(bare)
-            print(f"{name:36} {np.median(values):9.0f}   {ratios[0]:24.2f}   {ratios[1]:10.2f}")
+        print(f"{'windows of 2 × 20 000 float32':36} windows/s   bare core   ratio: median   quartiles")
+        for name, (of_way, of_core) in compare(service, options.turns).items():
+            low, middle, high = np.quantile(np.divide(of_way, of_core), [0.25, 0.5, 0.75])
+            figures = f"{np.median(of_way):9.0f}   {np.median(of_core):9.0f}   {middle:13.3f}"
+            print(f"{name:36} {figures}   {low:.3f}–{high:.3f}")
         if options.memory_windows:
             count, rss = np.array(memory(service, options.memory_windows)).T
             settled = count > count[-1] / 4  # pools and caches have filled by then

@@ -16,7 +16,6 @@ from service.errors import PreconditionError
 from service.operations.lanes import Lanes
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import calibrations, measurements
-from service.store.archive import accepted_windows
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
@@ -57,7 +56,8 @@ class Calibrations:
         measured = []
         for row in rows:
             with self._database.read() as session:
-                windows = accepted_windows(session, self._waveforms, row.id)
+                places = measurements.accepted_places(session, row.id)
+            windows = self._waveforms.read(places)
             if not windows:
                 continue
             modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)

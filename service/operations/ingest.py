@@ -18,11 +18,11 @@ from service.operations.judge import Verdict, judge, record
 from service.operations.lanes import Lanes
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import intake
-from service.store.archive import accepted_windows
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
 from service.store.intake import AxisRecord, MeasurementRecord
-from service.store.waveforms import WaveformStore, Written, content_sha256
+from service.store.measurements import accepted_places
+from service.store.waveforms import WaveformPlace, WaveformStore, content_sha256
 
 
 class WindowStatus(StrEnum):
@@ -104,13 +104,13 @@ class Ingest:
 
     def _read(self, axis_id: str, windows: Iterable[Window], names: Iterable[str]) -> _Known:
         with self._database.reading() as connection:
-            axis = intake.read_axis(connection, axis_id)
+            axis, measurements = intake.read_axis(connection, axis_id, names)
             return _Known(
                 axis,
                 AxisConfiguration.model_validate(axis.configuration),
                 self._in_force.of(connection, axis),
                 intake.contents_at(connection, axis_id, [window.started_at for window in windows]),
-                {row.name: row for row in intake.open_or_named(connection, axis_id, names)},
+                measurements,
             )
 
     def _take(self, known: _Known, new: Sequence[Window], complete_names: set[str]) -> tuple[Admission, list[Verdict]]:
@@ -122,11 +122,12 @@ class Ingest:
             judged = [(row, self._judge(row, known, admission)) for row in admission.complete(complete_names)]
             if writing is None and not judged:
                 return admission, []
+            places = [] if writing is None else writing.sync()
             with self._database.writing() as connection:
                 for row in admission.changed():
                     intake.save_admitted(connection, row)
-                if writing is not None:
-                    intake.add_windows(connection, _window_rows(admission, writing.written(), received_at))
+                if places:
+                    intake.add_windows(connection, _window_rows(admission, places, received_at))
                 verdicts = [record(connection, known.axis, row, outcome, known.calibration) for row, outcome in judged]
                 if writing is not None:
                     writing.keep()  # before the commit: one that fails may yet have happened (a lost connection)
@@ -150,7 +151,8 @@ class Ingest:
         if row.id is not None and len(windows) < row.n_accepted:
             try:
                 with self._database.read() as session:
-                    windows += accepted_windows(session, self._waveforms, row.id)
+                    places = accepted_places(session, row.id)
+                windows += self._waveforms.read(places)
             except WaveformDamagedError as error:
                 return Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
         return sorted(windows, key=lambda window: window.started_at)
@@ -179,21 +181,20 @@ def _new_windows(axis_id: str, posted: Iterable[Window], stored: Mapping[datetim
     return [new[start] for start in sorted(new)]
 
 
-def _window_rows(admission: Admission, written: Written, received_at: datetime) -> list[dict[str, Any]]:
+def _window_rows(admission: Admission, places: Iterable[WaveformPlace], received_at: datetime) -> list[dict[str, Any]]:
     return [
         {
             "axis_id": admission.axis_id,
             "measurement_id": item.measurement.id,
             "started_at": item.window.started_at,
             "received_at": received_at,
-            "content_sha256": content,
-            "file_path": written.file.path,
-            "file_sha256": written.file.sha256,
-            "index_in_file": index,
+            "content_sha256": place.content_sha256,
+            "file_path": place.path,
+            "index_in_file": place.index,
             "refusal_reason": None if item.refusal is None else str(item.refusal.reason),
             "refusal_detail": None if item.refusal is None else item.refusal.detail[:500],
         }
-        for index, (item, content) in enumerate(zip(admission.admitted, written.contents, strict=True))
+        for item, place in zip(admission.admitted, places, strict=True)
     ]
 
 

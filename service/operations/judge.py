@@ -15,7 +15,7 @@ from service.operations.documents import alarm_evidence, measurement_document, r
 from service.operations.monitor_state import dump_state, load_design, load_state
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import intake
-from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
+from service.store.intake import JUDGED, REFUSED, AxisRecord, ChartsRecord, MeasurementRecord
 
 log = logging.getLogger(__name__)
 
@@ -58,8 +58,9 @@ def record(
     calibration: Calibration | None,
 ) -> Verdict:
     """Write the outcome, the state that follows from it, and the alarm if it raises one."""
-    before = load_state(axis.monitor_state)
-    after = _state_after(before, axis, row, outcome, calibration)
+    charts = intake.read_charts(connection, axis)
+    before = load_state(charts.monitor_state)
+    after = _state_after(before, charts, row, outcome, calibration)
     refusal = outcome.refusal
     reason = None if refusal is None else str(refusal.reason)
     row.status = JUDGED if refusal is None else REFUSED
@@ -83,8 +84,7 @@ def record(
             "interval_upper_n": upper,
         },
     )
-    axis.monitor_state = dump_state(after)
-    intake.save_state(connection, axis)
+    intake.save_state(connection, axis, dump_state(after))
     alarm = None
     if calibration is not None and after.detector.alarm is not None and before.detector.alarm is None:
         alarm = "preload-loss"
@@ -94,7 +94,7 @@ def record(
 
 def _state_after(
     before: AxisState,
-    axis: AxisRecord,
+    charts: ChartsRecord,
     row: MeasurementRecord,
     outcome: MeasurementOutcome,
     calibration: Calibration | None,
@@ -102,7 +102,7 @@ def _state_after(
     last = before.detector.last_at
     if calibration is None or (last is not None and row.started_at <= last):
         return before  # a measurement from before the last one cannot be put into charts that have moved on
-    design = load_design(axis.detector_design)
+    design = load_design(charts.detector_design)
     return advance(before, outcome, row.started_at, calibration=calibration, design=design)
 
 

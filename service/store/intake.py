@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, insert, or_, select, update
+from sqlalchemy import Connection, and_, bindparam, insert, or_, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import UnknownResourceError
@@ -26,9 +26,15 @@ class AxisRecord:
     id: str
     configuration: dict[str, Any]
     active_calibration_id: int | None
+    revision: int
+
+
+@dataclass(frozen=True, slots=True)
+class ChartsRecord:
+    """The charts of an axis: their limits, and where they stand. Wanted only where a measurement is judged."""
+
     detector_design: dict[str, Any]
     monitor_state: dict[str, Any] | None
-    revision: int
 
 
 @dataclass(slots=True)
@@ -52,10 +58,18 @@ _AXES, _MEASUREMENTS, _WINDOWS = (
     mapped.metadata.tables[mapped.__tablename__] for mapped in (AxisRow, MeasurementRow, WindowRow)
 )
 # Statements are built once: to build one takes longer than to run it.
-_AXIS = select(*(_AXES.c[name] for name in AxisRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
-_OPEN_OR_NAMED = select(*(_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__)).where(
-    _MEASUREMENTS.c.axis_id == bindparam("axis_id"),
-    or_(_MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))),
+_CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
+_AXIS_AND_MEASUREMENTS = (
+    select(*(_AXES.c[n] for n in AxisRecord.__slots__), *(_MEASUREMENTS.c[n] for n in MeasurementRecord.__slots__))
+    .select_from(_AXES)
+    .outerjoin(
+        _MEASUREMENTS,
+        and_(
+            _MEASUREMENTS.c.axis_id == _AXES.c.id,
+            or_(_MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))),
+        ),
+    )
+    .where(_AXES.c.id == bindparam("axis_id"))
 )
 _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("moments", expanding=True))
@@ -67,18 +81,27 @@ _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
 )
 
 
-def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
-    """Return an axis or say that there is none of that name."""
-    row = connection.execute(_AXIS, {"axis_id": axis_id}).one_or_none()
-    if row is None:
+def read_axis(
+    connection: Connection, axis_id: str, names: Iterable[str]
+) -> tuple[AxisRecord, dict[str, MeasurementRecord]]:
+    """Return an axis with its open measurements and those of these names in whatever status, by name.
+
+    Raises
+    ------
+    UnknownResourceError
+        If there is no axis of that name.
+    """
+    rows = connection.execute(_AXIS_AND_MEASUREMENTS, {"axis_id": axis_id, "names": list(names)}).all()
+    if not rows:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
-    return AxisRecord(*row)
+    n_of_axis = len(AxisRecord.__slots__)
+    measurements = (MeasurementRecord(*row[n_of_axis:]) for row in rows)
+    return AxisRecord(*rows[0][:n_of_axis]), {row.name: row for row in measurements if row.id is not None}
 
 
-def open_or_named(connection: Connection, axis_id: str, names: Iterable[str]) -> list[MeasurementRecord]:
-    """Return the open measurements of an axis, and those of these names in whatever status."""
-    rows = connection.execute(_OPEN_OR_NAMED, {"axis_id": axis_id, "names": list(names)})
-    return [MeasurementRecord(*row) for row in rows]
+def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
+    """Return the charts of an axis."""
+    return ChartsRecord(*connection.execute(_CHARTS, {"axis_id": axis.id}).one())
 
 
 def contents_at(connection: Connection, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, str]:
@@ -113,9 +136,9 @@ def save_judged(connection: Connection, measurement: MeasurementRecord, columns:
     _change(connection, measurement, columns)
 
 
-def save_state(connection: Connection, axis: AxisRecord) -> None:
-    """Store the state of the charts of an axis."""
-    _change(connection, axis, {"monitor_state": axis.monitor_state})
+def save_state(connection: Connection, axis: AxisRecord, monitor_state: dict[str, Any]) -> None:
+    """Store where the charts of an axis stand."""
+    _change(connection, axis, {"monitor_state": monitor_state})
 
 
 def _change(connection: Connection, record: AxisRecord | MeasurementRecord, columns: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from service.errors import UnknownResourceError
 from service.store.intake import JUDGED, REFUSED
 from service.store.tables import MeasurementRow, WindowRow
-from service.store.waveforms import WaveformFile
+from service.store.waveforms import WaveformPlace
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:
@@ -25,14 +25,14 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
     return list(session.scalars(query.order_by(WindowRow.started_at)))
 
 
-def accepted_places(session: Session, measurement_id: int) -> list[tuple[WaveformFile, int]]:
-    """Tell where the accepted windows of a measurement lie: file and index in it; in time order."""
+def accepted_places(session: Session, measurement_id: int) -> list[WaveformPlace]:
+    """Tell where the accepted windows of a measurement lie, in time order."""
     query = (
-        select(WindowRow.file_path, WindowRow.file_sha256, WindowRow.index_in_file)
+        select(WindowRow.file_path, WindowRow.index_in_file, WindowRow.content_sha256)
         .where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
         .order_by(WindowRow.started_at)
     )
-    return [(WaveformFile(path, sha256), index) for path, sha256, index in session.execute(query)]
+    return [WaveformPlace(*row) for row in session.execute(query)]
 
 
 def refused_windows(session: Session, axis_id: str) -> dict[str, int]:

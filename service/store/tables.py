@@ -136,7 +136,6 @@ class WindowRow(Base):
     received_at: Mapped[datetime]
     content_sha256: Mapped[str] = mapped_column(String(64))
     file_path: Mapped[str] = mapped_column(String(400))
-    file_sha256: Mapped[str] = mapped_column(String(64))
     index_in_file: Mapped[int]
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
     refusal_detail: Mapped[str | None] = mapped_column(String(500))

@@ -1,4 +1,4 @@
-"""Raw waveforms as files: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``, checked by SHA-256 when read.
+"""Raw waveforms as files: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``; each window is checked by SHA-256 when read.
 
 One file holds the windows of one request: zstd around MessagePack, so it can be read without this program. A file is
 written before the rows that name it are committed: a crash in between leaves a file that no row names, which costs
@@ -10,11 +10,12 @@ import os
 import threading
 import uuid
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -36,11 +37,12 @@ REMEMBERED_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
-class WaveformFile:
-    """Where a file lies (relative to the store) and what its bytes must hash to."""
+class WaveformPlace:
+    """Where a window lies (path relative to the store, index in the file), and what its content must hash to."""
 
     path: str
-    sha256: str
+    index: int
+    content_sha256: str
 
 
 def content_sha256(window: Window) -> str:
@@ -65,36 +67,28 @@ def _float32(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401 - a number or
         return np.asarray(values).astype("<f4", copy=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """What rows say of a file: where it is, and what each of its windows hashes to."""
-
-    file: WaveformFile
-    contents: tuple[str, ...]
-
-
 class Writing:
     """A file that is being written while the caller does something else; unless it is kept, it is removed."""
 
-    def __init__(self, store: "WaveformStore", written: "Future[Written]", on_disk: "Future[None]") -> None:
+    def __init__(self, store: "WaveformStore", begun: "Future[_Begun]") -> None:
         self._store = store
-        self._written = written
-        self._on_disk = on_disk
+        self._begun = begun
         self._kept = False
 
-    def written(self) -> Written:
-        """Wait until the operating system has the file.
+    def sync(self) -> list[WaveformPlace]:
+        """Wait until the file is on disk, and tell where each window lies.
 
         Raises
         ------
         StorageError
-            Here and below: if the disk does not take it; then there is no file.
+            If the disk does not take it; then there is no file.
         """
-        return self._written.result()
+        begun = self._begun.result()
+        self._store.sync(begun)
+        return begun.places
 
     def keep(self) -> None:
-        """Wait until the file is on disk; rows may be committed that name it."""
-        self._on_disk.result()
+        """Let the file be: rows are about to be committed that name it."""
         self._kept = True
 
     def __enter__(self) -> Self:
@@ -105,8 +99,11 @@ class Writing:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Remove the file if nothing names it."""
-        if not self._kept and self._on_disk.exception() is None:
-            self._store.remove(self._written.result().file)
+        if self._begun.exception() is None:
+            begun = self._begun.result()
+            begun.file.close()
+            if not self._kept:
+                self._store.remove(begun.path)
 
 
 class WaveformStore:
@@ -118,108 +115,107 @@ class WaveformStore:
         self._recent = _RecentWindows(REMEMBERED_BYTES)
 
     def begin_write(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> Writing:
-        """Write windows to one new file; what takes long is done in a thread, while the caller does something else.
+        """Write windows to one new file; what takes long is done beside what the caller does next.
 
         Raises
         ------
         StorageError
             Here or later, if the disk does not take it; then there is no file.
         """
-        written: Future[Written] = Future()
         if _size(windows) > HANDED_OVER_BYTES:
-            return Writing(self, written, self._writers.submit(self._write, axis_id, windows, received_at, written))
-        begun = self._begin(axis_id, windows, received_at)
-        on_disk = self._writers.submit(self._sync, begun)
-        written.set_result(self._describe(begun, windows))
-        return Writing(self, written, on_disk)
+            return Writing(self, self._writers.submit(self._begin, axis_id, windows, received_at))
+        begun: Future[_Begun] = Future()
+        begun.set_result(self._begin(axis_id, windows, received_at))
+        return Writing(self, begun)
 
     def close(self) -> None:
         """Wait for what is being written."""
         self._writers.shutdown()
 
-    def _write(
-        self, axis_id: str, windows: Sequence[Window], received_at: datetime, written: "Future[Written]"
-    ) -> None:
-        try:
-            begun = self._begin(axis_id, windows, received_at)
-            written.set_result(self._describe(begun, windows))
-        except BaseException as error:
-            written.set_exception(error)  # whoever waits for it must not wait for ever
-            raise
-        self._sync(begun)
-
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Begun":
-        """Give the windows to the operating system."""
+        """Give the windows to the operating system, which begins to write them."""
         packed = msgpack.packb([_pack(window) for window in windows])
         compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(packed)
         day = Path("raw") / received_at.astimezone(UTC).strftime("%Y/%m/%d") / axis_id
-        relative = day / f"{uuid.uuid4().hex}.windows.zst"
-        path = self._root / relative
-        with _removed_unless_taken(path):
-            _make_folder(path.parent)
-            with path.open("xb") as file:
-                file.write(compressed)
-        return _Begun(str(relative), compressed)
-
-    def _sync(self, begun: "_Begun") -> None:
-        """Wait until they are on disk."""
-        path = self._root / begun.path
-        with _removed_unless_taken(path):
-            descriptor = os.open(path, os.O_RDONLY)
+        path = str(day / f"{uuid.uuid4().hex}.windows.zst")
+        with self._removed_unless_taken(path):
+            _make_folder(self._root / day)
+            file = (self._root / path).open("xb", buffering=0)
             try:
-                os.fsync(descriptor)
-                _give_back_cache(descriptor)
-            finally:
-                os.close(descriptor)
-            _sync_folder(path.parent)
+                _write_all(file, compressed)
+                _give_back_cache(file)
+            except OSError:
+                file.close()
+                raise
+        self._recent.add(path, windows)
+        places = [WaveformPlace(path, index, content_sha256(window)) for index, window in enumerate(windows)]
+        return _Begun(path, file, places)
 
-    def _describe(self, begun: "_Begun", windows: Sequence[Window]) -> Written:
-        file = WaveformFile(begun.path, hashlib.sha256(begun.content).hexdigest())
-        self._recent.add(file, windows)
-        return Written(file, tuple(content_sha256(window) for window in windows))
+    def sync(self, begun: "_Begun") -> None:
+        """Wait until a file is on disk."""
+        with self._removed_unless_taken(begun.path):
+            os.fsync(begun.file.fileno())
+            _give_back_cache(begun.file)
+            _sync_folder((self._root / begun.path).parent)
 
-    def read(self, file: WaveformFile) -> Sequence[Window]:
-        """Read the windows of one file, or remember them.
+    @contextmanager
+    def _removed_unless_taken(self, path: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.remove(path)
+            raise StorageError(
+                f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
+            ) from error
+
+    def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
+        """Read windows, or remember them; each file is read once.
 
         Raises
         ------
         WaveformDamagedError
-            If the file cannot be read or its bytes are not those that were written.
+            If a file cannot be read, or a window is not what was stored.
         """
-        remembered = self._recent.get(file)
-        if remembered is not None:
-            return remembered
-        try:
-            compressed = (self._root / file.path).read_bytes()
-        except OSError as error:
-            raise WaveformDamagedError(f"the waveform file {file.path} cannot be read: {error.strerror}") from error
-        if hashlib.sha256(compressed).hexdigest() != file.sha256:
-            raise WaveformDamagedError(f"the waveform file {file.path} does not have the checksum it was stored with")
-        return [_unpack(item) for item in msgpack.unpackb(zstandard.ZstdDecompressor().decompress(compressed))]
+        files: dict[str, Sequence[Window]] = {}
+        windows = []
+        for place in places:
+            remembered = self._recent.get(place.path)
+            if remembered is not None:
+                windows.append(remembered[place.index])
+                continue
+            if place.path not in files:
+                files[place.path] = self._read_file(place.path)
+            windows.append(_checked(files[place.path], place))
+        return windows
 
-    def remove(self, file: WaveformFile) -> None:
+    def _read_file(self, path: str) -> Sequence[Window]:
+        try:
+            compressed = (self._root / path).read_bytes()
+            return [_unpack(item) for item in msgpack.unpackb(zstandard.ZstdDecompressor().decompress(compressed))]
+        except OSError as error:
+            raise WaveformDamagedError(f"the waveform file {path} cannot be read: {error.strerror}") from error
+        except (zstandard.ZstdError, msgpack.UnpackException, ValueError, KeyError, TypeError) as error:
+            raise WaveformDamagedError(f"the waveform file {path} is damaged: {error}") from error
+
+    def remove(self, path: str) -> None:
         """Remove a file that no row names."""
-        self._recent.forget(file)
-        (self._root / file.path).unlink(missing_ok=True)
+        self._recent.forget(path)
+        (self._root / path).unlink(missing_ok=True)
+
+
+def _checked(windows: Sequence[Window], place: WaveformPlace) -> Window:
+    if place.index >= len(windows) or content_sha256(windows[place.index]) != place.content_sha256:
+        raise WaveformDamagedError(f"window {place.index} of the waveform file {place.path} is not what was stored")
+    return windows[place.index]
 
 
 @dataclass(frozen=True, slots=True)
 class _Begun:
-    """A file that the operating system has, and the disk not yet."""
+    """A file that the operating system has, and the disk perhaps not yet."""
 
     path: str
-    content: bytes
-
-
-@contextmanager
-def _removed_unless_taken(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        path.unlink(missing_ok=True)
-        raise StorageError(
-            f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
-        ) from error
+    file: FileIO
+    places: list[WaveformPlace]
 
 
 class _RecentWindows:
@@ -228,26 +224,26 @@ class _RecentWindows:
     def __init__(self, most_bytes: int) -> None:
         self._most_bytes = most_bytes
         self._bytes = 0
-        self._files: OrderedDict[WaveformFile, Sequence[Window]] = OrderedDict()
+        self._files: OrderedDict[str, Sequence[Window]] = OrderedDict()
         self._guard = threading.Lock()
 
-    def add(self, file: WaveformFile, windows: Sequence[Window]) -> None:
+    def add(self, path: str, windows: Sequence[Window]) -> None:
         """Remember windows, and forget the oldest for their sake."""
         with self._guard:
-            self._files[file] = windows
+            self._files[path] = windows
             self._bytes += _size(windows)
             while self._bytes > self._most_bytes:
                 self._bytes -= _size(self._files.popitem(last=False)[1])
 
-    def get(self, file: WaveformFile) -> Sequence[Window] | None:
+    def get(self, path: str) -> Sequence[Window] | None:
         """Return the windows of a file if they are remembered."""
         with self._guard:
-            return self._files.get(file)
+            return self._files.get(path)
 
-    def forget(self, file: WaveformFile) -> None:
+    def forget(self, path: str) -> None:
         """Let the windows of a file go."""
         with self._guard:
-            self._bytes -= _size(self._files.pop(file, ()))
+            self._bytes -= _size(self._files.pop(path, ()))
 
 
 def _size(windows: Sequence[Window]) -> int:
@@ -276,10 +272,8 @@ def _metadata(window: Window) -> dict[str, Any]:
 
 def _pack(window: Window) -> dict[str, Any]:
     def samples(values: np.ndarray[Any, Any]) -> dict[str, Any]:
-        return {
-            "dtype": values.dtype.newbyteorder("<").str,
-            "bytes": values.astype(values.dtype.newbyteorder("<")).tobytes(),
-        }
+        kind = values.dtype.newbyteorder("<")
+        return {"dtype": kind.str, "bytes": np.ascontiguousarray(values, dtype=kind).data.cast("B")}
 
     trace = window.position_trace
     return _metadata(window) | {
@@ -309,11 +303,18 @@ def _unpack(item: dict[str, Any]) -> Window:
     )
 
 
-def _give_back_cache(descriptor: int) -> None:
-    # Nobody reads a waveform soon after it was written (the store remembers it). The next file takes the same pages of
-    # the system's cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
+def _write_all(file: FileIO, content: bytes) -> None:
+    rest = memoryview(content)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
+def _give_back_cache(file: FileIO) -> None:
+    # Nobody reads a waveform soon after it was written (the store remembers it). The system begins to write what it is
+    # told will not be wanted, so that there is less to wait for later; and the next file takes the same pages of its
+    # cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
     if hasattr(os, "posix_fadvise"):
-        os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 def _make_folder(folder: Path) -> None:

@@ -18,7 +18,7 @@ from monitor_core.recording import Session, Window
 from monitor_core.recordings.session_hdf5 import write_session
 from service.api.body import MSGPACK_TYPE
 from service.cli.client import window_document
-from service.store.waveforms import WaveformFile, WaveformStore
+from service.store.waveforms import WaveformPlace, WaveformStore
 from tests.service.conftest import START, Api, ServerProcess, free_port, running_service, simulated_measurement
 
 N_KILLS = 20
@@ -98,15 +98,14 @@ def stored_windows(data_dir: Path, axis: str) -> list[str]:
 
 
 def assert_waveforms_are_whole(data_dir: Path) -> int:
-    """Read every file that a row names, by its checksum; return how many files no row names."""
+    """Read every file that a row names, and check each window; return how many files no row names."""
     with sqlite3.connect(data_dir / "preload.db") as connection:
-        named = connection.execute("SELECT DISTINCT file_path, file_sha256 FROM windows").fetchall()
+        named = connection.execute("SELECT file_path, index_in_file, content_sha256 FROM windows").fetchall()
     connection.close()
     store = WaveformStore(data_dir)
-    for path, sha256 in named:
-        store.read(WaveformFile(path, sha256))
+    store.read(WaveformPlace(*row) for row in named)
     store.close()
-    return len(list((data_dir / "raw").rglob("*.zst"))) - len(named)
+    return len(list((data_dir / "raw").rglob("*.zst"))) - len({path for path, _, _ in named})
 
 
 def errors_in_logs(folder: Path) -> list[str]:

@@ -24,10 +24,10 @@ def test_what_was_written_is_read_back(tmp_path: Path, n_samples: int) -> None:
     posted = [window(1, n_samples), window(2, n_samples)]
     store = WaveformStore(tmp_path)
     with store.begin_write("axis", posted, NOW) as writing:
-        written = writing.written()
+        places = writing.sync()
         writing.keep()
-    assert written.contents == tuple(content_sha256(item) for item in posted)
-    remembered, fresh = store.read(written.file), WaveformStore(tmp_path).read(written.file)
+    assert [place.content_sha256 for place in places] == [content_sha256(item) for item in posted]
+    remembered, fresh = store.read(places), WaveformStore(tmp_path).read(places)
     for i, item in enumerate(posted):
         assert remembered[i] is item
         assert content_sha256(fresh[i]) == content_sha256(item)
@@ -36,7 +36,7 @@ def test_what_was_written_is_read_back(tmp_path: Path, n_samples: int) -> None:
 @pytest.mark.parametrize("n_samples", [1000, 200_000])
 def test_a_file_that_is_not_kept_is_removed(tmp_path: Path, n_samples: int) -> None:
     with WaveformStore(tmp_path).begin_write("axis", [window(1, n_samples)], NOW) as writing:
-        path = tmp_path / writing.written().file.path
+        path = tmp_path / writing.sync()[0].path
         assert path.is_file()
     assert not path.exists()
 
@@ -44,10 +44,10 @@ def test_a_file_that_is_not_kept_is_removed(tmp_path: Path, n_samples: int) -> N
 def test_memory_of_windows_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = window(0)
     monkeypatch.setattr(waveforms, "REMEMBERED_BYTES", 3 * (one.excitation.nbytes + one.response.nbytes))
-    store, posted, files = WaveformStore(tmp_path), [window(seed) for seed in range(5)], []
+    store, posted, places = WaveformStore(tmp_path), [window(seed) for seed in range(5)], []
     for item in posted:
         with store.begin_write("axis", [item], NOW) as writing:
-            files.append(writing.written().file)
+            places += writing.sync()
             writing.keep()
-    remembered = [store.read(file)[0] is item for file, item in zip(files, posted, strict=True)]
+    remembered = [store.read([place])[0] is item for place, item in zip(places, posted, strict=True)]
     assert remembered == [False, False, True, True, True]
