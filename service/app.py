@@ -9,7 +9,7 @@ from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 
-from service.api import alarms, axes, calibrations, health, jobs, trend, windows
+from service.api import alarms, axes, calibrations, health, identifications, jobs, trend, windows
 from service.api.body import require_json
 from service.api.limits import RequestLimits
 from service.api.observer import RequestObserver
@@ -21,6 +21,7 @@ from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
+from service.operations.identifications import Identifications
 from service.operations.ingest import Ingest
 from service.operations.lanes import Lanes
 from service.operations.replay import Replays
@@ -66,7 +67,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
-    for resource in (axes, trend, calibrations, alarms, jobs):
+    for resource in (axes, trend, calibrations, identifications, alarms, jobs):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
@@ -83,6 +84,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     lanes = Lanes()
     ingest = Ingest(database, waveforms, lanes, metrics)
     replays = Replays(settings.replay_dir, ingest)
+    identifications = Identifications(database, waveforms)
     return Services(
         database=database,
         waveforms=waveforms,
@@ -93,5 +95,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         calibrations=Calibrations(database, waveforms, lanes),
         alarms=Alarms(database, lanes),
         replays=replays,
-        jobs=JobRunner(database, {"replay": replays.run}),
+        identifications=identifications,
+        jobs=JobRunner(database, {"replay": replays.run, "identification": identifications.run}),
     )

@@ -20,7 +20,7 @@ and sees from afar in which direction a resonance lies. Its weights know the mea
 biases it in the second order of σ/|H_t|; it is for the search, the first one is for the answer.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -29,6 +29,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.coordinates import JointCoordinates
+from monitor_core.identification.differences import central_differences
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, ResponsePoint, motor_end_of
 from monitor_core.models.receptance.closed_form import (
@@ -40,8 +41,8 @@ from monitor_core.models.receptance.closed_form import (
 )
 from monitor_core.models.receptance.parameters import JointParameters
 
-#: Step of a coordinate for central differences, a decade's hundred-thousandth: truncation 1e-10, rounding 1e-11.
-_STEP = 1e-5
+#: Step of a coordinate for differences of four points, in decades: slopes are off by 2e-9 of the largest.
+_STEP = 1e-4
 
 
 class ResidualForm(StrEnum):
@@ -104,8 +105,8 @@ class ResponseProblem:
             if self.form is ResidualForm.COMPLEX:
                 parts.append((response - tested) * one.weight)
             else:
-                parts.append(_logarithm(response / tested) * one.weight)
-        return _real_and_imaginary(np.concatenate(parts))
+                parts.append(logarithm(response / tested) * one.weight)
+        return real_and_imaginary(np.concatenate(parts))
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals, shape (2 n_lines, n_parameters).
@@ -123,7 +124,7 @@ class ResponseProblem:
                 parts.append(slopes * (one.scale * one.weight))
             else:
                 parts.append(slopes * (one.weight / response))
-        return _real_and_imaginary(np.concatenate(parts, axis=1)).T
+        return real_and_imaginary(np.concatenate(parts, axis=1)).T
 
     def _with_slopes(self, one: _Measured, coordinates: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return displacement or angle, and its derivatives with respect to the coordinates, (n_parameters, n)."""
@@ -131,8 +132,8 @@ class ResponseProblem:
         if _is_table_receptance(one.observation):
             response, gradient = table_receptance_gradient(one.terms, joints)
             return response, gradient[self.joints.rows] * self.joints.slopes(joints)[:, None]
-        return _displacement(one, joints), _central_differences(
-            lambda x: _displacement(one, self.joints.joints(x, one.observation.conditions)), coordinates
+        return _displacement(one, joints), central_differences(
+            lambda x: _displacement(one, self.joints.joints(x, one.observation.conditions)), coordinates, _STEP
         )
 
 
@@ -187,7 +188,7 @@ def in_form(problem: ResponseProblem, form: ResidualForm) -> ResponseProblem:
     OutsideValidityError
         If a response is zero at a line and its logarithm is asked for.
     """
-    measured = tuple(replace(one, weight=_weight(one.observation, form)) for one in problem._measured)
+    measured = tuple(replace(one, weight=line_weight(one.observation, form)) for one in problem._measured)
     return ResponseProblem(problem.joints, form, measured)
 
 
@@ -196,16 +197,17 @@ def _prepared(joints: JointCoordinates, one: FrequencyResponseObservation, form:
     accelerates = one.response_point is ResponsePoint.ACCELERATION_AT_TABLE
     scale = np.asarray(-(omega**2) if accelerates else np.ones_like(omega), dtype=np.complex128)
     terms = position_terms(joints.axis, omega, one.conditions, motor_end_of(one.excitation, MotorEnd.FREE))
-    return _Measured(one, terms, scale, _weight(one, form))
+    return _Measured(one, terms, scale, line_weight(one, form))
 
 
-def _logarithm(ratio: ComplexArray) -> ComplexArray:
+def logarithm(ratio: ComplexArray) -> ComplexArray:
     """Return log magnitude and, as imaginary part, phase within ±π."""
     logarithm: ComplexArray = np.log(ratio)
     return logarithm
 
 
-def _weight(one: FrequencyResponseObservation, form: ResidualForm) -> FloatArray:
+def line_weight(one: FrequencyResponseObservation, form: ResidualForm) -> FloatArray:
+    """Return what the residual of each line is multiplied with, shape (n_frequencies,)."""
     if form is ResidualForm.COMPLEX:
         return 1.0 / one.standard_deviation
     magnitude = np.abs(one.response)
@@ -231,13 +233,7 @@ def _displacement(one: _Measured, joints: JointParameters) -> ComplexArray:
     return responses.table_per_torque / responses.denominator
 
 
-def _central_differences(function: Callable[[FloatArray], ComplexArray], coordinates: FloatArray) -> ComplexArray:
-    steps = _STEP * np.eye(coordinates.size)
-    rows = [(function(coordinates + step) - function(coordinates - step)) / (2.0 * _STEP) for step in steps]
-    return np.array(rows)
-
-
-def _real_and_imaginary(values: ComplexArray) -> FloatArray:
+def real_and_imaginary(values: ComplexArray) -> FloatArray:
     """Put the imaginary parts behind the real ones, along the last axis."""
     parts: FloatArray = np.concatenate([values.real, values.imag], axis=-1)
     return parts

@@ -1,7 +1,7 @@
 """Is this file what it should be? Recognises every format by its content and reads it to the end."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -9,11 +9,13 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings import csv_samples, mat, npz, tdms, uff58
 from monitor_core.recordings.channel_map import read_channel_map
-from monitor_core.recordings.files import read_text, require_file
+from monitor_core.recordings.files import read_text, refusing, require_file
+from monitor_core.recordings.hdf5 import attributes, open_hdf5
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.session_hdf5 import open_session
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_HDF5_FORMATS = ("preload-session", "preload-frf-set")
 _MOST_PROBLEMS = 20
 #: What only a drive model has. Looked for in the text, so that a model that is no TOML is still judged as a model.
 _DRIVE_MODEL = re.compile(r"""^\s*(["']?family["']?\s*=|\[(parameters|uncertain|effects)\b)""", re.MULTILINE)
@@ -41,13 +43,13 @@ def check_file(path: Path) -> FileReport:
     Parameters
     ----------
     path : Path
-        A session, a modal table, a calibration, a drive model, a channel map, or a raw file (TDMS, UFF58, MAT, NPZ,
-        text columns). A raw file is checked for being readable; what it means is for a channel map to say.
+        A session, an FRF set, a modal table, a calibration, a drive model, a channel map, or a raw file (TDMS, UFF58,
+        MAT, NPZ, text columns). A raw file is checked for being readable; what it means is for a channel map to say.
 
     Returns
     -------
     FileReport
-        Of a session every window is looked at, and at most 20 problems are listed.
+        Of a session every window and of an FRF set every condition is looked at, and at most 20 problems are listed.
 
     Raises
     ------
@@ -84,20 +86,23 @@ def _recognise(path: Path) -> str:
 
 
 def _format_of_hdf5(path: Path) -> str:
-    """Two of our formats are HDF5; a file that is damaged or says neither is judged as a session."""
-    import h5py  # noqa: PLC0415
-
+    """Two of our formats are HDF5; a file that is damaged or says neither is judged by its name, or as a session."""
     try:
-        with h5py.File(path, "r") as file:
-            return "preload-frf-set" if file.attrs.get("format") == "preload-frf-set" else "preload-session"
-    except (OSError, RuntimeError, KeyError, ValueError):
-        return "preload-session"
+        with open_hdf5(path) as file, refusing(path.name, "a readable format"):
+            name = attributes(file, frozenset(("format",)), path.name).text("format")
+    except RecordingFormatError:
+        name = ""
+    if name not in _HDF5_FORMATS:
+        name = "preload-frf-set" if path.name.lower().endswith(".frf.h5") else "preload-session"
+    return name
 
 
 def _problems(name: str, path: Path) -> Iterator[str]:
     try:
         if name == "preload-session":
             yield from _problems_of_session(path)
+        elif name == "preload-frf-set":
+            yield from _problems_of_frf_set(path)
         else:
             _READERS[name](path)
     except RecordingFormatError as error:
@@ -106,11 +111,23 @@ def _problems(name: str, path: Path) -> Iterator[str]:
 
 def _problems_of_session(path: Path) -> Iterator[str]:
     with open_session(path) as reader:
-        for name in reader.measurement_of:
-            try:
-                reader.window(name)
-            except RecordingFormatError as error:
-                yield str(error)
+        yield from _refusals(reader.window, reader.measurement_of)
+
+
+def _problems_of_frf_set(path: Path) -> Iterator[str]:
+    # imported here: an FRF set brings the drive models along
+    from monitor_core.recordings.frf_set import open_frf_set  # noqa: PLC0415
+
+    with open_frf_set(path) as reader:
+        yield from _refusals(reader.measured, reader.conditions)
+
+
+def _refusals(read: Callable[[str], object], names: Iterable[str]) -> Iterator[str]:
+    for name in names:
+        try:
+            read(name)
+        except RecordingFormatError as error:
+            yield str(error)
 
 
 def _read_calibration(path: Path) -> object:
@@ -127,14 +144,9 @@ def _read_model(path: Path) -> object:
     return read_model_file(path)
 
 
-def _refuse_frf_set(path: Path) -> object:
-    raise RecordingFormatError(f"{path.name}: an FRF set (preload-frf-set); this version has no reader for it")
-
-
 _READERS: dict[str, Callable[[Path], object]] = {
     "preload-calibration": _read_calibration,
     "preload-model": _read_model,
-    "preload-frf-set": _refuse_frf_set,
     "modal-table": read_modal_table,
     "channel-map": read_channel_map,
     "tdms": tdms.read_channels,

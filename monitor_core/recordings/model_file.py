@@ -76,11 +76,16 @@ def read_model_file(path: Path) -> DriveModelFile:
         If it is no TOML, or anything in it is missing, unknown, of the wrong type or out of range: one sentence names
         file and entry.
     """
+    return parse_model(read_text(path), path.name)
+
+
+def parse_model(text: str, where: str) -> DriveModelFile:
+    """Read a drive model from TOML text; ``where`` names it in refusals. Raises as :func:`read_model_file`."""
     try:
-        document = tomllib.loads(read_text(path))
+        document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise RecordingFormatError(f"{path.name}: expected a drive model in TOML; {error}") from error
-    return _from_document(document, path.name)
+        raise RecordingFormatError(f"{where}: expected a drive model in TOML; {error}") from error
+    return _from_document(document, where)
 
 
 def model_file_text(model: DriveModelFile) -> str:

@@ -4,8 +4,6 @@ Root attributes ``format`` = "preload-session", ``version`` = 1, ``axis_id``; op
 Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes and their units are those of
 ``docs/recordings.md``. Units are fixed, so a wrong one is refused, never converted. Attributes that are not known here
 are left alone. A window without ``measurement`` is a measurement of its own, named by its group.
-
-Links that lead out of the file, virtual datasets and external storage are refused: a session is one file.
 """
 
 import re
@@ -15,16 +13,16 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.arrays import SampleArray
 from monitor_core.errors import InvalidWindowError, RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings.fields import Fields
-from monitor_core.recordings.files import refusing, require_file, require_plausible_length
-from monitor_core.recordings.hdf5_heap import require_sound_heap
+from monitor_core.recordings.files import refusing
+from monitor_core.recordings.hdf5 import attributes, column, member, open_hdf5, values_of
 from monitor_core.recordings.timestamps import format_instant
 from monitor_core.recordings.units import metres, to_millimetres
 
@@ -42,6 +40,7 @@ _KNOWN_ATTRIBUTES = frozenset((
     "response_unit", "position_mm", "position_span_mm", "direction", "measurement", "payload_kg", "temperature_c",
     "preload_n",
 ))  # fmt: skip
+_SAMPLES = ("float32", "float64")
 _WINDOW_NAME = re.compile(r"\d{6,}", re.ASCII)
 
 
@@ -95,12 +94,7 @@ def open_session(path: Path) -> Iterator[SessionReader]:
     RecordingFormatError
         If the file is no such session: one sentence says what was expected, what was got, and where.
     """
-    import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
-
-    with refusing(path.name, "an HDF5 file"):
-        require_sound_heap(require_file(path))
-        file = h5py.File(path, "r")
-    with file:
+    with open_hdf5(path) as file:
         with refusing(path.name, f"a {FORMAT} file"):
             reader = _session_reader(file, path.name)
         yield reader
@@ -143,7 +137,7 @@ def write_session(path: Path, session: Session) -> None:
     RecordingFormatError
         If the session holds no window, names no axis, or is not in time order.
     """
-    import h5py  # noqa: PLC0415
+    import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
 
     _require_content(session.axis_id, [w.started_at for w in session.windows], path.name)
     with h5py.File(path, "w") as file:
@@ -158,17 +152,17 @@ def write_session(path: Path, session: Session) -> None:
 
 
 def _session_reader(file: "h5py.File", where: str) -> SessionReader:
-    root = Fields(_attributes(file, f"{where} /"), f"{where} /")
+    root = attributes(file, _KNOWN_ATTRIBUTES, f"{where} /")
     root.exactly("format", FORMAT)
     if (version := root.number("version", "-")) != VERSION:
         raise RecordingFormatError(f"{where} /, version: expected {VERSION}; got {version:g}")
-    windows = _member(file, "windows", "Group", f"{where} /windows")
+    windows = member(file, "windows", "Group", f"{where} /windows")
     measurement_of, starts = {}, []
     for name in sorted(windows, key=lambda n: (len(n), n)):
         place = f"{where} /windows/{name}"
         if not _WINDOW_NAME.fullmatch(name):
             raise RecordingFormatError(f"{place}: expected a group named by six digits; got {name!r}")
-        fields = Fields(_attributes(_member(windows, name, "Group", place), place), place)
+        fields = attributes(member(windows, name, "Group", place), _KNOWN_ATTRIBUTES, place)
         measurement_of[name] = fields.text("measurement") if "measurement" in fields else name
         starts.append(fields.instant("started_at"))
     axis_id = root.text("axis_id")
@@ -197,7 +191,7 @@ def _require_content(axis_id: str, starts: list[datetime], where: str) -> None:
 
 
 def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
-    fields = Fields(_attributes(group, where), where)
+    fields = attributes(group, _KNOWN_ATTRIBUTES, where)
     quantity = fields.choice("excitation_quantity", ExcitationQuantity)
     fields.exactly("excitation_unit", EXCITATION_UNIT[quantity])
     fields.exactly("response_quantity", RESPONSE_QUANTITY)
@@ -233,58 +227,7 @@ def _position_span(fields: Fields, trace: SampleArray | None) -> float:
 
 
 def _samples(group: "h5py.Group", name: str, where: str) -> SampleArray:
-    place = f"{where}/{name}"
-    dataset = _member(group, name, "Dataset", place)
-    if dataset.dtype.kind != "f" or dataset.dtype.itemsize not in (4, 8):
-        raise RecordingFormatError(f"{place}: expected float32 or float64 samples; got {dataset.dtype}")
-    if dataset.ndim != 1:
-        raise RecordingFormatError(f"{place}: expected shape (n_samples,); got {dataset.shape}")
-    if dataset.is_virtual or dataset.external:
-        raise RecordingFormatError(f"{place}: expected samples inside the file; they are stored in another one")
-    require_plausible_length(dataset.size, place)
-    if _unwritten(dataset):
-        raise RecordingFormatError(f"{place}: expected {dataset.size} samples; they were announced but never written")
-    samples: FloatArray = dataset.astype(dataset.dtype.newbyteorder("="))[()]
-    samples.setflags(write=False)  # ours alone: the record need not copy it
-    return samples
-
-
-def _unwritten(dataset: "h5py.Dataset") -> bool:
-    """HDF5 answers fill values for samples that an interrupted acquisition announced and never wrote."""
-    if dataset.chunks is not None:
-        return bool(dataset.id.get_num_chunks() < -(-dataset.size // dataset.chunks[0]))
-    return bool(dataset.id.get_storage_size() < dataset.size * dataset.dtype.itemsize)
-
-
-def _attributes(group: "h5py.Group", where: str) -> dict[str, object]:
-    """Return the attributes known here. Only numbers and texts are touched: other types crash HDF5 when damaged."""
-    import h5py  # noqa: PLC0415
-
-    attributes: dict[str, object] = {}
-    for name in _KNOWN_ATTRIBUTES.intersection(group.attrs):
-        stored = group.attrs.get_id(name)
-        readable = stored.get_type().get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
-        # MATLAB and LabVIEW write a single value as an array of one
-        if not readable or stored.shape not in ((), (1,), (1, 1)):
-            raise RecordingFormatError(
-                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {stored.shape}"
-            )
-        attributes[name] = np.asarray(group.attrs[name]).reshape(-1)[0]
-    return attributes
-
-
-def _member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group":
-    """Return a group or dataset that really lies in this file: a link could name any file of the machine."""
-    import h5py  # noqa: PLC0415
-
-    if name not in group:
-        raise RecordingFormatError(f"{place}: expected a {kind.lower()}; it is missing")
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise RecordingFormatError(f"{place}: expected a {kind.lower()} inside the file; got a link")
-    member = group[name]
-    if not isinstance(member, getattr(h5py, kind)):
-        raise RecordingFormatError(f"{place}: expected a {kind.lower()}; got a {type(member).__name__.lower()}")
-    return member
+    return cast(SampleArray, values_of(column(group, name, where, _SAMPLES)))
 
 
 def _write_window(group: "h5py.Group", window: Window) -> None:

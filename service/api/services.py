@@ -10,6 +10,7 @@ from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
+from service.operations.identifications import Identifications
 from service.operations.ingest import Ingest
 from service.operations.replay import Replays
 from service.operations.trend import Trend
@@ -30,6 +31,7 @@ class Services:
     calibrations: Calibrations
     alarms: Alarms
     replays: Replays
+    identifications: Identifications
     jobs: JobRunner
 
 

@@ -13,6 +13,7 @@ from service.cli.check import check
 from service.cli.demo import demo
 from service.cli.estimate import estimate
 from service.cli.frf import frf
+from service.cli.identify import identify
 from service.cli.modes import modes
 from service.cli.replay import replay
 from service.cli.serve import serve
@@ -26,7 +27,7 @@ def preload() -> None:
     """Ball-screw preload in newtons from motor torque and nut acceleration."""
 
 
-for command in (demo, serve, replay, frf, calibrate, estimate, modes, simulate, check):
+for command in (demo, serve, replay, frf, calibrate, estimate, identify, modes, simulate, check):
     preload.add_command(command)
 
 

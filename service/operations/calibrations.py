@@ -6,14 +6,14 @@ from datetime import datetime
 from typing import Any
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.modal import ModalMeasurement, measure_mode
-from monitor_core.pipeline import calibrate_from_measurements, search_band
+from monitor_core.pipeline import calibrate_from_measurements
 from monitor_core.preload import ModalReading, Weighting, calibrate
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
 from service.errors import PreconditionError
 from service.operations.lanes import Lanes
+from service.operations.measured_modes import measured_modes
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
@@ -53,16 +53,7 @@ class Calibrations:
             axis = get_axis(session, axis_id)
             rows = measurements.calibration_measurements(session, axis_id, *span)
         settings = core_settings(_configuration(axis))
-        measured = []
-        for row in rows:
-            with self._database.read() as session:
-                places = measurements.accepted_places(session, row.id)
-            windows = self._waveforms.read(places)
-            if not windows:
-                continue
-            modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
-            if isinstance(modal, ModalMeasurement):
-                measured.append(modal)
+        measured = list(measured_modes(self._database, self._waveforms, settings, rows))
         if not measured:
             raise NotIdentifiableError(
                 f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "

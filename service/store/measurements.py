@@ -59,6 +59,14 @@ def calibration_measurements(
     return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id)))
 
 
+def looked_at(
+    session: Session, axis_id: str, start: datetime | None, end: datetime | None, limit: int
+) -> list[MeasurementRow]:
+    """Return measurements that were judged or refused, in time order, and one more than the limit if there are more."""
+    query = _looked_at(axis_id, start, end).order_by(MeasurementRow.started_at, MeasurementRow.id)
+    return list(session.scalars(query.limit(limit + 1)))
+
+
 def preloads_under(session: Session, axis_id: str, calibration_id: int | None) -> list[float]:
     """Return the preloads judged under one calibration, in time order."""
     query = (

@@ -277,7 +277,7 @@ WRONG_STRUCTURE = {
         lambda f: [_replace(f[SECOND], n, data=np.zeros(0)) for n in ("excitation", "response")],
         "at least one sample; got none",
     ),
-    "two-dimensional": (lambda f: _response(f, data=np.zeros((64, 1))), "shape (n_samples,); got (64, 1)"),
+    "two-dimensional": (lambda f: _response(f, data=np.zeros((64, 1))), "expected one dimension; got shape (64, 1)"),
     "counts of a converter": (lambda f: _response(f, data=np.zeros(64, "i2")), "got int16"),
     "complex": (lambda f: _response(f, data=np.zeros(64, "c8")), "got complex64"),
     "position of another length": (

@@ -1,0 +1,179 @@
+"""Joints of an axis from measurements at several positions: search, fit, verdicts, and errors on what was held out."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+
+from scipy import special
+
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.identification.cases import Case, PredictionError, positions_of, require_positions
+from monitor_core.identification.fit import FitSettings, LocalFit, fit_local
+from monitor_core.identification.identifiability import Identifiability, assess
+from monitor_core.identification.problem import Bounds
+from monitor_core.identification.search import MapFunction, Search, SearchCancelledError, SearchSettings, search
+
+#: Below this probability the residuals are larger than the stated uncertainties allow, and their scatter is used.
+LACK_OF_FIT = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationSettings:
+    """How joints are identified."""
+
+    seed: int = 1  #: of the random streams of the search
+    search: SearchSettings = field(default_factory=SearchSettings)
+    uncertainties_stated: bool = True  #: whether the data state theirs; if not, the scatter of the residuals is used
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """Joints with what is and is not known of them."""
+
+    fit: LocalFit  # coordinates, covariance and residuals of all that was not held out
+    search: Search  # all starts, and how many agree
+    judged: Identifiability
+    lack_of_fit: bool  # the model misses the data by more than their uncertainties: their scatter is used instead
+    trained_on: tuple[float, ...]  # positions [m]
+    held_out: tuple[PredictionError, ...]  # at positions that played no part in the fit they are judged by
+    seed: int  # of the search
+    leave_one_out: bool  # ``held_out`` comes from as many fits as there are positions, each without one
+
+    @property
+    def worst_held_out(self) -> PredictionError | None:
+        """The largest of the errors; ``None`` where nothing could be held out."""
+        return max(self.held_out, key=lambda one: abs(one.relative_error), default=None)
+
+
+def identify(
+    case: Case,
+    bounds: Bounds,
+    settings: IdentificationSettings | None = None,
+    *,
+    hold_out: Collection[float] = (),
+    map_function: MapFunction = map,
+    progress: Callable[[int, int], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Identification:
+    """Find the joints, judge each, and predict what was held out.
+
+    Parameters
+    ----------
+    case : Case
+    bounds : Bounds
+        Finite.
+    settings : IdentificationSettings, optional
+    hold_out : collection of float
+        Positions that the fit does not see and is judged by [m]. Without any, each position in turn is left out of a
+        fit that starts from the answer, where enough others remain.
+    map_function : MapFunction
+        Spreads the search and the verdicts over workers; the answer does not depend on it.
+    progress : callable, optional
+        Told (done, total).
+    cancelled : callable, optional
+        Asked whenever progress is made.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    SearchCancelledError
+        If ``cancelled`` said so.
+    NotIdentifiableError
+        If there are too few positions or data, no joint moves anything, or every joint ended at a bound.
+    OutsideValidityError
+        If a bound is not finite.
+    """
+    settings = settings or IdentificationSettings()
+    require_positions(case, hold_out)
+    trained_on = tuple(one for one in positions_of(case) if one not in hold_out)
+    problem = case.problem(trained_on)
+    steps = _Steps(len(bounds.lower) + len(trained_on), progress, cancelled)
+    fit_settings = FitSettings(uncertainties_stated=settings.uncertainties_stated)
+    found = search(
+        case.search_problem(trained_on),
+        bounds,
+        settings.seed,
+        settings.search,
+        fit_settings,
+        map_function=map_function,
+        progress=steps.of_search,
+        cancelled=cancelled,
+    )
+    fit = fit_local(problem, bounds, found.best.coordinates.values, fit_settings)
+    lacks_fit = settings.uncertainties_stated and _lacks_fit(fit)
+    if lacks_fit:
+        fit_settings = replace(fit_settings, uncertainties_stated=False)
+        fit = fit_local(problem, bounds, fit.coordinates.values, fit_settings)
+    _require_something_inside(fit)
+    steps.next(0)
+    judged = assess(problem, bounds, fit, map_function=map_function)
+    steps.next(len(bounds.lower))
+    if hold_out:
+        held_out = case.prediction_errors(fit.coordinates.values, hold_out)
+    else:
+        held_out = _leave_one_out(case, bounds, fit, fit_settings, steps)
+    steps.finish()
+    return Identification(fit, found, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out)
+
+
+def _lacks_fit(fit: LocalFit) -> bool:
+    """Test χ² of residuals in units of stated uncertainties."""
+    if fit.degrees_of_freedom < 1:
+        return False
+    return float(special.gammaincc(fit.degrees_of_freedom / 2.0, fit.chi_squared / 2.0)) < LACK_OF_FIT
+
+
+def _require_something_inside(fit: LocalFit) -> None:
+    at_bounds = {*fit.at_lower, *fit.at_upper}
+    if at_bounds.issuperset(fit.names):
+        raise NotIdentifiableError(
+            f"at least one of {', '.join(fit.names)} must lie within its limits; every one of them ended at a limit: "
+            "widen the limits, or look whether model and data are of one axis"
+        )
+
+
+def _leave_one_out(
+    case: Case, bounds: Bounds, fit: LocalFit, settings: FitSettings, steps: "_Steps"
+) -> tuple[PredictionError, ...]:
+    """Predict each position from a fit to the others; empty where too few others remain."""
+    errors: list[PredictionError] = []
+    positions = positions_of(case)
+    for left_out in positions:
+        others = [one for one in positions if one != left_out]
+        try:
+            without = fit_local(case.problem(others), bounds, fit.coordinates.values, settings)
+        except (NotIdentifiableError, OutsideValidityError):
+            return ()
+        errors += case.prediction_errors(without.coordinates.values, [left_out])
+        steps.next(1)
+    return tuple(errors)
+
+
+class _Steps:
+    """Adds what follows the search to its progress."""
+
+    def __init__(
+        self, n_after: int, progress: Callable[[int, int], None] | None, cancelled: Callable[[], bool] | None
+    ) -> None:
+        self._n_after, self._done, self._total = n_after, 0, 0
+        self._progress, self._cancelled = progress, cancelled
+
+    def of_search(self, done: int, total: int) -> None:
+        self._done, self._total = done, total + self._n_after
+        self._tell()
+
+    def next(self, n: int) -> None:
+        if self._cancelled is not None and self._cancelled():
+            raise SearchCancelledError(f"the identification was cancelled after {self._done} of {self._total} steps")
+        self._done += n
+        self._tell()
+
+    def finish(self) -> None:
+        self._done = self._total
+        self._tell()
+
+    def _tell(self) -> None:
+        if self._progress is not None:
+            self._progress(self._done, self._total)

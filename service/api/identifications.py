@@ -1,0 +1,71 @@
+"""``POST /v1/axes/{axis}/identifications``: stiffness and damping of the joints, as a job with progress."""
+
+from typing import Annotated, Literal, Self
+
+from fastapi import APIRouter, Depends, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from service.api.calibrations import MeasurementRange
+from service.api.fields import AxisId
+from service.api.jobs import JobOut, job_out
+from service.api.services import Services, services
+from service.operations.settings_of_axis import Number
+
+router = APIRouter(prefix="/v1", tags=["identifications"])
+
+
+class PeakIn(BaseModel):
+    """One measured peak of the table's receptance."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
+    frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
+    frequency_standard_uncertainty_hz: Annotated[Number, Field(gt=0, le=1e6)] | None = None
+    amplitude_m_per_n: Annotated[Number, Field(gt=0, le=1)] | None = None
+    preload_n: Annotated[Number, Field(gt=0, le=1e7)] | None = None
+    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
+
+
+class IdentificationIn(BaseModel):
+    """Whose joints, and from what: stored measurements, or peaks."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "examples": [
+                {"model": 'family = "receptance"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [500.0]}
+            ]
+        },
+    )
+
+    model: Annotated[str, Field(max_length=20_000, description="drive model as TOML, of family receptance")]
+    measurements: MeasurementRange | None = None
+    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+        default=[], description="positions that the fit does not see and is judged by; without any, each in turn"
+    )
+    limits: dict[str, tuple[Number, Number]] = Field(
+        default={}, max_length=20, description="lower and upper limit of a free joint, by its name in the model"
+    )
+    objective: Literal["weighted", "eq-26"] = "weighted"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.measurements is None) == (self.peaks is None):
+            raise ValueError("exactly one of measurements and peaks is expected; got both or none")
+        return self
+
+
+@router.post("/axes/{axis}/identifications", response_model=JobOut, status_code=202)
+def start_identification(
+    axis: AxisId, body: IdentificationIn, response: Response, on: Annotated[Services, Depends(services)]
+) -> JobOut:
+    """Identify the joints of an axis in the background; the result is the JSON of `preload identify`."""
+    arguments = body.model_dump(mode="json", by_alias=True)
+    on.identifications.require(axis, arguments)
+    row = on.jobs.submit("identification", axis, arguments)
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)

@@ -1,0 +1,136 @@
+"""``preload identify DATA --model MODEL``: stiffness and damping of the joints, and what the data leave open."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.identification.search import MapFunction
+from monitor_core.modal import ModalMeasurement
+from monitor_core.recordings.frf_set import read_frf_set
+from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.recordings.model_file import read_model_file
+from monitor_core.recordings.units import metres
+from service.cli.model_input import NumbersCommand
+from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.cli.session_input import axis_settings, band_option, is_session, judge_session
+from service.operations.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
+from service.operations.measured_responses import measured_responses, modal_observation
+
+
+@click.command(cls=NumbersCommand)
+@click.argument("data", type=click.Path(path_type=Path))
+@click.option("--model", "model_path", type=click.Path(path_type=Path), required=True, help="Drive model, TOML.")
+@click.option(
+    "--hold-out-mm", "hold_out_mm", type=float, multiple=True, metavar="X…",
+    help="Positions that the fit does not see and is judged by; without any, each in turn.",
+)  # fmt: skip
+@click.option(
+    "--limit", "limits", type=(str, float, float), multiple=True, metavar="NAME LOW HIGH",
+    help="Of a free joint, such as nut_stiffness_n_per_m 1e8 3e9; by default 30 (damping: 100) times less and more "
+    "than the model states.",
+)  # fmt: skip
+@click.option(
+    "--objective", type=click.Choice(list(OBJECTIVES)), default="weighted", show_default=True,
+    help="For peaks: errors weighted by their uncertainties, or as Eq. (26) of the paper has them.",
+)  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the search.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that search.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the model with the joints found.")
+@band_option
+@json_option
+def identify(
+    data: Path,
+    model_path: Path,
+    hold_out_mm: tuple[float, ...],
+    limits: tuple[tuple[str, float, float], ...],
+    objective: str,
+    seed: int,
+    workers: int,
+    out: Path | None,
+    band_hz: tuple[float, float] | None,
+    as_json: bool,
+) -> None:
+    """Find the joints of an axis from peaks (a modal table), frequency responses, or a session."""
+    request = IdentificationRequest(
+        model=read_model_file(model_path),
+        measured=_measured(data, band_hz),
+        hold_out=tuple(metres(one) for one in hold_out_mm),
+        limits={name: (low, high) for name, low, high in limits},
+        weighting=OBJECTIVES[objective],
+        seed=seed,
+    )
+    with _mapping(workers) as map_function, _watched(data.name) as progress:
+        document = identify_joints(request, map_function=map_function, progress=progress)
+    if out is not None:
+        out.write_text(document["model"], encoding="utf-8")
+    if as_json:
+        print_json(document)
+    else:
+        _print(data, document)
+
+
+def _measured(
+    data: Path, band_hz: tuple[float, float] | None
+) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
+    if data.name.endswith(".frf.h5"):
+        return read_frf_set(data).observations
+    if is_session(data):
+        judged = judge_session(data, axis_settings(band_hz))
+        return measured_responses(
+            item.outcome.modal for item in judged if isinstance(item.outcome.modal, ModalMeasurement)
+        )
+    return tuple(modal_observation(row) for row in read_modal_table(data))
+
+
+@contextmanager
+def _mapping(workers: int) -> Iterator[MapFunction]:
+    if workers == 1:
+        yield map
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        yield pool.map
+
+
+@contextmanager
+def _watched(name: str) -> Iterator[Callable[[int, int], None]]:
+    with progress_bar() as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _print(data: Path, document: dict[str, Any]) -> None:
+    objective = document["objective"]
+    print_table(
+        f"Joints from {data.name} ({objective['kind']}, {len(objective['positions_mm'])} positions)",
+        ("joint", "value", "95 % interval", "verdict"),
+        [_joint_row(name, one) for name, one in document["parameters"].items()],
+    )
+    for sentence in (*document["not_identifiable"], *document["missing_modes"]):
+        click.echo(f"- {sentence}.")
+    rows = [
+        ("starts that agree", f"{100 * objective['starts_agreeing']:.0f} % of {objective['starts']}"),
+        ("residuals over their uncertainty", f"{objective['residual_standard_deviation']:.3g}"),
+    ]
+    if "eq_26" in objective:
+        rows.append(("y of Eq. (26)", f"{objective['eq_26']:.4g}"))
+    if document["held_out"] is not None:
+        held_out = document["held_out"]
+        rows.append((f"worst error, {held_out['kind']}", f"{held_out['worst_percent']:.2f} %"))
+    if document["modes_to_monitor"]:
+        best = document["modes_to_monitor"][0]
+        loss = best["minimum_detectable_preload_loss"]
+        shows = "no loss of preload" if loss is None else f"a preload loss of {100 * loss:.1f} %"
+        rows.append(("mode to monitor", f"{best['frequency_hz']:.1f} Hz at {best['position_mm']:g} mm shows {shows}"))
+    if document["next_positions"]:
+        rows.append(("measure next at", f"{document['next_positions'][0]['position_mm']:.0f} mm"))
+    print_table("What it rests on", ("quantity", "value"), rows)
+
+
+def _joint_row(name: str, one: dict[str, Any]) -> tuple[str, ...]:
+    low, high = one["interval_95"]
+    return (name, f"{one['value']:.4g} {one['unit']}", f"{low:.4g} … {high:.4g}", one["verdict"])

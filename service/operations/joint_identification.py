@@ -1,0 +1,179 @@
+"""Joints from measurements: a drive model and what was measured in, one document with verdicts and advice out."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.identification.advice import modes_to_monitor
+from monitor_core.identification.cases import (
+    Case,
+    ResponseCase,
+    peak_case,
+    positions_of,
+    require_positions,
+)
+from monitor_core.identification.coordinates import JointCoordinates
+from monitor_core.identification.identify import IdentificationSettings, identify
+from monitor_core.identification.modal_problem import Weighting
+from monitor_core.identification.model_cases import ModelResponseCase, frequency_case
+from monitor_core.identification.model_coordinates import joint_coordinates
+from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.identification.priors import relative_priors
+from monitor_core.identification.problem import Bounds
+from monitor_core.identification.search import MapFunction
+from monitor_core.models.parameters import name_in_file
+from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.receptance.parameters import JOINT_NAMES
+from monitor_core.recordings.model_file import DriveModelFile, model_file_text
+from service.operations.identification_document import identification_document, modes_to_monitor_document
+
+#: Limits of a free joint of the receptance family without any stated: so many times less and more than the model says.
+STIFFNESS_FACTOR, DAMPING_FACTOR = 30.0, 100.0
+#: Tian's model knows joints best: derivatives in closed form, modes by their shapes, heights of peaks.
+_RECEPTANCE = "receptance"
+#: What the objective may be, by its names on the wire and on the command line.
+OBJECTIVES = {"weighted": Weighting.UNCERTAINTY, "eq-26": Weighting.UNIT}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentificationRequest:
+    """What is asked: whose joints, from what, judged on what."""
+
+    model: DriveModelFile
+    measured: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]
+    hold_out: tuple[float, ...] = ()  # positions [m]
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # SI, by names of the model file
+    weighting: Weighting = Weighting.UNCERTAINTY
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Subject:
+    """An axis whose joints are sought: what was measured of it, and which parameters of its model are free."""
+
+    case: Case
+    bounds: Bounds
+    names: tuple[str, ...]  # of the free parameters, in files
+    stated: bool  # whether the data state their uncertainties
+
+
+def identify_joints(
+    request: IdentificationRequest,
+    *,
+    map_function: MapFunction = map,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Return the joints with what is and is not known of them, as a JSON document.
+
+    Raises
+    ------
+    NotIdentifiableError, OutsideValidityError
+        As :func:`monitor_core.identification.identify.identify`; and if a limit names no free joint.
+    """
+    subject = _subject(request)
+    found = identify(
+        subject.case,
+        subject.bounds,
+        IdentificationSettings(request.seed, uncertainties_stated=subject.stated),
+        hold_out=request.hold_out,
+        map_function=map_function,
+        progress=progress,
+    )
+    values = (10.0**found.fit.coordinates.values).tolist()
+    model = replace(
+        request.model, parameters={**request.model.parameters, **dict(zip(subject.names, values, strict=True))}
+    )
+    screw_length = model.parameters["screw_length_m"]
+    document = identification_document(found, subject.case, subject.names, screw_length)
+    return document | {
+        "modes_to_monitor": _modes_to_monitor(model, subject.case, request),
+        "model": model_file_text(model),
+    }
+
+
+def require_identifiable(request: IdentificationRequest) -> None:
+    """Refuse at once what :func:`identify_joints` would refuse before it searches; raises as it does."""
+    case = _subject(request).case
+    require_positions(case, request.hold_out)
+    case.problem([one for one in positions_of(case) if one not in request.hold_out])
+
+
+def _subject(request: IdentificationRequest) -> _Subject:
+    peaks = tuple(one for one in request.measured if isinstance(one, ModalObservation))
+    responses = tuple(one for one in request.measured if isinstance(one, FrequencyResponseObservation))
+    stated = all(one.frequency_uncertainty is not None for one in peaks) and request.weighting is not Weighting.UNIT
+    if request.model.family == _RECEPTANCE:
+        return _receptance_subject(request, peaks, responses, stated)
+    drive = joint_coordinates(request.model.family, request.model.parameters, request.model.uncertain)
+    if peaks:
+        drive = replace(drive, free=tuple(name for name in drive.free if _moves_frequencies(name, request.model)))
+    bounds = drive.bounds(_known_limits(request, drive.free))
+    case = ModelResponseCase(drive, responses) if responses else frequency_case(drive, peaks)
+    return _Subject(case, bounds, drive.free, stated)
+
+
+def _receptance_subject(
+    request: IdentificationRequest,
+    peaks: tuple[ModalObservation, ...],
+    responses: tuple[FrequencyResponseObservation, ...],
+    stated: bool,
+) -> _Subject:
+    """Free what the file calls uncertain, or else all the joints that it states."""
+    model = request.model
+    axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
+    present = [name for name in JOINT_NAMES if getattr(axis, name) > 0.0]
+    uncertain = {name: model.uncertain[name_in_file(name)] for name in present if name_in_file(name) in model.uncertain}
+    joints = JointCoordinates(axis, tuple(uncertain or present))
+    in_file = {name: name_in_file(name) for name in joints.free}
+    limits = _known_limits(request, tuple(in_file.values()))
+    bounds = joints.bounds(
+        {name: limits.get(in_file[name]) or _wide(name, getattr(axis, name)) for name in joints.free}
+    )
+    priors = relative_priors(joints.free, {name: getattr(axis, name) for name in joints.free}, uncertain)
+    if responses:
+        return _Subject(ResponseCase(joints, responses, priors), bounds, tuple(in_file.values()), stated)
+    case = peak_case(joints, peaks, weighting=request.weighting, priors=priors)
+    return _Subject(case, bounds, tuple(in_file.values()), stated)
+
+
+def _moves_frequencies(name: str, model: DriveModelFile) -> bool:
+    """Damping moves a natural frequency in second order only: a fit would take it to where it stands for a spring."""
+    return ("damping" not in name and name != "loss_factor") or name in model.uncertain
+
+
+def _wide(name: str, value: float) -> tuple[float, float]:
+    factor = STIFFNESS_FACTOR if name.endswith("stiffness") else DAMPING_FACTOR
+    return value / factor, value * factor
+
+
+def _known_limits(request: IdentificationRequest, free: tuple[str, ...]) -> Mapping[str, tuple[float, float]]:
+    foreign = sorted(set(request.limits) - set(free))
+    if foreign:
+        raise NotIdentifiableError(f"a limit must be of a free joint, {', '.join(free)}; got {foreign[0]}")
+    for name, (low, high) in request.limits.items():
+        if not 0.0 < low < high < math.inf:
+            raise OutsideValidityError(
+                f"limits of {name} must be positive, finite and rising; got {low:g} and {high:g}"
+            )
+    return request.limits
+
+
+def _modes_to_monitor(model: DriveModelFile, case: Case, request: IdentificationRequest) -> list[dict[str, Any]]:
+    """Rank the peaks; only the receptance family knows how each answers to the nut."""
+    if model.family != _RECEPTANCE:
+        return []
+    axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
+    return modes_to_monitor_document(modes_to_monitor(axis, case.conditions, _measured_range(request)))
+
+
+def _measured_range(request: IdentificationRequest) -> tuple[float, float]:
+    """Return the lowest and the highest frequency that was measured, with room for a peak on its edge."""
+    ends: list[float] = []
+    for one in request.measured:
+        if isinstance(one, ModalObservation):
+            ends += [0.8 * one.frequency, 1.25 * one.frequency]
+        else:
+            ends += [float(one.frequency[0]), float(one.frequency[-1])]
+    return min(ends), max(ends)

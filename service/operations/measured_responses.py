@@ -1,0 +1,75 @@
+"""From judged measurements and modal tables to what an identification takes."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.modal import ModalMeasurement
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
+from monitor_core.recordings.modal_csv import ModalRow
+from monitor_core.spectral.coherence import random_error, significance_level
+
+
+def modal_observation(row: ModalRow) -> ModalObservation:
+    """Return a row of a modal table as a peak; its amplitude is the table's receptance, in m/N."""
+    uncertainty = None if row.frequency_std is None else row.frequency_std / np.sqrt(row.n_readings or 1)
+    return ModalObservation(
+        DriveConditions(row.position, row.preload, row.payload_mass or 0.0),
+        row.frequency,
+        None if uncertainty is None else float(uncertainty),
+        amplitude=row.amplitude,
+        order=row.mode,
+    )
+
+
+def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[FrequencyResponseObservation, ...]:
+    r"""Return the averaged responses of measurements with the noise of their lines.
+
+    The standard deviation of real and of imaginary part of H1 is :math:`|H| \sqrt{(1 - \gamma^2)/(2 n \gamma^2)}`
+    (Bendat and Piersol, Random Data, Eq. 9.90); lines whose coherence could be chance are left out.
+
+    Parameters
+    ----------
+    measurements : iterable of ModalMeasurement
+        As the product's own road judges them. A measured torque acts at the end of the screw, a drive's torque on the
+        rotor.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there is none.
+    """
+    observations = tuple(_response(one) for one in measurements)
+    if not observations:
+        raise NotIdentifiableError("joints need measurements that can be judged; every one was refused")
+    return observations
+
+
+def _response(one: ModalMeasurement) -> FrequencyResponseObservation:
+    frf = one.frequency_response
+    coherence = np.ones(frf.frequency.size) if frf.coherence is None else np.asarray(frf.coherence)
+    seen = (coherence > significance_level(frf.n_averages)) & (coherence < 1.0)
+    error = random_error(coherence[seen], frf.n_averages)
+    return FrequencyResponseObservation(
+        _conditions(one.conditions),
+        frf.frequency[seen],
+        frf.response[seen],
+        np.abs(frf.response[seen]) * error,
+        _excitation_point(one),
+        ResponsePoint.ACCELERATION_AT_TABLE,
+    )
+
+
+def _conditions(conditions: Conditions) -> DriveConditions:
+    # The mean of 15 windows at 600 mm is 599.9999999999999 mm: to the micrometre, a place is one and can be named.
+    return DriveConditions(round(conditions.position, 6), conditions.preload, conditions.payload_mass or 0.0)
+
+
+def _excitation_point(one: ModalMeasurement) -> ExcitationPoint:
+    if one.excitation_quantity is ExcitationQuantity.FORCE:
+        return ExcitationPoint.FORCE_AT_TABLE
+    measured = one.excitation_source is ExcitationSource.SENSOR
+    return ExcitationPoint.TORQUE_AT_SCREW if measured else ExcitationPoint.TORQUE_AT_MOTOR
