@@ -17,6 +17,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
 from monitor_core.preload import (
     Calibration,
+    CoefficientPrior,
     ModalReading,
     PreloadEstimate,
     Weighting,
@@ -192,7 +193,11 @@ def advance_estimate(
 
 
 def calibrate_from_measurements(
-    measurements: Sequence[ModalMeasurement], *, settings: AxisSettings, weighting: Weighting = Weighting.NONE
+    measurements: Sequence[ModalMeasurement],
+    *,
+    settings: AxisSettings,
+    weighting: Weighting = Weighting.NONE,
+    prior: CoefficientPrior | None = None,
 ) -> Calibration:
     """Fit k1…k4 to the measurements of a calibration session, with polarity, delay and excitation level of the axis.
 
@@ -216,4 +221,5 @@ def calibrate_from_measurements(
         maximum_modes=1 if statistics.median(m.n_modes for m in measurements) < 2 else 2,
         phase_reference=calibrate_phase([m.mode for m in measurements]),
         excitation_level=statistics.median(m.excitation_level for m in measurements),
+        prior=prior,
     )

@@ -19,9 +19,11 @@ from monitor_core.preload.feature import (
 )
 from monitor_core.preload.fit import calibrate
 from monitor_core.preload.influence import InfluenceCoefficients
+from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
 
 __all__ = [
     "Calibration",
+    "CoefficientPrior",
     "InfluenceCoefficients",
     "ModalReading",
     "PositionError",
@@ -32,11 +34,13 @@ __all__ = [
     "Weighting",
     "axial_frequency",
     "calibrate",
+    "calibration_from_prior",
     "estimate_preload",
     "expected_band",
     "minimum_detectable_loss",
     "preload_feature",
     "preload_from_feature",
     "preload_sensitivity",
+    "prior_from_calibration",
     "systematic_uncertainty_between",
 ]

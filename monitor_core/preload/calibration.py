@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from scipy import special
 
 from monitor_core.arrays import FloatArray
-from monitor_core.errors import OutsideValidityError
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.feature import PreloadFeatureCoefficients
 from monitor_core.preload.influence import InfluenceCoefficients
@@ -84,6 +85,10 @@ class ValidRange:
         """Tell whether a value lies inside, or at most a margin (in the same unit) outside."""
         return self.lower - margin <= value <= self.upper + margin
 
+    def joined(self, other: "ValidRange") -> "ValidRange":
+        """Return the range from the smallest to the largest value of both."""
+        return ValidRange(min(self.lower, other.lower), max(self.upper, other.upper))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
@@ -94,12 +99,12 @@ class Calibration:
     declared: tuple[str, ...]  # those of them that were declared, not fitted: independent of the residuals
     reproducibility: float  # scatter between measurements beyond their own stated uncertainty [Hz]
     residual_sd: float  # of one reading about the fit, with n − p degrees of freedom [Hz]
-    residual_rms: float  # [Hz]
-    residual_max: float  # [Hz]
+    residual_rms: float | None  # [Hz]; None where there are no readings, as below
+    residual_max: float | None  # [Hz]
     condition_number: float
-    leave_one_position_out: tuple[PositionError, ...]  # empty with three positions: none can be spared
+    leave_one_position_out: tuple[PositionError, ...]  # empty with three positions, none can be spared, and on a prior
     weighting: Weighting
-    n_readings: int
+    n_readings: int  # 0: on a prior alone
     position: ValidRange  # [m]
     preload: ValidRange  # [N]
     payload: ValidRange  # [kg]
@@ -113,6 +118,7 @@ class Calibration:
     moving_mass_dof: float = math.inf  # degrees of freedom of a fitted µ: it rests on the loaded readings alone
     uncertainty_stated: bool = True  # whether the readings stated theirs; if not, it is part of ``reproducibility``
     excitation_level: float | None = None  # rms per root hertz around the mode, as calibrated [N·m/√Hz] or [N/√Hz]
+    prior: str | None = None  # source of what was known of k1…k4 before the readings; None: they rest on these alone
 
     def __post_init__(self) -> None:
         if self.parameter_names[:4] != COEFFICIENT_NAMES or len(self.parameter_names) != self.parameters.values.size:
@@ -185,3 +191,28 @@ def known_parameters(
         VectorEstimate(values, covariance, fitted.degrees_of_freedom),
         (*names, *(name for name, _ in extra)),
     )
+
+
+def declared_influences(
+    moving_mass: Estimate | None, temperature_coefficient: Estimate | None, reference_payload: float
+) -> dict[str, Estimate]:
+    """Return µ and k_T by name where the mass that moves without payload [kg] or k_T [s²/K] are declared."""
+    declared = {}
+    if moving_mass is not None:
+        total = moving_mass.value + reference_payload
+        if not moving_mass.value > 0.0:
+            raise OutsideValidityError(f"moving_mass must be positive; got {moving_mass.value} kg")
+        declared[INVERSE_MOVING_MASS] = Estimate(1.0 / total, moving_mass.standard_uncertainty / total**2)
+    if temperature_coefficient is not None:
+        declared[TEMPERATURE_COEFFICIENT] = temperature_coefficient
+    return declared
+
+
+def refuse_blind_mode(fitted: VectorEstimate) -> None:
+    """Without a significant, positive k3 no interval of the preload has an upper end."""
+    k3, uncertainty = fitted.values[2], fitted.standard_uncertainties[2]
+    if k3 <= special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
+        raise NotIdentifiableError(
+            "the frequency does not rise measurably with the preload: k3 must be positive beyond its 95 % uncertainty; "
+            f"got {k3:.3g} ± {uncertainty:.2g} s²·N^(1/3). Spread the preloads further, or choose another mode"
+        )

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from scipy import special
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.calibration import (
     COEFFICIENT_NAMES,
@@ -19,8 +18,10 @@ from monitor_core.preload.calibration import (
     PositionError,
     ValidRange,
     Weighting,
+    declared_influences,
     feature_design,
     known_parameters,
+    refuse_blind_mode,
 )
 from monitor_core.preload.influence import (
     TEMPERATURE_RESOLUTION,
@@ -28,8 +29,9 @@ from monitor_core.preload.influence import (
     InfluenceCoefficients,
     from_reference,
 )
+from monitor_core.preload.prior import CoefficientPrior, fit_with_prior, refuse_other_conditions
 from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
-from monitor_core.preload.regression import LeastSquaresFit, weighted_least_squares
+from monitor_core.preload.regression import CoefficientFit, ReadingRows, excess_variance, weighted_least_squares
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
@@ -45,6 +47,7 @@ def calibrate(
     maximum_modes: int = 2,
     phase_reference: PhaseReference | None = None,
     excitation_level: float | None = None,
+    prior: CoefficientPrior | None = None,
 ) -> Calibration:
     r"""Regress k1…k4 of Eq. (8), with µ and k_T where the readings vary payload and temperature.
 
@@ -59,8 +62,8 @@ def calibrate(
     Parameters
     ----------
     readings : sequence of ModalReading
-        At three or more positions and two or more preloads. Payload and temperature are stated for all of them or for
-        none; no payload stated means an empty table, 0 kg.
+        At three or more positions and two or more preloads; with a prior one reading will do. Payload and temperature
+        are stated for all of them or for none; no payload stated means an empty table, 0 kg.
     weighting : Weighting
         ``std`` weights by the stated standard uncertainties of the frequencies. Where these come from the fit of one
         record, scatter between measurements is usually many times larger and ``none`` uses the readings better.
@@ -74,20 +77,25 @@ def calibrate(
         Used where the temperatures span less than ``TEMPERATURE_RESOLUTION``. [s²/K]
     maximum_modes, phase_reference, excitation_level : optional
         Carried along for the gates before the estimate.
+    prior : CoefficientPrior, optional
+        What was known of k1…k4 before, from other readings or none: see :func:`fit_with_prior`. Its payload must be the
+        lowest of the readings, its excitation theirs.
 
     Returns
     -------
     Calibration
         The covariance rests on the residuals (n − p degrees of freedom): unweighted on their variance alone, weighted
-        on the stated uncertainties plus the scatter between measurements that the residuals show beyond them.
+        on the stated uncertainties plus the scatter between measurements that the residuals show beyond them. Its
+        ranges are those of readings and prior joined.
 
     Raises
     ------
     NotIdentifiableError
         If the readings at the lowest payload cannot determine the coefficients by their positions, preloads or number,
-        or if the frequency does not rise measurably with the preload.
+        if they contradict the prior, or if the frequency does not rise measurably with the preload.
     OutsideValidityError
-        If a preload is missing, an influence quantity is stated for some readings only, or a weight is missing.
+        If a preload is missing, an influence quantity is stated for some readings only, a weight is missing, or the
+        prior holds under other conditions.
 
     Notes
     -----
@@ -110,7 +118,10 @@ def calibrate(
     columns = reading_columns(readings, weighting)
     payload_excess, temperature_excess = columns.payload_excess, columns.temperature_excess
     unloaded = payload_excess == 0.0
-    refuse_too_few_settings(columns.position[unloaded], columns.preload[unloaded])
+    if prior is None:
+        refuse_too_few_settings(columns.position[unloaded], columns.preload[unloaded])
+    else:
+        refuse_other_conditions(prior, columns, excitation_source, excitation_quantity)
     weight = np.ones_like(columns.frequency)
     if weighting is Weighting.STD:
         weight = 1.0 / (columns.slope * columns.standard_uncertainty)
@@ -121,24 +132,25 @@ def calibrate(
     if np.ptp(temperature_excess) >= TEMPERATURE_RESOLUTION:
         fitted_names.append(TEMPERATURE_COEFFICIENT)
         design = np.column_stack([design, temperature_excess])
-    fit = weighted_least_squares(design[unloaded], columns.inverse_square[unloaded], weight[unloaded])
-    reproducibility = _reproducibility(columns, unloaded, weight, fit)
-    single_variance = columns.slope**2 * (columns.standard_uncertainty**2 + reproducibility**2)
+    rows = ReadingRows(
+        design[unloaded],
+        columns.inverse_square[unloaded],
+        weight[unloaded],
+        columns.slope[unloaded],
+        columns.standard_uncertainty[unloaded],
+    )
+    fit = _without_prior(rows, weighting) if prior is None else fit_with_prior(prior, rows, weighting)
     fitted = fit.parameters
-    if weighting is Weighting.STD:
-        # scatter between measurements is common to all readings, so the weights are not their inverse variances
-        fitted = VectorEstimate(
-            fitted.values, fit.covariance_under(single_variance[unloaded]), fitted.degrees_of_freedom
-        )
-    _refuse_blind_mode(fitted)
+    refuse_blind_mode(fitted)
     if not unloaded.all():
+        single_variance = columns.slope**2 * (columns.standard_uncertainty**2 + fit.reproducibility**2)
         fitted = _with_payload(fitted, design, columns, single_variance)
         fitted_names.insert(len(COEFFICIENT_NAMES), INVERSE_MOVING_MASS)
 
     if temperature is not None and temperature_coefficient is None:
         typical = float(columns.inverse_square[unloaded].mean())
         temperature_coefficient = Estimate(0.0, UNKNOWN_TEMPERATURE_COEFFICIENT * typical)
-    declared = _declared(moving_mass, temperature_coefficient, float(columns.payload.min()))
+    declared = declared_influences(moving_mass, temperature_coefficient, float(columns.payload.min()))
     parameters, names = known_parameters(fitted, fitted_names, declared)
     at = {name: float(v) for name, v in zip(fitted_names, fitted.values, strict=True)}
     influence = InfluenceCoefficients(at.get(INVERSE_MOVING_MASS, 0.0), at.get(TEMPERATURE_COEFFICIENT, 0.0))
@@ -149,21 +161,30 @@ def calibrate(
         influence,
     )
     residual = columns.frequency - predicted**-0.5
+    if prior is None:
+        residual_variance = np.sum(residual[unloaded] ** 2) / fitted.degrees_of_freedom
+    else:  # too few residuals to tell: what prior and readings say together
+        residual_variance = fit.reproducibility**2 + np.mean(columns.standard_uncertainty[unloaded] ** 2)
+    position, force, payload = _range(columns.position), _range(columns.preload), _range(columns.payload)
+    if prior is not None:
+        position, force = position.joined(prior.position), force.joined(prior.preload)
+        excitation_source = excitation_source or prior.excitation_source
+        excitation_quantity = excitation_quantity or prior.excitation_quantity
     return Calibration(
         parameters=parameters,
         parameter_names=names,
         declared=tuple(name for name in names if name not in fitted_names),
-        reproducibility=reproducibility,
-        residual_sd=float(np.sqrt(np.sum(residual[unloaded] ** 2) / fitted.degrees_of_freedom)),
+        reproducibility=fit.reproducibility,
+        residual_sd=float(np.sqrt(residual_variance)),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
         residual_max=float(np.max(np.abs(residual))),
         condition_number=fit.condition_number,
-        leave_one_position_out=_leave_one_position_out(columns, unloaded, weight, design),
+        leave_one_position_out=() if prior is not None else _leave_one_position_out(columns, unloaded, weight, design),
         weighting=weighting,
         n_readings=len(readings),
-        position=_range(columns.position),
-        preload=_range(columns.preload),
-        payload=_range(columns.payload),
+        position=position,
+        preload=force,
+        payload=payload,
         temperature=None if temperature is None else _range(temperature),
         reference_payload=float(columns.payload.min()),
         reference_temperature=None if temperature is None else float(temperature.mean()),
@@ -174,35 +195,23 @@ def calibrate(
         moving_mass_dof=math.inf if unloaded.all() else max(np.count_nonzero(~unloaded) - 1.0, 1.0),
         uncertainty_stated=bool(np.all(columns.standard_uncertainty > 0.0)),
         excitation_level=excitation_level,
+        prior=None if prior is None else prior.source,
     )
+
+
+def _without_prior(rows: ReadingRows, weighting: Weighting) -> CoefficientFit:
+    fit = weighted_least_squares(rows.design, rows.inverse_square, rows.weight)
+    reproducibility = float(np.sqrt(max(0.0, excess_variance(rows, fit.residual, fit.leverage))))
+    parameters = fit.parameters
+    if weighting is Weighting.STD:
+        # scatter between measurements is common to all readings, so the weights are not their inverse variances
+        covariance = fit.covariance_under(rows.slope**2 * (rows.stated**2 + reproducibility**2))
+        parameters = VectorEstimate(parameters.values, covariance, parameters.degrees_of_freedom)
+    return CoefficientFit(parameters, reproducibility, fit.condition_number)
 
 
 def _range(values: FloatArray) -> ValidRange:
     return ValidRange(float(values.min()), float(values.max()))
-
-
-def _declared(
-    moving_mass: Estimate | None, temperature_coefficient: Estimate | None, reference_payload: float
-) -> dict[str, Estimate]:
-    declared = {}
-    if moving_mass is not None:
-        total = moving_mass.value + reference_payload
-        if not moving_mass.value > 0.0:
-            raise OutsideValidityError(f"moving_mass must be positive; got {moving_mass.value} kg")
-        declared[INVERSE_MOVING_MASS] = Estimate(1.0 / total, moving_mass.standard_uncertainty / total**2)
-    if temperature_coefficient is not None:
-        declared[TEMPERATURE_COEFFICIENT] = temperature_coefficient
-    return declared
-
-
-def _refuse_blind_mode(fitted: VectorEstimate) -> None:
-    """Without a significant, positive k3 no interval of the preload has an upper end."""
-    k3, uncertainty = fitted.values[2], fitted.standard_uncertainties[2]
-    if k3 <= special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
-        raise NotIdentifiableError(
-            "the frequency does not rise measurably with the preload: k3 must be positive beyond its 95 % uncertainty; "
-            f"got {k3:.3g} ± {uncertainty:.2g} s²·N^(1/3). Spread the preloads further, or choose another mode"
-        )
 
 
 def _with_payload(
@@ -234,18 +243,6 @@ def _with_payload(
     covariance = np.insert(np.insert(unloaded.covariance, k, across, axis=0), k, np.insert(across, k, 0.0), axis=1)
     covariance[k, k] = variance + gradient @ across
     return VectorEstimate(np.insert(unloaded.values, k, mean), covariance, unloaded.degrees_of_freedom)
-
-
-def _reproducibility(columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, fit: LeastSquaresFit) -> float:
-    r"""Scatter between unloaded measurements [Hz] that their stated uncertainties do not explain.
-
-    Method of moments (DerSimonian–Laird for a regression): the weighted residual sum of squares has the expectation
-    :math:`\sum (1-h_i) w_i^2 g_i^2 (\sigma_i^2 + c^2)`, g = 2/f³; solved for c, and 0 where σ explains it all.
-    """
-    share = (1.0 - fit.leverage) * (weight * columns.slope)[unloaded] ** 2
-    stated = columns.standard_uncertainty[unloaded] ** 2
-    excess = np.sum((weight[unloaded] * fit.residual) ** 2) - np.sum(share * stated)
-    return float(np.sqrt(max(0.0, excess / np.sum(share))))
 
 
 def _leave_one_position_out(

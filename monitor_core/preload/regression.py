@@ -14,6 +14,17 @@ CONDITION_LIMIT = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ReadingRows:
+    """Readings as rows of a regression that is linear in 1/f²."""
+
+    design: FloatArray  # shape (n, p) [s² / unit of the coefficient]
+    inverse_square: FloatArray  # 1/f², shape (n,) [s²]
+    weight: FloatArray  # inverse standard deviations up to a common factor, shape (n,) [1/s²]
+    slope: FloatArray  # 2/f³, shape (n,) [s³]
+    stated: FloatArray  # stated standard uncertainties, 0 where not stated, shape (n,) [Hz]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LeastSquaresFit:
     """Outcome of :func:`weighted_least_squares`."""
 
@@ -31,6 +42,15 @@ class LeastSquaresFit:
     def covariance_under(self, variance: FloatArray) -> FloatArray:
         """Covariance of the parameters if the observations scatter with these variances, shape (n,)."""
         return (self.estimator * variance) @ self.estimator.T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoefficientFit:
+    """What a calibration takes from the regression of its coefficients, with a prior or without."""
+
+    parameters: VectorEstimate
+    reproducibility: float  # scatter between measurements beyond their own stated uncertainty [Hz]
+    condition_number: float
 
 
 def weighted_least_squares(design: FloatArray, observed: FloatArray, weight: FloatArray) -> LeastSquaresFit:
@@ -87,3 +107,26 @@ def weighted_least_squares(design: FloatArray, observed: FloatArray, weight: Flo
     return LeastSquaresFit(
         VectorEstimate(beta, covariance, n - p), residual, estimator, np.sum(u**2, axis=1), condition
     )
+
+
+def excess_variance(rows: ReadingRows, residual: FloatArray, leverage: FloatArray) -> float:
+    r"""Return the variance between measurements that their stated uncertainties do not explain.
+
+    Method of moments (DerSimonian–Laird for a regression): the weighted residual sum of squares has the expectation
+    :math:`\sum (1-h_i) w_i^2 g_i^2 (\sigma_i^2 + c^2)`, g the slope; solved for :math:`c^2`.
+
+    Parameters
+    ----------
+    rows : ReadingRows
+    residual : ndarray, shape (n,)
+        Of the regression. [s²]
+    leverage : ndarray, shape (n,)
+        :math:`h_i`, see :class:`LeastSquaresFit`. [-]
+
+    Returns
+    -------
+    float
+        Negative where the stated uncertainties explain more than there is. [Hz²]
+    """
+    share = (1.0 - leverage) * (rows.weight * rows.slope) ** 2
+    return float((np.sum((rows.weight * residual) ** 2) - np.sum(share * rows.stated**2)) / np.sum(share))

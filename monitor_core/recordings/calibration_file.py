@@ -1,7 +1,8 @@
 """A calibration as a JSON document, with the unit of every number in its key (the keys of ``preload calibrate``).
 
 Numbers that follow from others (``moving_mass_kg``, ``minimum_detectable_loss_n``) are written for people and scripts
-and not read back; unknown keys are left alone.
+and not read back; unknown keys are left alone. ``prior`` names what k1…k4 rest on besides the readings; only then may
+``n_readings`` be 0, the residuals null, and ``degrees_of_freedom`` null, which stands for infinite.
 """
 
 import json
@@ -61,6 +62,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
     values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
     mass, phase = calibration.moving_mass, calibration.phase_reference
     position, temperature = calibration.position, calibration.temperature
+    dof = calibration.parameters.degrees_of_freedom
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -68,7 +70,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         **{key: values.get(name) for name, key in _INFLUENCE_KEYS.items()},
         "covariance": calibration.parameters.covariance.tolist(),
         "covariance_order": [_PARAMETER_KEYS[name] for name in calibration.parameter_names],
-        "degrees_of_freedom": calibration.parameters.degrees_of_freedom,
+        "degrees_of_freedom": dof if math.isfinite(dof) else None,
         "declared": [_PARAMETER_KEYS[name] for name in calibration.declared],
         "moving_mass_kg": mass.value if mass else None,
         "moving_mass_standard_uncertainty_kg": mass.standard_uncertainty if mass else None,
@@ -106,6 +108,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "uncertainty_stated": calibration.uncertainty_stated,
         "excitation_level": calibration.excitation_level,
         "excitation_level_unit": _LEVEL_UNITS[calibration.excitation_quantity],
+        "prior": calibration.prior,
     }
 
 
@@ -182,22 +185,24 @@ def _calibration(top: Fields) -> Calibration:
             f"{top.where}, covariance_order: expected {', '.join(values)}; got {', '.join(order)}"
         )
     position = _range(ranges, "position_mm", "mm")
+    on_prior = "prior" in top
+    without_readings = on_prior and top.number("n_readings", "-") == 0.0
     return Calibration(
         parameters=VectorEstimate(
             np.array([values[key] for key in order]),
             _covariance(top, len(order)),
-            top.positive("degrees_of_freedom", "-"),
+            math.inf if on_prior and "degrees_of_freedom" not in top else top.positive("degrees_of_freedom", "-"),
         ),
         parameter_names=tuple(_PARAMETER_NAMES[key] for key in order),
         declared=tuple(_PARAMETER_NAMES[key] for key in _keys(top, "declared")),
         reproducibility=_not_negative(top, "reproducibility_hz", "Hz"),
         residual_sd=_not_negative(top, "residual_sd_hz", "Hz"),
-        residual_rms=_not_negative(top, "residual_rms_hz", "Hz"),
-        residual_max=_not_negative(top, "residual_max_hz", "Hz"),
+        residual_rms=None if without_readings else _not_negative(top, "residual_rms_hz", "Hz"),
+        residual_max=None if without_readings else _not_negative(top, "residual_max_hz", "Hz"),
         condition_number=top.positive("condition_number", "-"),
         leave_one_position_out=_position_errors(top),
         weighting=top.choice("weighting", Weighting),
-        n_readings=top.count("n_readings"),
+        n_readings=0 if without_readings else top.count("n_readings"),
         position=ValidRange(metres(position.lower), metres(position.upper)),
         preload=_range(ranges, "preload_n", "N"),
         payload=_range(ranges, "payload_kg", "kg"),
@@ -213,6 +218,7 @@ def _calibration(top: Fields) -> Calibration:
         moving_mass_dof=top.optional_number("moving_mass_degrees_of_freedom", "-") or math.inf,
         uncertainty_stated=top.values["uncertainty_stated"] is True if "uncertainty_stated" in top else True,
         excitation_level=top.optional_number("excitation_level", "N.m/Hz^0.5 or N/Hz^0.5"),
+        prior=top.text("prior") if on_prior else None,
     )
 
 

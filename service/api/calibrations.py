@@ -60,8 +60,11 @@ class CalibrationIn(BaseModel):
     )
 
     measurements: MeasurementRange | None = None
-    readings: Annotated[list[ReadingIn] | None, Field(min_length=4, max_length=10_000)] = None
+    readings: Annotated[list[ReadingIn] | None, Field(min_length=1, max_length=10_000)] = None
     document: dict[str, Any] | None = Field(default=None, description="the JSON that `preload calibrate` wrote")
+    prior: dict[str, Any] | None = Field(
+        default=None, description="a calibration document whose k1…k4 were known before: fewer measurements will do"
+    )
     weighting: Literal["std", "none"] | None = Field(
         default=None, description="std where every reading states its scatter, else none"
     )
@@ -143,10 +146,11 @@ def post_calibration(
         row = on.calibrations.bring(axis, body.document, body.comment)
     elif body.readings is not None:
         readings = [reading.to_core() for reading in body.readings]
-        row = on.calibrations.fit_readings(axis, readings, body.weighting, body.comment)
+        row = on.calibrations.fit_readings(axis, readings, body.weighting, body.comment, prior=body.prior)
     else:
         span = body.measurements or MeasurementRange()
-        row = on.calibrations.fit_measurements(axis, (span.start, span.end), body.weighting, body.comment)
+        fit = on.calibrations.fit_measurements
+        row = fit(axis, (span.start, span.end), body.weighting, body.comment, prior=body.prior)
     response.headers["Location"] = f"/v1/axes/{axis}/calibrations/{row.id}"
     return calibration_out(row, None)
 

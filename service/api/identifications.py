@@ -27,6 +27,21 @@ class PeakIn(BaseModel):
     payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
 
 
+class PredictionIn(BaseModel):
+    """A calibration to be predicted from the joints: of which mode, and at which preload they were measured."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mode_hz: Annotated[
+        tuple[Annotated[Number, Field(gt=0, le=1e6)], Annotated[Number, Field(gt=0, le=1e6)]],
+        Field(description="holds the mode that will be monitored, alone at every position and preload"),
+    ]
+    preload_n: Annotated[Number, Field(gt=0, le=1e7)]
+    preload_standard_uncertainty_n: Annotated[Number, Field(gt=0, le=1e7)]
+    scatter_hz: Annotated[Number, Field(gt=0, le=1e6, description="between measurements of one setting")]
+    excitation_source: Literal["sensor", "drive"] = "sensor"
+
+
 class IdentificationIn(BaseModel):
     """Whose joints, and from what: stored measurements, or peaks."""
 
@@ -50,6 +65,7 @@ class IdentificationIn(BaseModel):
         default={}, max_length=20, description="lower and upper limit of a free joint, by its name in the model"
     )
     objective: Literal["weighted", "eq-26"] = "weighted"
+    prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
     @model_validator(mode="after")

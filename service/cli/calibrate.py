@@ -7,10 +7,10 @@ import click
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.pipeline import calibrate_from_measurements
-from monitor_core.preload import Calibration, Weighting
+from monitor_core.preload import Calibration, CoefficientPrior, Weighting, prior_from_calibration
 from monitor_core.preload import calibrate as fit_calibration
 from monitor_core.recording import ExcitationSource
-from monitor_core.recordings.calibration_file import calibration_document, write_calibration
+from monitor_core.recordings.calibration_file import calibration_document, read_calibration, write_calibration
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.uncertainty import Estimate
 from service.cli.modal_input import modal_reading
@@ -30,6 +30,10 @@ from service.cli.session_input import axis_settings, band_option, fitted_modes, 
     "--moving-mass-kg", nargs=2, type=float, metavar="KG UNCERTAINTY",
     help="What moves without payload, and its standard uncertainty; used where the data hold one payload only.",
 )  # fmt: skip
+@click.option(
+    "--prior", "prior_file", type=click.Path(path_type=Path),
+    help="Calibration whose k1…k4 were known before, predicted or earlier: fewer measurements will do.",
+)  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Also write the calibration to a file.")
 @band_option
 @json_option
@@ -38,17 +42,19 @@ def calibrate(
     weighting: str | None,
     excitation_source: str | None,
     moving_mass_kg: tuple[float, float] | None,
+    prior_file: Path | None,
     out: Path | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
 ) -> None:
-    """Fit k1…k4 to measured natural frequencies at several positions and preloads."""
+    """Fit k1…k4 to measured natural frequencies at several positions and preloads, or join them with a prior."""
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
+    prior = None if prior_file is None else prior_from_calibration(read_calibration(prior_file), prior_file.name)
     if is_session(data):
-        calibration = _from_session(data, weighting, mass, band_hz)
+        calibration = _from_session(data, weighting, mass, band_hz, prior)
     else:
         source = None if excitation_source is None else ExcitationSource(excitation_source)
-        calibration = _from_table(data, weighting, mass, source)
+        calibration = _from_table(data, weighting, mass, source, prior)
     document = calibration_document(calibration)
     if out is not None:
         write_calibration(out, calibration)
@@ -59,7 +65,11 @@ def calibrate(
 
 
 def _from_session(
-    path: Path, weighting: str | None, mass: Estimate | None, band_hz: tuple[float, float] | None
+    path: Path,
+    weighting: str | None,
+    mass: Estimate | None,
+    band_hz: tuple[float, float] | None,
+    prior: CoefficientPrior | None,
 ) -> Calibration:
     settings = axis_settings(band_hz, mass)
     modes = fitted_modes(list(judge_session(path, settings)))
@@ -67,16 +77,22 @@ def _from_session(
         raise NotIdentifiableError(
             f"{path.name}: a calibration needs measurements with preload_n set that can be judged; got none"
         )
-    return calibrate_from_measurements(modes, settings=settings, weighting=Weighting(weighting or Weighting.NONE))
+    return calibrate_from_measurements(
+        modes, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior
+    )
 
 
 def _from_table(
-    path: Path, weighting: str | None, mass: Estimate | None, source: ExcitationSource | None
+    path: Path,
+    weighting: str | None,
+    mass: Estimate | None,
+    source: ExcitationSource | None,
+    prior: CoefficientPrior | None,
 ) -> Calibration:
     readings = [modal_reading(row) for row in read_modal_table(path)]
     stated = all(reading.frequency_std is not None for reading in readings)
     chosen = Weighting(weighting) if weighting else (Weighting.STD if stated else Weighting.NONE)
-    return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass)
+    return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass, prior=prior)
 
 
 def _print(data: Path, document: dict[str, Any]) -> None:
@@ -89,5 +105,6 @@ def _print(data: Path, document: dict[str, Any]) -> None:
             ("reproducibility", f"{document['reproducibility_hz']:.4f} Hz"),
             ("condition number", f"{document['condition_number']:.1f}"),
             ("minimum detectable loss", f"{document['minimum_detectable_loss_n']:.0f} N"),
+            ("prior", document["prior"] or "none"),
         ],
     )

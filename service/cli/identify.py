@@ -1,5 +1,6 @@
 """``preload identify DATA --model MODEL``: stiffness and damping of the joints, and what the data leave open."""
 
+import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -11,15 +12,18 @@ import click
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.identification.search import MapFunction
 from monitor_core.modal import ModalMeasurement
+from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file
 from monitor_core.recordings.units import metres
+from monitor_core.uncertainty import Estimate
 from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.cli.session_input import axis_settings, band_option, is_session, judge_session
 from service.operations.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
 from service.operations.measured_responses import measured_responses, modal_observation
+from service.operations.predicted_calibration import PredictionRequest
 
 
 @click.command(cls=NumbersCommand)
@@ -38,6 +42,26 @@ from service.operations.measured_responses import measured_responses, modal_obse
     "--objective", type=click.Choice(list(OBJECTIVES)), default="weighted", show_default=True,
     help="For peaks: errors weighted by their uncertainties, or as Eq. (26) of the paper has them.",
 )  # fmt: skip
+@click.option(
+    "--calibration", "calibration_out", type=click.Path(path_type=Path, dir_okay=False),
+    help="Also predict k1…k4 from the joints and write the calibration; needs the three options below.",
+)  # fmt: skip
+@click.option(
+    "--mode-hz", nargs=2, type=click.FloatRange(min=0, min_open=True), metavar="LOW HIGH",
+    help="Holds the mode that will be monitored, alone at every position and preload.",
+)  # fmt: skip
+@click.option(
+    "--preload-n", nargs=2, type=click.FloatRange(min=0, min_open=True), metavar="N UNCERTAINTY",
+    help="Preload of the nut while the data were taken, and its standard uncertainty.",
+)  # fmt: skip
+@click.option(
+    "--scatter-hz", type=click.FloatRange(min=0, min_open=True),
+    help="Standard deviation of the frequency between measurements of one setting.",
+)  # fmt: skip
+@click.option(
+    "--excitation-source", type=click.Choice([str(s) for s in ExcitationSource]), default=str(ExcitationSource.SENSOR),
+    show_default=True, help="What the torque will be measured with when the axis is monitored.",
+)  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the search.")
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that search.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the model with the joints found.")
@@ -49,6 +73,11 @@ def identify(
     hold_out_mm: tuple[float, ...],
     limits: tuple[tuple[str, float, float], ...],
     objective: str,
+    calibration_out: Path | None,
+    mode_hz: tuple[float, float] | None,
+    preload_n: tuple[float, float] | None,
+    scatter_hz: float | None,
+    excitation_source: str,
     seed: int,
     workers: int,
     out: Path | None,
@@ -56,6 +85,12 @@ def identify(
     as_json: bool,
 ) -> None:
     """Find the joints of an axis from peaks (a modal table), frequency responses, or a session."""
+    prediction = None
+    if calibration_out is not None:
+        if mode_hz is None or preload_n is None or scatter_hz is None:
+            raise click.UsageError("--calibration needs --mode-hz, --preload-n and --scatter-hz; got not all of them")
+        source = ExcitationSource(excitation_source)
+        prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
     request = IdentificationRequest(
         model=read_model_file(model_path),
         measured=_measured(data, band_hz),
@@ -63,11 +98,14 @@ def identify(
         limits={name: (low, high) for name, low, high in limits},
         weighting=OBJECTIVES[objective],
         seed=seed,
+        prediction=prediction,
     )
     with _mapping(workers) as map_function, _watched(data.name) as progress:
         document = identify_joints(request, map_function=map_function, progress=progress)
     if out is not None:
         out.write_text(document["model"], encoding="utf-8")
+    if calibration_out is not None:
+        calibration_out.write_text(json.dumps(document["calibration"], indent=2), encoding="utf-8")
     if as_json:
         print_json(document)
     else:

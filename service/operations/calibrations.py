@@ -7,7 +7,7 @@ from typing import Any
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.pipeline import calibrate_from_measurements
-from monitor_core.preload import ModalReading, Weighting, calibrate
+from monitor_core.preload import CoefficientPrior, ModalReading, Weighting, calibrate, prior_from_calibration
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
@@ -40,7 +40,13 @@ class Calibrations:
         self._lanes = lanes
 
     def fit_measurements(
-        self, axis_id: str, span: tuple[datetime | None, datetime | None], weighting: str | None, comment: str
+        self,
+        axis_id: str,
+        span: tuple[datetime | None, datetime | None],
+        weighting: str | None,
+        comment: str,
+        *,
+        prior: dict[str, Any] | None = None,
     ) -> CalibrationRow:
         """Fit to stored measurements whose preload was set on purpose, from their waveforms.
 
@@ -60,12 +66,18 @@ class Calibrations:
                 "them at three or more positions and two or more preloads"
             )
         fitted = calibrate_from_measurements(
-            measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE)
+            measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
         )
         return self._store(axis_id, calibration_document(fitted), comment)
 
     def fit_readings(
-        self, axis_id: str, readings: Sequence[ModalReading], weighting: str | None, comment: str
+        self,
+        axis_id: str,
+        readings: Sequence[ModalReading],
+        weighting: str | None,
+        comment: str,
+        *,
+        prior: dict[str, Any] | None = None,
     ) -> CalibrationRow:
         """Fit to the rows of a modal table; they are taken to be of the excitation source that the axis states."""
         with self._database.read() as session:
@@ -76,6 +88,7 @@ class Calibrations:
             weighting=Weighting(weighting or (Weighting.STD if stated else Weighting.NONE)),
             excitation_source=ExcitationSource(configuration.excitation_source),
             moving_mass=core_settings(configuration).moving_mass,
+            prior=_prior(prior),
         )
         return self._store(axis_id, calibration_document(fitted), comment)
 
@@ -124,6 +137,10 @@ class Calibrations:
             get_axis(session, axis_id)
             session.add(row)
         return row
+
+
+def _prior(document: dict[str, Any] | None) -> CoefficientPrior | None:
+    return None if document is None else prior_from_calibration(calibration_from_document(document), "a calibration")
 
 
 def _configuration(axis: AxisRow) -> AxisConfiguration:

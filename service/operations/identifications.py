@@ -9,8 +9,10 @@ from typing import Any
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.protocol import DriveConditions
+from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.model_file import parse_model
 from monitor_core.recordings.units import metres
+from monitor_core.uncertainty import Estimate
 from service.jobs import JobHandle
 from service.operations.documents import finite_or_null
 from service.operations.joint_identification import (
@@ -21,6 +23,7 @@ from service.operations.joint_identification import (
 )
 from service.operations.measured_modes import measured_modes
 from service.operations.measured_responses import measured_responses
+from service.operations.predicted_calibration import PredictionRequest
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import measurements
 from service.store.axes import get_axis
@@ -81,6 +84,7 @@ class Identifications:
             limits={name: (low, high) for name, (low, high) in arguments["limits"].items()},
             weighting=OBJECTIVES[arguments["objective"]],
             seed=arguments["seed"],
+            prediction=_prediction(arguments["prediction"]),
         )
 
     def _measured(
@@ -104,6 +108,14 @@ class Identifications:
                 f"has {got} in that range"
             )
         return rows
+
+
+def _prediction(asked: dict[str, Any] | None) -> PredictionRequest | None:
+    if asked is None:
+        return None
+    low, high = asked["mode_hz"]
+    preload = Estimate(asked["preload_n"], asked["preload_standard_uncertainty_n"])
+    return PredictionRequest((low, high), preload, asked["scatter_hz"], ExcitationSource(asked["excitation_source"]))
 
 
 def _moment(text: str | None) -> datetime | None:

@@ -3,8 +3,10 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.advice import modes_to_monitor
 from monitor_core.identification.cases import (
@@ -15,7 +17,7 @@ from monitor_core.identification.cases import (
     require_positions,
 )
 from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.identify import IdentificationSettings, identify
+from monitor_core.identification.identify import Identification, IdentificationSettings, identify
 from monitor_core.identification.modal_problem import Weighting
 from monitor_core.identification.model_cases import ModelResponseCase, frequency_case
 from monitor_core.identification.model_coordinates import joint_coordinates
@@ -24,10 +26,12 @@ from monitor_core.identification.priors import relative_priors
 from monitor_core.identification.problem import Bounds
 from monitor_core.identification.search import MapFunction
 from monitor_core.models.parameters import name_in_file
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.protocol import DriveModel
+from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
 from monitor_core.models.receptance.parameters import JOINT_NAMES
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text
 from service.operations.identification_document import identification_document, modes_to_monitor_document
+from service.operations.predicted_calibration import PredictionRequest, predicted_calibration
 
 #: Limits of a free joint of the receptance family without any stated: so many times less and more than the model says.
 STIFFNESS_FACTOR, DAMPING_FACTOR = 30.0, 100.0
@@ -47,6 +51,7 @@ class IdentificationRequest:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # SI, by names of the model file
     weighting: Weighting = Weighting.UNCERTAINTY
     seed: int = 1
+    prediction: PredictionRequest | None = None  # of a calibration from the joints
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +60,7 @@ class _Subject:
 
     case: Case
     bounds: Bounds
+    model_at: Callable[[FloatArray], DriveModel]  # from coordinates
     names: tuple[str, ...]  # of the free parameters, in files
     stated: bool  # whether the data state their uncertainties
 
@@ -89,6 +95,7 @@ def identify_joints(
     document = identification_document(found, subject.case, subject.names, screw_length)
     return document | {
         "modes_to_monitor": _modes_to_monitor(model, subject.case, request),
+        "calibration": _calibration(request, subject, found),
         "model": model_file_text(model),
     }
 
@@ -111,7 +118,7 @@ def _subject(request: IdentificationRequest) -> _Subject:
         drive = replace(drive, free=tuple(name for name in drive.free if _moves_frequencies(name, request.model)))
     bounds = drive.bounds(_known_limits(request, drive.free))
     case = ModelResponseCase(drive, responses) if responses else frequency_case(drive, peaks)
-    return _Subject(case, bounds, drive.free, stated)
+    return _Subject(case, bounds, drive.build, drive.free, stated)
 
 
 def _receptance_subject(
@@ -133,9 +140,22 @@ def _receptance_subject(
     )
     priors = relative_priors(joints.free, {name: getattr(axis, name) for name in joints.free}, uncertain)
     if responses:
-        return _Subject(ResponseCase(joints, responses, priors), bounds, tuple(in_file.values()), stated)
-    case = peak_case(joints, peaks, weighting=request.weighting, priors=priors)
-    return _Subject(case, bounds, tuple(in_file.values()), stated)
+        case: Case = ResponseCase(joints, responses, priors)
+    else:
+        case = peak_case(joints, peaks, weighting=request.weighting, priors=priors)
+    return _Subject(case, bounds, partial(_receptance_model, joints), tuple(in_file.values()), stated)
+
+
+def _receptance_model(joints: JointCoordinates, coordinates: FloatArray) -> DriveModel:
+    return ReceptanceModel(joints.parameters(coordinates))
+
+
+def _calibration(request: IdentificationRequest, subject: _Subject, found: Identification) -> dict[str, Any] | None:
+    if request.prediction is None:
+        return None
+    measured = positions_of(subject.case)
+    span = measured[0], measured[-1]
+    return predicted_calibration(request.prediction, subject.model_at, found.fit.coordinates, span)
 
 
 def _moves_frequencies(name: str, model: DriveModelFile) -> bool:

@@ -1,0 +1,109 @@
+"""``preload calibrate DATA --prior FILE``: few readings joined with a calibration that was there before."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor_core.preload import CoefficientPrior, ValidRange, calibration_from_prior
+from monitor_core.recordings.calibration_file import write_calibration
+from monitor_core.uncertainty import VectorEstimate
+from tests.service import test_cli
+from tests.service.test_cli import K_NAMES, assert_refused
+
+SESSIONS = Path(__file__).resolve().parents[2] / "replay_data"
+
+preload = test_cli.preload  # a fixture
+#: Nguyen's k from the whole of Table 2, and standard uncertainties of 5 %, as of a prediction that is right.
+K = np.array([-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8])
+
+
+@pytest.fixture
+def table_of(published_data: Path, tmp_path: Path) -> Any:
+    """Write a modal table with some rows of Nguyen's Table 2, by number."""
+    header, *rows = (published_data / "nguyen_table2.csv").read_text(encoding="utf-8").splitlines()
+
+    def write(name: str, numbers: Iterable[int], *, faster: float = 0.0) -> Path:
+        names = header.split(",")
+        lines = []
+        for number in numbers:
+            cells = dict(zip(names, rows[number].split(","), strict=True))
+            kept = (cells["position_mm"], str(float(cells["frequency_hz"]) + faster), cells["preload_n"])
+            lines.append(",".join(kept))
+        path = tmp_path / name
+        path.write_text("\n".join(["position_mm,frequency_hz,preload_n", *lines]) + "\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def predicted(tmp_path: Path) -> Path:
+    prior = CoefficientPrior(
+        VectorEstimate(K, np.diag((0.05 * K) ** 2)), 0.25, ValidRange(0.25, 0.75), ValidRange(50.0, 400.0), "joints"
+    )
+    path = tmp_path / "predicted.json"
+    write_calibration(path, calibration_from_prior(prior))
+    return path
+
+
+def test_two_rows_will_do_with_a_prior(preload: Any, table_of: Any, predicted: Path, tmp_path: Path) -> None:
+    two, out = table_of("two.csv", (1, 16)), tmp_path / "joined.json"
+    assert_refused(preload("calibrate", two), "a calibration needs, at one payload, at least three positions")
+    document = preload("calibrate", two, "--prior", predicted, "--out", out, "--json").json()
+    assert document["prior"] == "predicted.json"
+    assert document["n_readings"] == 2
+    assert np.all(np.diag(document["covariance"]) < (0.05 * K) ** 2)
+    assert document["valid_range"]["preload_n"] == [50.0, 400.0]
+    assert "predicted.json" in preload("calibrate", two, "--prior", predicted).out
+    estimates = preload("estimate", two, "--calibration", out, "--json").json()["estimates"]
+    assert all(e["interval_95_n"][0] < e["interval_95_n"][1] for e in estimates)
+
+
+def test_half_a_table_and_the_other_half_are_the_whole(preload: Any, table_of: Any, tmp_path: Path) -> None:
+    first = tmp_path / "first.json"
+    assert preload("calibrate", table_of("even.csv", range(0, 18, 2)), "--out", first).exit_code == 0
+    odd = table_of("odd.csv", range(1, 18, 2))
+    document = preload("calibrate", odd, "--prior", first, "--json").json()
+    values = np.array([document["coefficients"][name] for name in K_NAMES])
+    uncertainty = np.sqrt(np.diag(document["covariance"]))
+    # the scatter is estimated from each half a little differently; see the tests of the regression
+    assert np.abs(values - K) / uncertainty == pytest.approx([0.0] * 4, abs=0.2)
+
+
+def test_a_prediction_alone_estimates_with_its_own_uncertainty(preload: Any, table_of: Any, predicted: Path) -> None:
+    """The same k as from the table, so the same newtons; intervals as of k known to 5 %, not to the table's scatter."""
+    whole, out = table_of("all.csv", range(18)), predicted.with_name("whole.json")
+    preload("calibrate", whole, "--out", out)
+    alone, fitted = (
+        preload("estimate", whole, "--calibration", one, "--json").json()["estimates"] for one in (predicted, out)
+    )
+    assert [e["preload_n"] for e in alone] == pytest.approx([e["preload_n"] for e in fitted], rel=1e-3)
+    assert all(e["interval_95_n"][0] < 0.5 * f["interval_95_n"][0] for e, f in zip(alone, fitted, strict=True))
+
+
+def test_what_does_not_go_with_a_prior_is_refused(preload: Any, table_of: Any, predicted: Path, tmp_path: Path) -> None:
+    two = table_of("two.csv", (1, 16))
+    assert_refused(preload("calibrate", two, "--prior", tmp_path / "none.json"), "none.json")
+    assert_refused(preload("calibrate", two, "--prior", two), "two.csv: expected a JSON document")
+    faster = table_of("faster.csv", (1, 16), faster=40.0)
+    assert_refused(
+        preload("calibrate", faster, "--prior", predicted), "the readings contradict the prior (predicted.json)"
+    )
+    of_another_axis = preload(
+        "calibrate", SESSIONS / "calibration.session.h5", "--band-hz", 140, 230, "--prior", predicted
+    )
+    assert_refused(of_another_axis, "the readings contradict the prior (predicted.json)")
+
+
+def test_a_session_joins_its_own_calibration(preload: Any, tmp_path: Path) -> None:
+    session, first = SESSIONS / "calibration.session.h5", tmp_path / "first.json"
+    once = preload("calibrate", session, "--band-hz", 140, 230, "--out", first, "--json").json()
+    again = preload("calibrate", session, "--band-hz", 140, 230, "--prior", first, "--json").json()
+    assert again["prior"] == "first.json"
+    assert again["coefficients"] == pytest.approx(once["coefficients"], rel=1e-6, abs=0.0)
+    # the same readings twice: half the variance
+    ratio = (np.diag(again["covariance"]) / np.diag(once["covariance"]))[:4]  # behind them: payload and temperature
+    assert ratio == pytest.approx([0.5] * 4, rel=0.1)
