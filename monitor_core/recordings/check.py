@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings import csv_samples, mat, motion_csv, npz, tdms, uff58
 from monitor_core.recordings.channel_map import read_channel_map
 from monitor_core.recordings.files import read_text, refusing, require_file
 from monitor_core.recordings.hdf5 import attributes, open_hdf5
@@ -43,8 +43,9 @@ def check_file(path: Path) -> FileReport:
     Parameters
     ----------
     path : Path
-        A session, an FRF set, a modal table, a calibration, a drive model, a channel map, or a raw file (TDMS, UFF58,
-        MAT, NPZ, text columns). A raw file is checked for being readable; what it means is for a channel map to say.
+        A session, an FRF set, a modal table, a motion record, a calibration, a drive model, a channel map, or a raw
+        file (TDMS, UFF58, MAT, NPZ, text columns). A raw file is checked for being readable; what it means is for a
+        channel map to say.
 
     Returns
     -------
@@ -81,7 +82,13 @@ def _recognise(path: Path) -> str:
         return "preload-calibration"
     if path.suffix.lower() == ".toml":
         return "preload-model" if _DRIVE_MODEL.search(text) else "channel-map"
+    return _format_of_columns(text)
+
+
+def _format_of_columns(text: str) -> str:
     columns = [cell.strip().lower() for cell in text.partition("\n")[0].replace(";", ",").split(",")]
+    if motion_csv.is_motion_header(columns):
+        return "motion-record"
     return "modal-table" if any(cell.startswith("frequency") for cell in columns) else "csv"
 
 
@@ -148,6 +155,7 @@ _READERS: dict[str, Callable[[Path], object]] = {
     "preload-calibration": _read_calibration,
     "preload-model": _read_model,
     "modal-table": read_modal_table,
+    "motion-record": motion_csv.read_motion_record,
     "channel-map": read_channel_map,
     "tdms": tdms.read_channels,
     "uff58": uff58.read_channels,

@@ -13,7 +13,7 @@ from service.cli.output import json_option, print_json
 @json_option
 @click.pass_context
 def check(context: click.Context, file: Path, as_json: bool) -> None:
-    """Validate a session, a modal table, a calibration or a raw recording."""
+    """Validate a session, an FRF set, a modal table, a motion record, a calibration, a drive model or a raw file."""
     report = check_file(file)
     if as_json:
         print_json({"format": report.format, "valid": report.valid, "problems": list(report.problems)})
