@@ -1,0 +1,1 @@
+"""Where simulation and measurement part: comparison, the effects that may be missing, and the decision which one is."""

@@ -1,0 +1,84 @@
+"""What a physical effect states of itself: a name, its physics, its parameters, and what it does to an axis.
+
+An effect holds neither data nor fitting: it is added to a description of the axis, and several are added one after the
+other. At the null values of its parameters it changes nothing.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Generic, TypeVar
+
+from monitor_core.errors import OutsideValidityError
+
+#: What an effect is added to: the physics of an axis, or the forces of a rigid one in motion.
+Physics = TypeVar("Physics")
+
+
+class ConditionAxis(StrEnum):
+    """What a test may vary, and what has to vary for some effects to be seen."""
+
+    POSITION = "position"
+    PRELOAD = "preload"
+    PAYLOAD = "payload"
+    TEMPERATURE = "temperature"
+    LEVEL = "excitation level"
+    FREQUENCY = "frequency"  # whole responses, not natural frequencies alone
+    DIRECTION = "direction"
+    RECORD = "record"  # a second one, of another motion
+
+
+@dataclass(frozen=True, slots=True)
+class EffectParameter:
+    """One quantity of an effect, by its name in files."""
+
+    name: str  # ends with the unit, as in files: stiffness_n_per_m
+    unit: str  # "-" where it has none
+    lower: float  # smallest plausible value
+    upper: float  # largest plausible value
+    scale: float  # what a noticeable effect has: where a search looks first
+    null: float = 0.0  # where the axis is unchanged
+
+    def __post_init__(self) -> None:
+        if not (self.lower <= self.null <= self.upper and self.lower < self.upper):
+            raise OutsideValidityError(
+                f"{self.name} must be null within its plausible range; got {self.null} for {self.lower} to {self.upper}"
+            )
+        if not (math.isfinite(self.scale) and self.lower <= self.null + self.scale <= self.upper):
+            raise OutsideValidityError(f"the scale of {self.name} must lie within its range; got {self.scale}")
+
+
+@dataclass(frozen=True, slots=True)
+class Effect(Generic[Physics]):
+    """A physical effect that a model of an axis may lack."""
+
+    key: str  # in files, lower case with dashes
+    name: str  # what a person reads
+    physics: str  # one or two sentences: what happens, and how it shows
+    source: str  # where the formula comes from
+    parameters: tuple[EffectParameter, ...]
+    add: Callable[[Physics, Mapping[str, float]], Physics]  # values by the names of the parameters
+    needs: frozenset[ConditionAxis] = frozenset()  # what has to vary, or nothing of it is seen
+    applies: Callable[[Physics], bool] = lambda _physics: True  # whether the axis has what it acts on
+
+    def added_to(self, physics: Physics, values: Mapping[str, float]) -> Physics:
+        """Return the axis with the effect.
+
+        Raises
+        ------
+        OutsideValidityError
+            If a value is missing, not of this effect, or no axis could have it.
+        """
+        expected = [one.name for one in self.parameters]
+        if set(values) != set(expected):
+            raise OutsideValidityError(
+                f"the effect {self.key} has the parameters {', '.join(expected)}; got {', '.join(values) or 'none'}"
+            )
+        if not self.applies(physics):
+            raise OutsideValidityError(f"the effect {self.key} acts on something that this axis does not have")
+        return self.add(physics, values)
+
+    def null_values(self) -> dict[str, float]:
+        """Return the values at which nothing is changed."""
+        return {one.name: one.null for one in self.parameters}

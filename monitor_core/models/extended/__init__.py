@@ -1,0 +1,24 @@
+"""The extended drive: one closed form for all families, to which effects that none of them has can be added."""
+
+from monitor_core.models.extended.families import paper_motor_end, physics_of
+from monitor_core.models.extended.lines import PreparedLines, ResponseCase, prepare_lines
+from monitor_core.models.extended.model import ExtendedModel
+from monitor_core.models.extended.modes import natural_frequencies
+from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics
+from monitor_core.models.extended.responses import responses
+
+__all__ = [
+    "AddedPhysics",
+    "AxisPhysics",
+    "BodyPhysics",
+    "ExtendedModel",
+    "JointPhysics",
+    "PreparedLines",
+    "ResponseCase",
+    "ScrewPhysics",
+    "natural_frequencies",
+    "paper_motor_end",
+    "physics_of",
+    "prepare_lines",
+    "responses",
+]

@@ -1,0 +1,210 @@
+r"""The extended drive in closed form, every line for itself: no matrix is solved.
+
+The force F in the nut meets, one after the other, nut, bracket, screw in tension, base, and screw in torsion behind the
+lead. With the compliance C of all of them and the dynamic stiffness Z of the table,
+
+.. math::
+
+    C = \frac{1}{\kappa_n} + c_s + \frac{B}{A} + \frac{i^2 U}{T} + \frac{c_b}{g}, \qquad
+    H_{table,force} = \frac{C}{1 + C Z}, \qquad H_{table,torque} = \frac{u}{1 + C Z}
+
+where u is the travel of the unloaded nut per unit of torque. Eqs. (1)–(24) of [1]_ written out, with a base, and
+springs at the guides and at the rotor. A, B, T, U, g and Z have no poles: multiplied out, the drive has a
+characteristic function without poles, whose zeros are the poles of the drive. As mass or torsional compliance of the
+screw go to zero nothing in it becomes singular, so that a lumped drive is a distributed one with other numbers.
+
+References
+----------
+.. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import FloatArray
+from monitor_core.models.extended.conditions import AxisStates, EndMasks
+from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.rod import RodWaves
+
+#: Real where nothing damps, complex otherwise.
+Values = npt.NDArray[np.inexact[Any]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EntireParts:
+    """The letters of the module's docstring, functions of ω without poles; shape (n_lines,) or ()."""
+
+    axial: Values  # A: A/B is the stiffness of the screw at the nut, bearings and nut segment included
+    axial_yield: Values  # B
+    torsion: Values  # T: T/U is the torsional stiffness at the nut, motor end included
+    turning: Values  # U, with i²
+    torque_lever: Values  # u T: travel of the unloaded nut per torque at the motor end
+    held_torsion: Values  # T times the angle there per torque
+    nut: Values  # κ_n [N/m]
+    bracket: complex  # c_s of bracket and series compliance [m/N]
+    base: Values  # g
+    base_compliance: float  # c_b [m/N]
+    table: Values  # Z [N/m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """What force and torque meet; shape (n_lines,)."""
+
+    nut: Values  # κ_n [N/m]
+    beside_nut: Values  # C − 1/κ_n [m/N]
+    table: Values  # Z [N/m]
+    unloaded_travel: Values  # u [m/(N·m)]
+    unloaded_angle: Values  # of the motor end per torque while no force acts in the nut [rad/(N·m)]
+
+    @property
+    def compliance(self) -> Values:
+        """C of the whole path. [m/N]."""
+        return 1.0 / self.nut + self.beside_nut
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Receptances:
+    """Responses of the drive; shape (n_lines,)."""
+
+    table_per_force: Values  # [m/N]
+    table_per_torque: Values  # and, by reciprocity, angle of the motor end per force [m/(N·m)]
+    angle_per_torque: Values  # [rad/(N·m)]
+
+
+def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: EndMasks) -> EntireParts:
+    """Return all parts of the drive on lines.
+
+    Parameters
+    ----------
+    physics : AxisPhysics
+    omega : ndarray, shape (n_lines,)
+        Not zero; complex where poles are sought. [rad/s]
+    states : AxisStates
+        Of each line.
+    ends : EndMasks
+        Of each line.
+    """
+    joints, bodies, added = physics.joints, physics.bodies, physics.added
+    elastic = 1.0 + 1j * joints.loss_factor
+    axial, axial_yield = _axial(physics, omega, states.position)
+    torsion = _torsion(physics, omega, states.position, ends)
+    base: Values = np.ones(())
+    if added.base_compliance:
+        ratio = omega / (2.0 * np.pi * added.base_frequency)
+        base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
+    return EntireParts(
+        axial,
+        axial_yield,
+        *torsion,
+        nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
+        bracket=(1.0 / joints.bracket_stiffness + added.series_compliance) / elastic,
+        base=base,
+        base_compliance=added.base_compliance,
+        table=added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping),
+    )
+
+
+def _axial(physics: AxisPhysics, omega: Values, position: FloatArray) -> tuple[Values, Values]:
+    """Return A and B: both rods in parallel at the nut, each held by its bearing."""
+    screw, joints = physics.screw, physics.joints
+    elastic = 1.0 + 1j * joints.loss_factor
+    near_bearing = joints.bearing_stiffness * elastic + _damper(omega, joints.bearing_damping)
+    far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
+    mass = screw.axial_mass_share * screw.mass_per_length
+    near = _waves(omega, position, 1.0 / screw.axial_rigidity, mass)
+    far = _waves(omega, screw.length - position, 1.0 / screw.axial_rigidity, mass)
+    near_end = near.cosine + near_bearing * near.sine_over_z
+    far_end = far.cosine + far_bearing * far.sine_over_z
+    segment = omega * omega * screw.nut_segment_mass
+    loaded_far = far_bearing * far.cosine - far.z_sine - segment * far_end
+    return (near_bearing * near.cosine - near.z_sine) * far_end + near_end * loaded_far, near_end * far_end
+
+
+def _torsion(
+    physics: AxisPhysics, omega: Values, position: FloatArray, ends: EndMasks
+) -> tuple[Values, Values, Values, Values]:
+    """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts.
+
+    Of the inertia that is not spread along the screw nothing turns where the motor end is clamped.
+    """
+    screw, joints, bodies, i = physics.screw, physics.joints, physics.bodies, physics.screw.transmission_ratio
+    squared = omega * omega
+    inertia = screw.torsional_inertia_share * screw.inertia_per_length
+    at_motor_end = (1.0 - screw.torsional_inertia_share) * screw.inertia_per_length * screw.length
+    compliance = screw.torsion_share / screw.torsional_rigidity
+    near_compliance = compliance * (1.0 - position / screw.length) if screw.far_end_held else compliance
+    near = _waves(omega, position, near_compliance, inertia)
+    far = _waves(omega, screw.length - position, compliance, inertia)
+
+    # with the motor end of the screw free (0) and held there (1)
+    segment = -squared * (screw.motor_segment_inertia + ends.prescribed * at_motor_end)
+    beyond = -far.z_sine - squared * screw.nut_segment_inertia * far.cosine
+    end_0 = near.cosine + segment * near.sine_over_z
+    torsion_0 = (segment * near.cosine - near.z_sine) * far.cosine + end_0 * beyond
+    torsion_1 = near.cosine * far.cosine + near.sine_over_z * beyond
+
+    coupling = joints.coupling_stiffness * (1.0 + 1j * joints.loss_factor) + _damper(omega, joints.coupling_damping)
+    rotor = physics.added.servo_stiffness - squared * (bodies.rotor_inertia + at_motor_end)
+    rotor = rotor + _damper(omega, bodies.motor_damping)
+    # held behind the coupling; a free rotor is in series with it, κ Z/(κ + Z), multiplied through with κ + Z
+    held = torsion_0 + coupling * torsion_1
+    loose = ends.prescribed + ends.free * coupling
+    fixed = ends.clamped + ends.free * rotor
+    turning = far.cosine * (loose * end_0 + fixed * (end_0 + coupling * near.sine_over_z))
+    return (
+        loose * torsion_0 + fixed * held,
+        i**2 * turning,
+        i * loose * far.cosine,
+        ends.prescribed * torsion_1 + ends.free * held,
+    )
+
+
+def _damper(omega: Values, damping: float) -> Values | float:
+    """Return jωc, a plain number where nothing damps."""
+    return 1j * omega * damping if damping else 0.0
+
+
+def _waves(omega: Values, length: FloatArray, compliance: float | FloatArray, inertia: float) -> RodWaves[Any]:
+    """Return the trigonometry of a rod from compliance and inertia per length, either of which may be zero."""
+    phase = omega * (length * np.sqrt(compliance * inertia))
+    sinc = np.sinc(phase / np.pi)
+    return RodWaves(np.cos(phase), length * compliance * sinc, omega * omega * (inertia * length) * sinc)
+
+
+def path_of(parts: EntireParts) -> Path:
+    """Return what force and torque meet: the divisions of the closed form, once."""
+    per_torsion = 1.0 / parts.torsion
+    beside_nut = parts.bracket + parts.axial_yield / parts.axial + parts.turning * per_torsion
+    if parts.base_compliance:
+        beside_nut = beside_nut + parts.base_compliance / parts.base
+    return Path(parts.nut, beside_nut, parts.table, parts.torque_lever * per_torsion, parts.held_torsion * per_torsion)
+
+
+def receptances_of(path: Path) -> Receptances:
+    """Return all receptances between table and motor end."""
+    compliance = path.compliance
+    reciprocal = 1.0 / (1.0 + compliance * path.table)
+    per_torque = path.unloaded_travel * reciprocal
+    return Receptances(
+        compliance * reciprocal, per_torque, path.unloaded_angle - path.unloaded_travel * path.table * per_torque
+    )
+
+
+def characteristic(parts: EntireParts) -> Values:
+    r"""Return the characteristic function, whose zeros are the poles of the drive, shape (n_lines,).
+
+    .. math::
+
+        \Delta = \kappa_n A T g + Z \left[ (1 + \kappa_n c_s) A T g + \kappa_n (B T g + i^2 U A g + c_b A T) \right]
+
+    Its scale is without meaning.
+    """
+    axial_torsion = parts.axial * parts.torsion
+    yields = parts.axial_yield * parts.torsion + parts.turning * parts.axial
+    series = (1.0 + parts.nut * parts.bracket) * axial_torsion * parts.base
+    series = series + parts.nut * (yields * parts.base + parts.base_compliance * axial_torsion)
+    return np.asarray(parts.nut * axial_torsion * parts.base + parts.table * series)

@@ -1,0 +1,161 @@
+"""What an axis is under each of many conditions: where its table stands, what moves, how stiff its nut is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.protocol import DriveConditions, MotorEnd
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConditionArrays:
+    """Conditions side by side; all of shape (n_conditions,)."""
+
+    position: FloatArray  # as stated [m]
+    preload: FloatArray  # 0 where none is stated [N]
+    preload_stated: BoolArray
+    payload_mass: FloatArray  # [kg]
+    temperature_deviation: FloatArray  # [K]
+    excitation_level: FloatArray  # [N·m or N]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisStates:
+    """What follows from the physics of the axis; of shape (n_conditions,), or (n_lines,) after :meth:`at`."""
+
+    position: FloatArray  # of the table from the fixed bearing [m]
+    moving_mass: FloatArray  # of table, nut, payload and what of the screw moves with them [kg]
+    nut_stiffness: FloatArray  # rigidity under the preload [N/m]
+
+    def at(self, index: npt.NDArray[np.intp]) -> "AxisStates":
+        """Return the states repeated for lines that belong to the conditions of this index."""
+        return AxisStates(self.position[index], self.moving_mass[index], self.nut_stiffness[index])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EndMasks:
+    """Which of the three holds the motor end: one of them is 1, the others 0; of shape (n_lines,)."""
+
+    prescribed: FloatArray
+    clamped: FloatArray
+    free: FloatArray
+
+    def at(self, index: npt.NDArray[np.intp]) -> "EndMasks":
+        """Return the masks repeated for lines that belong to the motor ends of this index."""
+        return EndMasks(self.prescribed[index], self.clamped[index], self.free[index])
+
+
+def condition_arrays(conditions: Sequence[DriveConditions]) -> ConditionArrays:
+    """Put conditions side by side."""
+    return ConditionArrays(
+        position=np.array([one.position for one in conditions]),
+        preload=np.array([one.preload or 0.0 for one in conditions]),
+        preload_stated=np.array([one.preload is not None for one in conditions], dtype=np.bool_),
+        payload_mass=np.array([one.payload_mass for one in conditions]),
+        temperature_deviation=np.array([one.temperature_deviation for one in conditions]),
+        excitation_level=np.array([one.excitation_level for one in conditions]),
+    )
+
+
+def end_masks(motor_ends: Sequence[MotorEnd]) -> EndMasks:
+    """Return the masks of motor ends."""
+    return EndMasks(
+        *(
+            np.array([end is one for end in motor_ends], dtype=np.float64)
+            for one in (MotorEnd.PRESCRIBED, MotorEnd.CLAMPED, MotorEnd.FREE)
+        )
+    )
+
+
+def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates:
+    """Return position, moving mass and nut rigidity under all conditions.
+
+    Parameters
+    ----------
+    physics : AxisPhysics
+    conditions : ConditionArrays
+
+    Raises
+    ------
+    OutsideValidityError
+        If a position is not on the screw, a moving mass is not positive, or preload and load rating do not go together.
+    """
+    screw, bodies, added = physics.screw, physics.bodies, physics.added
+    position = conditions.position + added.position_offset
+    if not np.all((position > 0.0) & (position < screw.length)):
+        raise OutsideValidityError(
+            f"position must lie on the screw, within 0 and {screw.length} m; got {_outermost(position, screw.length)} m"
+        )
+    with_table = (1.0 - screw.axial_mass_share) * screw.mass_per_length * screw.length
+    payload = conditions.payload_mass + np.where(conditions.payload_mass > 0.0, added.payload_error, 0.0)
+    moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
+    if not np.all(moving_mass > 0.0):
+        raise OutsideValidityError(f"the moving mass must be positive; got {np.min(moving_mass):g} kg")
+    return AxisStates(position, moving_mass, nut_rigidities(physics, conditions))
+
+
+def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatArray:
+    r"""Return the rigidity of the nut under all conditions in newtons per metre.
+
+    .. math::
+
+        k_{nut} = 0.8 K \left( \frac{P_e}{0.1\,C_d} \right)^{1/3 + \delta}, \qquad
+        P_e = (P + k_\vartheta \Delta\vartheta) \left( 1 + a \cos\frac{2\pi x}{l} + b \sin\frac{2\pi x}{l} \right)
+
+    Eq. (1) of Nguyen et al. (2018) with the preload that exponent, temperature and lead make of the stated one. A nut
+    without load rating has the stated rigidity; a preload that varies over the lead varies it as the cube root.
+
+    Parameters
+    ----------
+    physics : AxisPhysics
+    conditions : ConditionArrays
+
+    Returns
+    -------
+    ndarray, shape (n_conditions,)
+
+    Raises
+    ------
+    OutsideValidityError
+        If a preload and a load rating do not go together, the stated preload exceeds 10 % of the rating, nothing is
+        left of the preload, or exponent or temperature act on a preload that is not stated.
+    """
+    joints, added = physics.joints, physics.added
+    turn = 2.0 * np.pi / physics.screw.lead * conditions.position
+    over_lead = 1.0 + added.periodic_preload_cosine * np.cos(turn) + added.periodic_preload_sine * np.sin(turn)
+    if not np.all(over_lead > 0.0):
+        raise OutsideValidityError(
+            f"the preload must stay positive over the lead; got {np.min(over_lead):g} times what is stated"
+        )
+    exponent = 1.0 / 3.0 + added.preload_exponent_change
+    rating = joints.dynamic_load_rating
+    if rating is None:
+        if np.any(conditions.preload_stated):
+            raise OutsideValidityError("a preload changes nothing in an axis without dynamic_load_rating; state it")
+        if added.preload_exponent_change or added.thermal_preload:
+            raise OutsideValidityError(
+                "preload_exponent_change and thermal_preload act on the preload; state dynamic_load_rating and preload"
+            )
+        return np.asarray(joints.nut_stiffness * over_lead**exponent)
+    if not np.all(conditions.preload_stated):
+        raise OutsideValidityError("the nut rigidity of this axis follows the preload; state the preload")
+    rated = 0.1 * rating
+    highest = float(np.max(conditions.preload))
+    if highest > rated * (1.0 + 1e-9):
+        raise OutsideValidityError(
+            f"preload must not exceed 10 % of the dynamic load rating, {rated:g} N; got {highest:g} N"
+        )
+    preload = conditions.preload + added.thermal_preload * conditions.temperature_deviation
+    if not np.all(preload > 0.0):
+        raise OutsideValidityError(f"the preload must stay positive at every temperature; got {np.min(preload):g} N")
+    return np.asarray(0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent)
+
+
+def _outermost(position: FloatArray, length: float) -> float:
+    """Return the position that is furthest from the middle of the screw."""
+    return float(position[np.argmax(np.abs(position - 0.5 * length))])

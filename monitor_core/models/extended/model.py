@@ -1,0 +1,130 @@
+"""The extended drive as a drive model: a published family and what is added to it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.models.extended.closed_form import Values, entire_parts, path_of, receptances_of
+from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
+from monitor_core.models.extended.families import paper_motor_end, physics_of
+from monitor_core.models.extended.lines import ResponseCase, prepare_lines
+from monitor_core.models.extended.modes import drive_modes, has_rigid_body_mode, natural_frequencies, with_damping
+from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.responses import responses
+from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.protocol import (
+    DriveConditions,
+    ExcitationPoint,
+    MotorEnd,
+    NaturalFrequency,
+    NormalModes,
+    ResponsePoint,
+    motor_end_of,
+    quantity_of,
+    require_frequencies,
+)
+from monitor_core.response import FrequencyResponse
+
+#: Points on the circle around a pole; what the neighbours add falls with their power of the radius over the distance.
+_CIRCLE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedModel:
+    """A drive of one of the families with effects that the family does not have.
+
+    With ``physics_of(parameters)`` it is that family's model, see there how closely. Modes are given up to
+    ``highest_frequency``. The rotational mode of Eq. (7) of Nguyen et al. (2018), which moves neither table nor motor,
+    is not among them.
+    """
+
+    parameters: DriveParameters  # of the family
+    physics: AxisPhysics
+    highest_frequency: float = 2000.0  # [Hz]
+
+    @classmethod
+    def of(cls, parameters: DriveParameters) -> "ExtendedModel":
+        """Return the family's own model in extended form."""
+        return cls(parameters, physics_of(parameters))
+
+    def frequency_response(
+        self,
+        frequency: FloatArray,
+        conditions: DriveConditions,
+        *,
+        excitation: ExcitationPoint,
+        response: ResponsePoint,
+    ) -> FrequencyResponse:
+        """Return the response per unit excitation, shape (n_frequencies,).
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (n_frequencies,)
+            Above zero, rising. Friction and hardening of the nut see an excitation that is flat over these. [Hz]
+        conditions : DriveConditions
+        excitation, response : ExcitationPoint, ResponsePoint
+            A force at the table finds the motor end as in the family's paper.
+
+        Raises
+        ------
+        OutsideValidityError
+            If a frequency is not positive, the physics does not go with the conditions, or friction holds the table.
+        """
+        frequency = require_frequencies(frequency)
+        motor_end = motor_end_of(excitation, otherwise=paper_motor_end(self.parameters))
+        lines = prepare_lines([ResponseCase(frequency, conditions, excitation, response, motor_end)])
+        return FrequencyResponse(frequency, responses(self.physics, lines), quantity_of(excitation, response))
+
+    def natural_frequencies(
+        self, conditions: DriveConditions, motor_end: MotorEnd | None = None
+    ) -> tuple[NaturalFrequency, ...]:
+        """Return the poles for small signals in order of frequency; ``None`` stands for the paper's motor end."""
+        end = motor_end or paper_motor_end(self.parameters)
+        return natural_frequencies(self.physics, [conditions], [end], self.highest_frequency)[0]
+
+    def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
+        """Return the undamped modes for small signals, each with the damping ratio of its pole."""
+        end = motor_end or paper_motor_end(self.parameters)
+        modes = drive_modes(self.physics, [conditions], [end], self.highest_frequency)
+        table, motor, across = self._residues(modes.undamped_omega, conditions, end)
+        rigid_table, rigid_motor = self._rigid_body(conditions, end)
+        none = np.zeros(rigid_table.size)
+        return NormalModes(
+            np.r_[none, modes.undamped_omega / (2.0 * math.pi)],
+            np.r_[none, (0.0 - modes.pole.real) / np.abs(modes.pole)],
+            np.r_[rigid_motor, np.copysign(np.sqrt(np.maximum(motor, 0.0)), across)],
+            np.r_[rigid_table, np.sqrt(np.maximum(table, 0.0))],
+        )
+
+    def _residues(
+        self, omega: FloatArray, conditions: DriveConditions, end: MotorEnd
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        r"""Return φ_a φ_b of table, motor end and both: means of :math:`(\omega_n^2 - \omega^2) H` around each pole."""
+        apart = np.diff(np.r_[0.0, omega, 2.0 * omega[-1:]])
+        radius = np.minimum(0.1 * np.minimum(apart[:-1], apart[1:]), 1e-3 * omega)
+        offset = radius[:, None] * np.exp(2j * math.pi * np.arange(_CIRCLE) / _CIRCLE)
+        around = np.asarray(omega[:, None] + offset, dtype=np.complex128)
+        line = np.zeros(around.size, dtype=np.intp)
+        physics = with_damping(self.physics, 0.0)
+        states = axis_states(physics, condition_arrays([conditions]))
+        parts = entire_parts(physics, around.ravel(), states.at(line), end_masks([end]).at(line))
+        at = receptances_of(path_of(parts))
+
+        def mean(receptance: Values) -> FloatArray:
+            weighted = receptance.reshape(around.shape) * -offset * (around + omega[:, None])
+            return np.asarray(np.mean(weighted, axis=1).real)
+
+        return mean(at.table_per_force), mean(at.angle_per_torque), mean(at.table_per_torque)
+
+    def _rigid_body(self, conditions: DriveConditions, end: MotorEnd) -> tuple[FloatArray, FloatArray]:
+        """Return φ of table and motor end where the whole drive can turn, arrays of one element; else of none."""
+        if not has_rigid_body_mode(self.physics, end):
+            return np.zeros(0), np.zeros(0)
+        screw, i = self.physics.screw, self.physics.screw.transmission_ratio
+        mass = axis_states(self.physics, condition_arrays([conditions])).moving_mass
+        rotor = self.physics.bodies.rotor_inertia if end is MotorEnd.FREE else 0.0
+        turning = screw.inertia_per_length * screw.length + screw.nut_segment_inertia + screw.motor_segment_inertia
+        scale = 1.0 / np.sqrt(turning + rotor + i**2 * mass)
+        return i * scale, scale

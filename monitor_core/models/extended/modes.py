@@ -1,0 +1,269 @@
+r"""Natural frequencies and modes of the extended drive under many conditions at once, none missed and none twice.
+
+Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension,
+screw in torsion, base, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So there
+is exactly one natural frequency between two neighbouring poles of the parts. These are far apart, and a change of sign
+on a grid finds them. Damping is then let in by degrees, and Newton's method follows each pole.
+
+Friction and hardening of the nut, which depend on the excitation, are left out, and so is the second mode, which is no
+part of the drive.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import scipy.optimize.elementwise
+
+from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended.closed_form import EntireParts, Values, characteristic, entire_parts, path_of
+from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
+from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency
+
+Index = npt.NDArray[np.intp]
+
+#: Lines of the grid per half wave of the screw, and at least. Poles of one part must not lie closer than two lines.
+_PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
+#: Where the search begins, as a share of the highest frequency; slower is the rigid body.
+_LOWEST = 1e-6
+#: A natural frequency is told from a pole of a part from this relative distance on.
+_APART = 1e-9
+#: Share of the damping that is let in at once: at the most, and before a pole is given up.
+_LARGEST_DEGREE, _SMALLEST_DEGREE = 0.5, 2.0**-14
+#: At once a pole may move by so much of its distance to the next one, and of its own magnitude.
+_FOLLOWED, _LARGEST_MOVE = 0.1, 0.05
+_NEWTON_STEPS = 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveModes:
+    """Poles of the elastic modes under all conditions, one after the other; shape (n_modes,) each."""
+
+    condition: Index  # which one a mode belongs to; rising, and within it in order of frequency
+    undamped_omega: FloatArray  # [rad/s]
+    pole: ComplexArray  # s = jω at the zero of the characteristic function [1/s]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drives:
+    """The undamped or partly damped drive, ready to be asked at any frequency under any of the conditions."""
+
+    physics: AxisPhysics
+    states: AxisStates
+    ends: EndMasks
+
+    def parts(self, omega: Values, condition: Index) -> EntireParts:
+        return entire_parts(self.physics, omega, self.states.at(condition), self.ends.at(condition))
+
+
+def natural_frequencies(
+    physics: AxisPhysics,
+    conditions: Sequence[DriveConditions],
+    motor_ends: Sequence[MotorEnd],
+    highest_frequency: float,
+) -> tuple[tuple[NaturalFrequency, ...], ...]:
+    """Return the poles under each of the conditions in order of frequency, rigid-body mode first.
+
+    Parameters
+    ----------
+    physics : AxisPhysics
+    conditions : sequence of DriveConditions
+    motor_ends : sequence of MotorEnd
+        One for each.
+    highest_frequency : float
+        Modes are given whose undamped natural frequency is lower. [Hz]
+
+    Returns
+    -------
+    tuple of tuple of NaturalFrequency
+        For each of the conditions.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the physics does not go with a condition, or a mode is damped so strongly that it does not oscillate.
+    """
+    modes = drive_modes(physics, conditions, motor_ends, highest_frequency)
+    return tuple(
+        _rigid(physics, motor_end) + _sorted(modes.pole[modes.condition == number])
+        for number, motor_end in enumerate(motor_ends)
+    )
+
+
+def has_rigid_body_mode(physics: AxisPhysics, motor_end: MotorEnd) -> bool:
+    """Tell whether nothing holds the drive as a whole."""
+    held_by_servo = motor_end is MotorEnd.FREE and physics.added.servo_stiffness != 0.0
+    return motor_end is not MotorEnd.CLAMPED and not held_by_servo and physics.added.guide_stiffness == 0.0
+
+
+def drive_modes(
+    physics: AxisPhysics,
+    conditions: Sequence[DriveConditions],
+    motor_ends: Sequence[MotorEnd],
+    highest_frequency: float,
+) -> DriveModes:
+    """Return undamped natural frequencies and poles of all elastic modes; arguments as ``natural_frequencies``."""
+    if not (math.isfinite(highest_frequency) and highest_frequency > 0.0):
+        raise OutsideValidityError(f"highest_frequency must be positive and finite; got {highest_frequency} Hz")
+    states, ends = axis_states(physics, condition_arrays(conditions)), end_masks(motor_ends)
+    undamped = _Drives(with_damping(physics, 0.0), states, ends)
+    omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency)
+    pole = omega.astype(np.complex128)
+    if with_damping(physics, 0.0) != physics:
+        pole = _damped(lambda share: _Drives(with_damping(physics, share), states, ends), pole, condition)
+    return DriveModes(condition, omega, 1j * pole)
+
+
+def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
+    """Return the axis with a share of each of its dampers and loss factors."""
+    joints, bodies, added = physics.joints, physics.bodies, physics.added
+    return replace(
+        physics,
+        joints=replace(
+            joints,
+            bearing_damping=share * joints.bearing_damping,
+            far_bearing_damping=share * joints.far_bearing_damping,
+            nut_damping=share * joints.nut_damping,
+            coupling_damping=share * joints.coupling_damping,
+            loss_factor=share * joints.loss_factor,
+        ),
+        bodies=replace(bodies, table_damping=share * bodies.table_damping, motor_damping=share * bodies.motor_damping),
+        added=replace(added, base_damping_ratio=share * added.base_damping_ratio),
+    )
+
+
+def _undamped(drives: _Drives, highest: float) -> tuple[FloatArray, Index]:
+    """Return the undamped natural frequencies in rad/s and the condition of each, both in order."""
+    poles, of_condition = _poles_of_parts(drives, highest)
+    numbers = np.arange(drives.states.position.size)
+    low_end, high_end = np.full(numbers.size, _LOWEST * highest), np.full(numbers.size, highest)
+    edges = np.r_[low_end, poles, high_end]
+    owner = np.r_[numbers, of_condition, numbers]
+    order = np.lexsort((edges, owner))
+    edges, owner = edges[order], owner[order]
+    inside = np.flatnonzero(owner[:-1] == owner[1:])  # an interval joins two edges of one condition
+    condition, first, last = owner[inside], edges[inside] == low_end[0], edges[inside + 1] == highest
+    low = np.where(first, edges[inside], edges[inside] * (1.0 + _APART))
+    high = np.maximum(np.where(last, edges[inside + 1], edges[inside + 1] * (1.0 - _APART)), low)
+
+    def undamped(omega: FloatArray, at: Index) -> FloatArray:
+        return np.real(characteristic(drives.parts(omega, at)))
+
+    at_low, at_high = undamped(low, condition), undamped(high, condition)
+    # no change of sign: the nut lies in a node of a mode of one part, which then is a mode of the drive as it stands
+    roots = np.where(np.abs(at_low) < np.abs(at_high), low, high)
+    passes = np.sign(at_low) * np.sign(at_high) < 0.0
+    roots[passes] = _zeros(undamped, low[passes], high[passes], condition[passes])
+    # between two poles there is one, before the first and behind the last only if R passes zero there
+    found = (~first | (_sum_of_parts(drives, low, condition) < 0.0)) & (
+        ~last | (_sum_of_parts(drives, high, condition) > 0.0)
+    )
+    roots, condition = roots[found], condition[found]
+    order = np.lexsort((roots, condition))
+    return roots[order], condition[order]
+
+
+def _sum_of_parts(drives: _Drives, omega: FloatArray, condition: Index) -> FloatArray:
+    """Return R = C + 1/Z of the undamped drive. [m/N]."""
+    path = path_of(drives.parts(omega, condition))
+    return np.asarray(np.real(path.compliance + 1.0 / path.table))
+
+
+def _poles_of_parts(drives: _Drives, highest: float) -> tuple[FloatArray, Index]:
+    """Return where screw, table or base alone would resonate, in rad/s, and the condition of each."""
+    screw, added = drives.physics.screw, drives.physics.added
+    slowness = math.sqrt(screw.axial_mass_share * screw.mass_per_length / screw.axial_rigidity) + math.sqrt(
+        screw.torsion_share * screw.torsional_inertia_share * screw.inertia_per_length / screw.torsional_rigidity
+    )
+    n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * highest * slowness * screw.length / math.pi))
+    grid = np.linspace(_LOWEST * highest, highest, n_lines)
+    n_conditions = drives.states.position.size
+    parts = drives.parts(np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines))
+    poles, owners = [np.zeros(0)], [np.zeros(0, dtype=np.intp)]
+    for name in ("axial", "torsion"):
+        negative = np.real(getattr(parts, name)).reshape(n_conditions, n_lines) < 0.0
+        condition, line = np.nonzero(negative[:, :-1] != negative[:, 1:])
+        poles.append(_zeros(_part(drives, name), grid[line], grid[line + 1], condition))
+        owners.append(condition)
+    lumped = [np.sqrt(max(added.guide_stiffness, 0.0) / drives.states.moving_mass)]
+    if added.base_compliance and math.isfinite(added.base_frequency):
+        lumped.append(np.full(n_conditions, 2.0 * math.pi * added.base_frequency))
+    for omega in lumped:
+        within = np.flatnonzero((omega > _LOWEST * highest) & (omega < highest))
+        poles.append(omega[within])
+        owners.append(within)
+    return np.concatenate(poles), np.concatenate(owners)
+
+
+def _part(drives: _Drives, name: str) -> Callable[[FloatArray, Index], FloatArray]:
+    return lambda omega, condition: np.real(getattr(drives.parts(omega, condition), name))
+
+
+def _zeros(
+    function: Callable[[FloatArray, Index], FloatArray], low: FloatArray, high: FloatArray, which: Index
+) -> FloatArray:
+    """Return the zero between each low and high, where the signs differ; ``function`` is given ``which`` too."""
+    found = scipy.optimize.elementwise.find_root(
+        function, (low, high), args=(which,), tolerances={"xrtol": 1e-15, "xatol": 0.0, "fatol": 0.0, "frtol": 0.0}
+    )
+    return np.asarray(found.x)
+
+
+def _damped(drives_with: Callable[[float], _Drives], omega: ComplexArray, condition: Index) -> ComplexArray:
+    """Follow the zeros from the undamped ones while damping grows, in steps so small that none takes another's place.
+
+    ``drives_with`` returns the drives with a share of their damping.
+    """
+    share, degree = 0.0, _LARGEST_DEGREE
+    while share < 1.0:
+        degree = min(degree, 1.0 - share)
+        after = _newton(drives_with(share + degree), omega, condition)
+        room = np.minimum(_room(omega, condition), _room(after, condition))
+        if np.all(np.abs(after - omega) <= room):  # not where it is nan
+            omega, share, degree = after, share + degree, min(2.0 * degree, _LARGEST_DEGREE)
+        elif degree > _SMALLEST_DEGREE:
+            degree *= 0.5
+        else:
+            lost = float(np.abs(omega[np.argmin(room - np.abs(after - omega))])) / (2.0 * math.pi)
+            raise OutsideValidityError(
+                f"the mode near {lost:.6g} Hz is damped so strongly that it ceases to oscillate or meets another one, "
+                f"at {share:.3%} of its damping; this model needs underdamped modes"
+            )
+    return omega
+
+
+def _room(omega: ComplexArray, condition: Index) -> FloatArray:
+    """Return how far each zero may move at once: of its distance to the next one, or to its mirror image, a part."""
+    apart = np.where(condition[:, None] == condition[None, :], np.abs(omega[:, None] - omega[None, :]), np.inf)
+    np.fill_diagonal(apart, 2.0 * omega.real)
+    return np.asarray(np.minimum(_FOLLOWED * np.min(apart, axis=1), _LARGEST_MOVE * np.abs(omega)))
+
+
+def _newton(drives: _Drives, start: ComplexArray, condition: Index) -> ComplexArray:
+    """Return the zeros of the characteristic function next to ``start``, by Newton's method on all; nan if none is."""
+    omega, three_times = start, np.tile(condition, 3)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a step that is too long may lead anywhere
+        for _ in range(_NEWTON_STEPS):
+            h = 1e-6 * np.abs(omega)
+            at = np.concatenate([omega, omega + h, omega - h])
+            here, above, below = np.split(characteristic(drives.parts(at, three_times)), 3)
+            step = here * 2.0 * h / (above - below)
+            omega = omega - step
+            if np.all(np.abs(step) < 1e-11 * np.abs(omega)):
+                return omega
+    return np.full_like(omega, np.nan)
+
+
+def _rigid(physics: AxisPhysics, motor_end: MotorEnd) -> tuple[NaturalFrequency, ...]:
+    return (NaturalFrequency(0.0, 0.0),) if has_rigid_body_mode(physics, motor_end) else ()
+
+
+def _sorted(poles: ComplexArray) -> tuple[NaturalFrequency, ...]:
+    return tuple(
+        NaturalFrequency(float(abs(s)) / (2.0 * math.pi), float((0.0 - s.real) / abs(s)))
+        for s in poles[np.argsort(np.abs(poles))]
+    )

@@ -1,0 +1,162 @@
+"""What the extended drive is made of: one record of an axis for all families, each extra with its null value.
+
+What the families disagree about is a number here: how much of the screw's mass and inertia is spread along it, how much
+its torsion gives. What none of them has stands in :class:`AddedPhysics` and is absent at its default.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields
+
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.parameters import transmission_ratio
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScrewPhysics:
+    """A uniform rod in tension and in torsion, with Tian's rigid pieces at the nut and at the coupling."""
+
+    length: float  # [m]
+    lead: float  # [m]
+    axial_rigidity: float  # E S [N]
+    mass_per_length: float  # [kg/m]
+    torsional_rigidity: float  # G J [N·m²]
+    inertia_per_length: float  # [kg·m]
+    axial_mass_share: float = 1.0  # of the mass that is spread along the rod; the rest moves with the table [-]
+    torsional_inertia_share: float = 1.0  # of the inertia that is spread; the rest turns with the motor end [-]
+    torsion_share: float = 1.0  # factor of the torsional compliance; 0: rigid in torsion [-]
+    far_end_held: bool = False  # Eq. (3) of Nguyen et al. (2018): torsional compliance (L − x)/L times what it is
+    nut_segment_mass: float = 0.0  # rigid piece inside the nut [kg]
+    nut_segment_inertia: float = 0.0  # [kg·m²]
+    motor_segment_inertia: float = 0.0  # rigid piece at the coupling [kg·m²]
+
+    def __post_init__(self) -> None:
+        _require_positive(
+            self, "length", "lead", "axial_rigidity", "mass_per_length", "torsional_rigidity", "inertia_per_length"
+        )
+        _require_not_negative(self, "torsion_share", "nut_segment_mass", "nut_segment_inertia", "motor_segment_inertia")
+        for name in ("axial_mass_share", "torsional_inertia_share"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise OutsideValidityError(f"{name} must lie within 0 and 1; got {getattr(self, name)}")
+
+    @property
+    def transmission_ratio(self) -> float:
+        """Travel per angle, i = lead/2π [m/rad]."""
+        return transmission_ratio(self.lead)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointPhysics:
+    """Springs and dampers between screw, table, motor and ground."""
+
+    bearing_stiffness: float  # [N/m]
+    nut_stiffness: float  # rigidity; K of the catalogue with a load rating [N/m]
+    coupling_stiffness: float  # [N·m/rad]
+    dynamic_load_rating: float | None = None  # C_d; with it the nut follows the preload [N]
+    far_bearing_stiffness: float = 0.0  # [N/m]
+    bracket_stiffness: float = math.inf  # in series with the nut [N/m]
+    bearing_damping: float = 0.0  # [N·s/m]
+    far_bearing_damping: float = 0.0  # [N·s/m]
+    nut_damping: float = 0.0  # beside the nut alone [N·s/m]
+    coupling_damping: float = 0.0  # [N·m·s/rad]
+    loss_factor: float = 0.0  # of all springs of this record [-]
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")
+        _require_not_negative(
+            self, "far_bearing_stiffness", "bearing_damping", "far_bearing_damping", "nut_damping", "coupling_damping",
+            "loss_factor",
+        )  # fmt: skip
+        if not self.bracket_stiffness > 0.0:
+            raise OutsideValidityError(f"bracket_stiffness must be positive; got {self.bracket_stiffness} N/m")
+        if self.dynamic_load_rating is not None:
+            _require_positive(self, "dynamic_load_rating")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyPhysics:
+    """Rigid bodies, and their dampers to ground."""
+
+    table_mass: float  # [kg]
+    nut_mass: float = 0.0  # moves with the table [kg]
+    rotor_inertia: float = 0.0  # motor and coupling [kg·m²]
+    table_damping: float = 0.0  # [N·s/m]
+    motor_damping: float = 0.0  # [N·m·s/rad]
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "table_mass")
+        _require_not_negative(self, "nut_mass", "rotor_inertia", "table_damping", "motor_damping")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedPhysics:
+    """What none of the published models has; every default is the value at which it is absent.
+
+    A value that goes with another (frequency and damping ratio of the base, of the mounting, of the second mode) is
+    without effect while that other one is null.
+    """
+
+    table_mass: float = 0.0  # on the table, unknown to the model [kg]
+    payload_error: float = 0.0  # true payload less the stated one, wherever one is stated [kg]
+    series_compliance: float = 0.0  # in the force path, with the loss factor of the joints [m/N]
+    guide_stiffness: float = 0.0  # table to ground [N/m]
+    guide_friction: float = 0.0  # Coulomb friction F_c of the guides [N]
+    servo_stiffness: float = 0.0  # rotor to ground, where the rotor takes part [N·m/rad]
+    base_compliance: float = 0.0  # of what the reaction of the force path pushes [m/N]
+    base_frequency: float = math.inf  # of its mass on that spring; infinite: massless [Hz]
+    base_damping_ratio: float = 0.0  # [-]
+    preload_exponent_change: float = 0.0  # δ in rigidity ∝ preload^(1/3 + δ), K unchanged at 0.1 C_d [-]
+    thermal_preload: float = 0.0  # preload per temperature deviation [N/K]
+    periodic_preload_cosine: float = 0.0  # relative amplitude over one lead, cos 2πx/lead of the stated position [-]
+    periodic_preload_sine: float = 0.0  # [-]
+    position_offset: float = 0.0  # true position less the stated one [m]
+    torque_delay: float = 0.0  # by which a torque acts later than it is recorded [s]
+    mounting_inverse_square: float = 0.0  # 1/(2πf)² of the accelerometer on its mounting [s²]
+    mounting_damping_ratio: float = 0.0  # [-]
+    cubic_nut_stiffness: float = 0.0  # β in nut force = k(1 + β δ²) δ [1/m²]
+    second_mode_residue: float = 0.0  # φ² of one more mode, driven and seen at the table [1/kg]
+    second_mode_frequency: float = 0.0  # [Hz]
+    second_mode_damping_ratio: float = 0.0  # [-]
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not math.isfinite(value) and item.name != "base_frequency":
+                raise OutsideValidityError(f"{item.name} must be finite; got {value}")
+        _require_not_negative(
+            self, "guide_friction", "base_compliance", "base_damping_ratio", "mounting_inverse_square",
+            "mounting_damping_ratio", "second_mode_damping_ratio",
+        )  # fmt: skip
+        if not self.base_frequency > 0.0:
+            raise OutsideValidityError(f"base_frequency must be positive; got {self.base_frequency} Hz")
+        if self.second_mode_residue and not self.second_mode_frequency > 0.0:
+            raise OutsideValidityError(
+                f"second_mode_frequency must be positive where the mode has a residue; got {self.second_mode_frequency}"
+                " Hz"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisPhysics:
+    """An axis: its screw, its joints, its bodies, and what is added to them."""
+
+    screw: ScrewPhysics
+    joints: JointPhysics
+    bodies: BodyPhysics
+    added: AddedPhysics = field(default_factory=AddedPhysics)
+
+
+def _require_positive(record: object, *names: str) -> None:
+    for name, value in _values(record, names):
+        if not (math.isfinite(value) and value > 0.0):
+            raise OutsideValidityError(f"{name} must be positive and finite; got {value}")
+
+
+def _require_not_negative(record: object, *names: str) -> None:
+    for name, value in _values(record, names):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise OutsideValidityError(f"{name} must be finite and not negative; got {value}")
+
+
+def _values(record: object, names: Iterable[str]) -> Iterable[tuple[str, float]]:
+    return ((name, getattr(record, name)) for name in names)

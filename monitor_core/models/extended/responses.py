@@ -1,0 +1,71 @@
+"""Responses of the extended drive on prepared lines."""
+
+import numpy as np
+
+from monitor_core.arrays import ComplexArray
+from monitor_core.models.extended.amplitude import linearise
+from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
+from monitor_core.models.extended.conditions import axis_states
+from monitor_core.models.extended.lines import PreparedLines
+from monitor_core.models.extended.physics import AxisPhysics
+
+
+def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
+    """Return the response per unit excitation of every line.
+
+    Parameters
+    ----------
+    physics : AxisPhysics
+    lines : PreparedLines
+        From ``prepare_lines``.
+
+    Returns
+    -------
+    ndarray, shape (n_lines,)
+        In the unit that excitation and response of the line's case make, such as m/(N·m·s²).
+
+    Raises
+    ------
+    OutsideValidityError
+        If the physics does not go with a condition (position off the screw, preload and load rating, no mass left), or
+        friction holds the table.
+    """
+    states = axis_states(physics, lines.conditions).at(lines.case)
+    path = path_of(entire_parts(physics, lines.omega, states, lines.ends))
+    path = linearise(path, physics, lines, states)
+    values = _displacements(path, lines)
+    _add_second_mode(values, physics, lines)
+    values[lines.acceleration] *= -(lines.omega[lines.acceleration] ** 2)
+    _through_the_channels(values, physics, lines)
+    return values
+
+
+def _displacements(path: Path, lines: PreparedLines) -> ComplexArray:
+    """Return displacement or angle per unit excitation."""
+    drive = receptances_of(path)
+    values = np.where(lines.table_per_force, drive.table_per_force, drive.table_per_torque)
+    values[lines.angle_per_torque] = drive.angle_per_torque[lines.angle_per_torque]
+    return values
+
+
+def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
+    """Add one modal term to the displacement of the table; a torque drives it as the force torque/i."""
+    added = physics.added
+    if added.second_mode_residue:
+        at = lines.at_table
+        omega, natural = lines.omega[at], 2.0 * np.pi * added.second_mode_frequency
+        term = added.second_mode_residue / (
+            natural**2 - omega**2 + 2j * added.second_mode_damping_ratio * natural * omega
+        )
+        values[at] += np.where(lines.by_torque[at], 1.0 / physics.screw.transmission_ratio, 1.0) * term
+
+
+def _through_the_channels(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
+    """Let a torque act late and an accelerometer resonate on its mounting."""
+    added = physics.added
+    if added.torque_delay:
+        values *= np.where(lines.by_torque, np.exp(-1j * added.torque_delay * lines.omega), 1.0)
+    if added.mounting_inverse_square:
+        at = lines.acceleration
+        ratio = lines.omega[at] * np.sqrt(added.mounting_inverse_square)
+        values[at] /= 1.0 - ratio**2 + 2j * added.mounting_damping_ratio * ratio
