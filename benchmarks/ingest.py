@@ -158,7 +158,10 @@ class Service:
     def _receive(self, enough: Callable[[bytes], bool]) -> bytes:
         received = b""
         while not enough(received):
-            received += self._socket.recv(65536)
+            chunk = self._socket.recv(65536)
+            if not chunk:
+                raise ConnectionError("the service closed the connection")
+            received += chunk
         return received
 
     def prepare(self, axis: str, document: dict[str, Any]) -> None:

@@ -35,6 +35,7 @@ def modes_to_monitor(
     frequencies: tuple[float, float],
     *,
     relative_frequency_uncertainty: float = MONITORED_UNCERTAINTY,
+    motor_end: MotorEnd = MotorEnd.FREE,
 ) -> tuple[Detectability, ...]:
     """Rank the peaks of the table's receptance by the smallest loss of preload that they show.
 
@@ -48,6 +49,8 @@ def modes_to_monitor(
         Lowest and highest frequency that is measured. [Hz]
     relative_frequency_uncertainty : float
         Standard uncertainty of one monitored frequency over the frequency. [-]
+    motor_end : MotorEnd
+        While it is monitored.
 
     Returns
     -------
@@ -57,7 +60,7 @@ def modes_to_monitor(
     peaks = [
         peak
         for one in {each.position: each for each in conditions}.values()
-        for peak in peak_sensitivities(axis, [one], bands_at(axis, one, frequencies))
+        for peak in peak_sensitivities(axis, [one], bands_at(axis, one, frequencies, motor_end), motor_end=motor_end)
     ]
     return rank_modes_to_monitor(peaks, {peak.mode: relative_frequency_uncertainty for peak in peaks})
 

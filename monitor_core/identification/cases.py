@@ -1,7 +1,8 @@
 """What was measured as cases: peaks or whole responses at positions, of which any can be left out and predicted."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,10 +17,18 @@ from monitor_core.identification.modal_problem import (
     modal_problem,
     mode_bands,
     paper_objective,
+    relative_amplitude_uncertainty,
+    relative_frequency_uncertainty,
 )
-from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.identification.mode_tracks import track_modes
+from monitor_core.identification.observations import (
+    AssignedPeak,
+    FrequencyResponseObservation,
+    ModalObservation,
+    conditions_in_order,
+)
 from monitor_core.identification.peaks import Band
-from monitor_core.identification.planning import planned_peaks, planned_responses
+from monitor_core.identification.planning import planned_peaks
 from monitor_core.identification.priors import with_priors
 from monitor_core.identification.problem import Problem
 from monitor_core.identification.response_problem import ResidualForm, response_problem
@@ -27,6 +36,8 @@ from monitor_core.models.protocol import DriveConditions
 
 #: Positions that peaks are needed at: one position fits its own peaks with joints that fail elsewhere.
 POSITIONS_OF_PEAKS = 2
+#: Relative uncertainty of an amplitude that nobody reads: so large that it says nothing.
+_NOT_READ = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +61,15 @@ class Case(Protocol):
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:
         """Of each datum."""
+        ...
+
+    @property
+    def priors(self) -> FloatArray | None:
+        """What is known of the coordinates beforehand, from :func:`relative_priors`."""
+        ...
+
+    def with_priors(self, priors: FloatArray) -> "Case":
+        """Return the case with other priors."""
         ...
 
     def problem(self, positions: Collection[float]) -> Problem:
@@ -86,6 +106,10 @@ class PeakCase:
         """Of each peak."""
         return tuple(one.observation.conditions for one in self.assignment.peaks)
 
+    def with_priors(self, priors: FloatArray) -> "PeakCase":
+        """Return the case with other priors."""
+        return replace(self, priors=priors)
+
     def problem(self, positions: Collection[float]) -> Problem:
         """Return relative errors of the peaks at these positions, weighted."""
         return with_priors(self._problem(positions, self.weighting, POSITIONS_OF_PEAKS), self.priors)
@@ -112,12 +136,29 @@ class PeakCase:
     def planned(
         self, coordinates: FloatArray, conditions: Sequence[DriveConditions]
     ) -> tuple[tuple[DriveConditions, FloatArray], ...]:
-        """Return the Jacobian of the peaks that would be read."""
-        return planned_peaks(self.joints, coordinates, conditions, self.bands)
+        """Return the Jacobian of the peaks that would be read, as certain as those measured are in the median."""
+        of_frequency, of_amplitude = self._uncertainties()
+        return planned_peaks(
+            self.joints,
+            coordinates,
+            conditions,
+            self.bands,
+            relative_frequency_uncertainty=of_frequency,
+            relative_amplitude_uncertainty=of_amplitude,
+        )
 
     def paper_objective(self, coordinates: FloatArray, positions: Collection[float]) -> float:
         """Return y of Eq. (26) as printed, for comparison [-]."""
         return paper_objective(self._problem(positions, Weighting.UNIT, 1, minimum_data=1), coordinates)
+
+    def _uncertainties(self) -> tuple[float, float]:
+        """Return what errors of a frequency and of an amplitude are divided by, in the median [-]."""
+        peaks = [one.observation for one in self.assignment.peaks]
+        with_amplitude = [one for one in peaks if one.amplitude is not None]
+        if self.weighting is Weighting.UNIT:
+            return 1.0, 1.0 if with_amplitude else _NOT_READ
+        of_amplitude = [relative_amplitude_uncertainty(one) for one in with_amplitude] or [_NOT_READ]
+        return float(np.median([relative_frequency_uncertainty(one) for one in peaks])), float(np.median(of_amplitude))
 
     def _problem(
         self,
@@ -150,6 +191,10 @@ class ResponseCase:
         """Of each response."""
         return tuple(one.conditions for one in self.observations)
 
+    def with_priors(self, priors: FloatArray) -> "ResponseCase":
+        """Return the case with other priors."""
+        return replace(self, priors=priors)
+
     def problem(self, positions: Collection[float]) -> Problem:
         """Return complex differences over the noise."""
         return with_priors(response_problem(self.joints, self._at(positions)), self.priors)
@@ -171,10 +216,16 @@ class ResponseCase:
     def planned(
         self, coordinates: FloatArray, conditions: Sequence[DriveConditions]
     ) -> tuple[tuple[DriveConditions, FloatArray], ...]:
-        """Return the Jacobian of responses over the lines, and with the relative noise, of those measured."""
-        noise = [float(np.median(one.standard_deviation / np.abs(one.response))) for one in self.observations]
-        lines = self.observations[0].frequency
-        return planned_responses(self.joints, coordinates, conditions, lines, relative_noise=float(np.median(noise)))
+        """Return the Jacobian of responses like the first one, with the median of the relative noise of all."""
+        first = self.observations[0]
+        noise = float(np.median([np.median(o.standard_deviation / np.abs(o.response)) for o in self.observations]))
+        planned = []
+        for one in conditions:
+            there = replace(first, conditions=one)
+            (response,) = response_problem(self.joints, [there]).predict(coordinates)
+            expected = replace(there, response=response, standard_deviation=noise * np.abs(response))
+            planned.append((one, response_problem(self.joints, [expected]).jacobian(coordinates)))
+        return tuple(planned)
 
     def _at(self, positions: Collection[float]) -> tuple[FrequencyResponseObservation, ...]:
         return tuple(one for one in self.observations if one.conditions.position in positions)
@@ -196,7 +247,7 @@ def peak_case(
         Its axis says where the modes lie, as far as the joints are known.
     observations : sequence of ModalObservation
     bands : mapping of int to Band, optional
-        Where the peak of each mode is looked for; by default around the measured ones.
+        Where the peak of each mode is looked for; by default around the measured ones, between the other modes.
     weighting : Weighting
     priors : ndarray, shape (2, n_parameters), optional
         Of the coordinates, from :func:`relative_priors`.
@@ -209,7 +260,24 @@ def peak_case(
         If modes change places along the screw, so that no band holds one of them alone.
     """
     assignment = assign_modes(joints.axis, observations)
-    return PeakCase(joints, assignment, mode_bands(assignment.peaks) if bands is None else bands, weighting, priors)
+    if bands is None:
+        bands = _bands_between_modes(joints, assignment.peaks)
+    return PeakCase(joints, assignment, bands, weighting, priors)
+
+
+def _bands_between_modes(joints: JointCoordinates, peaks: Sequence[AssignedPeak]) -> dict[int, Band]:
+    """Return a band for each measured mode, up to half way to modes of the model that nobody measured too."""
+    conditions = conditions_in_order(one.observation for one in peaks)
+    measured = {one.mode for one in peaks}
+    columns = enumerate(track_modes(joints.axis, conditions).frequency.T.tolist(), start=1)
+    others = [frequency for mode, column in columns if mode not in measured for frequency in column]
+    bands = {}
+    for mode, band in mode_bands(peaks).items():
+        own = [one.observation.frequency for one in peaks if one.mode == mode]
+        lower = max([band.lower, *(math.sqrt(min(own) * other) for other in others if other < min(own))])
+        upper = min([band.upper, *(math.sqrt(max(own) * other) for other in others if other > max(own))])
+        bands[mode] = Band(lower, upper)
+    return bands
 
 
 def positions_of(case: Case) -> tuple[float, ...]:

@@ -22,6 +22,8 @@ _POLISHING_ROUNDS = 20
 #: Relative singular value of the column-scaled Jacobian below which nothing is known along a direction. The variance
 #: there is finite, so that it drops out of what does not depend on it, and is larger than any that is of use.
 _UNSEEN = 1e-10
+#: As near to a bound as this, in parts of the width of the bounds (or of the coordinate), is at it.
+_AT_BOUND = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +138,7 @@ def fit_local(problem: Problem, bounds: Bounds, start: FloatArray, settings: Fit
         )
     except np.linalg.LinAlgError as error:
         raise OutsideValidityError(f"the Jacobian cannot be decomposed on the way from this start: {error}") from error
-    return _polished(objective, bounds, np.clip(found.x, bounds.lower, bounds.upper))
+    return _polished(objective, bounds, _onto_bounds(np.clip(found.x, bounds.lower, bounds.upper), bounds))
 
 
 class _Objective:
@@ -203,6 +205,7 @@ def _polished(objective: _Objective, bounds: Bounds, coordinates: FloatArray) ->
     variance = objective.variance(residuals)
     rounding = bool((np.abs(step) <= 1e-10 * np.abs(coordinates)).all())  # residuals of 0 have no scale of their own
     names = objective.problem.names
+    near = _AT_BOUND * np.minimum(bounds.upper - bounds.lower, np.maximum(1.0, np.abs(coordinates)))
     return LocalFit(
         names=names,
         coordinates=VectorEstimate(
@@ -214,8 +217,8 @@ def _polished(objective: _Objective, bounds: Bounds, coordinates: FloatArray) ->
         jacobian=jacobian,
         chi_squared=float(residuals @ residuals),
         residual_variance=variance,
-        at_lower=tuple(np.array(names)[coordinates == bounds.lower].tolist()),
-        at_upper=tuple(np.array(names)[coordinates == bounds.upper].tolist()),
+        at_lower=tuple(np.array(names)[coordinates - bounds.lower <= near].tolist()),
+        at_upper=tuple(np.array(names)[bounds.upper - coordinates <= near].tolist()),
         expected_decrease=decrease,
         converged=decrease <= CONVERGED_BELOW * variance or rounding,
         n_evaluations=objective.n_evaluations,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 
@@ -161,11 +161,17 @@ def assess(
     """
     thresholds = thresholds or Thresholds()
     judged = partial(judge, problem, bounds, fit, thresholds=thresholds, level=level)
-    coordinates = tuple(map_function(judged, range(len(fit.names))))
+    pairs = inseparable_pairs(fit, thresholds.inseparable)
+    in_pairs = {name for pair in pairs for name in (pair.first, pair.second)}
+    beyond = fit.coordinates.standard_uncertainties > bounds.upper - bounds.lower
+    coordinates = tuple(
+        _anywhere(one, bounds, i) if beyond[i] and one.name in in_pairs else one
+        for i, one in enumerate(map_function(judged, range(len(fit.names))))
+    )
     return Identifiability(
         coordinates=coordinates,
         correlations=correlations(fit),
-        pairs=inseparable_pairs(fit, thresholds.inseparable),
+        pairs=pairs,
         directions=directions(fit, bounds, thresholds),
         better_exists=any(one.profile is not None and one.profile.undercut > 0.01 for one in coordinates),
     )
@@ -241,6 +247,15 @@ def judge(
         at_bound=name in (*fit.at_lower, *fit.at_upper),
         verdict=thresholds.verdict(math.inf if is_open else (stated.upper - stated.lower) / (2.0 * factor)),
     )
+
+
+def _anywhere(one: CoordinateJudgement, bounds: Bounds, index: int) -> CoordinateJudgement:
+    """Take back an interval where two coordinates are one to the data, as springs in series are.
+
+    The profile stays on its own side of such a ridge: that they may change places, no local step finds.
+    """
+    interval = Interval(float(bounds.lower[index]), float(bounds.upper[index]), one.linear.kind, one.linear.level)
+    return replace(one, linear=interval, profile=None, verdict=Verdict.NOT_DETERMINED)
 
 
 def _linear_holds(curve: Profile, linear: Interval, uncertainty: float, factor: float) -> bool:

@@ -1,19 +1,23 @@
 """Joints of an axis from measurements at several positions: search, fit, verdicts, and errors on what was held out."""
 
+import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from scipy import special
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.cases import Case, PredictionError, positions_of, require_positions
 from monitor_core.identification.fit import FitSettings, LocalFit, fit_local
-from monitor_core.identification.identifiability import Identifiability, assess
+from monitor_core.identification.identifiability import Identifiability, Verdict, assess
 from monitor_core.identification.problem import Bounds
 from monitor_core.identification.search import MapFunction, Search, SearchCancelledError, SearchSettings, search
 
 #: Below this probability the residuals are larger than the stated uncertainties allow, and their scatter is used.
 LACK_OF_FIT = 1e-3
+#: Scatter and fit depend on each other where there are priors; after so many rounds neither changes any more.
+_ROUNDS_OF_SCALE = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,7 @@ class Identification:
     held_out: tuple[PredictionError, ...]  # at positions that played no part in the fit they are judged by
     seed: int  # of the search
     leave_one_out: bool  # ``held_out`` comes from as many fits as there are positions, each without one
+    not_held_out: tuple[float, ...]  # positions that cannot be left out: what remains determines no joints [m]
 
     @property
     def worst_held_out(self) -> PredictionError | None:
@@ -88,7 +93,6 @@ def identify(
     settings = settings or IdentificationSettings()
     require_positions(case, hold_out)
     trained_on = tuple(one for one in positions_of(case) if one not in hold_out)
-    problem = case.problem(trained_on)
     steps = _Steps(len(bounds.lower) + len(trained_on), progress, cancelled)
     fit_settings = FitSettings(uncertainties_stated=settings.uncertainties_stated)
     found = search(
@@ -101,21 +105,27 @@ def identify(
         progress=steps.of_search,
         cancelled=cancelled,
     )
-    fit = fit_local(problem, bounds, found.best.coordinates.values, fit_settings)
+    fit = fit_local(case.problem(trained_on), bounds, found.best.coordinates.values, fit_settings)
     lacks_fit = settings.uncertainties_stated and _lacks_fit(fit)
     if lacks_fit:
         fit_settings = replace(fit_settings, uncertainties_stated=False)
-        fit = fit_local(problem, bounds, fit.coordinates.values, fit_settings)
+    if not fit_settings.uncertainties_stated:
+        case = _with_priors_on_the_scale_of_the_data(case, bounds, fit, fit_settings, trained_on)
+        fit = fit_local(case.problem(trained_on), bounds, fit.coordinates.values, fit_settings)
+    problem = case.problem(trained_on)
     _require_something_inside(fit)
     steps.next(0)
     judged = assess(problem, bounds, fit, map_function=map_function)
+    if lacks_fit:
+        judged = _less_than_determined(judged)
     steps.next(len(bounds.lower))
+    cannot: tuple[float, ...] = ()
     if hold_out:
         held_out = case.prediction_errors(fit.coordinates.values, hold_out)
     else:
-        held_out = _leave_one_out(case, bounds, fit, fit_settings, steps)
+        held_out, cannot = _leave_one_out(case, bounds, fit, fit_settings, steps)
     steps.finish()
-    return Identification(fit, found, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out)
+    return Identification(fit, found, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot)
 
 
 def _lacks_fit(fit: LocalFit) -> bool:
@@ -123,6 +133,33 @@ def _lacks_fit(fit: LocalFit) -> bool:
     if fit.degrees_of_freedom < 1:
         return False
     return float(special.gammaincc(fit.degrees_of_freedom / 2.0, fit.chi_squared / 2.0)) < LACK_OF_FIT
+
+
+def _with_priors_on_the_scale_of_the_data(
+    case: Case, bounds: Bounds, fit: LocalFit, settings: FitSettings, positions: tuple[float, ...]
+) -> Case:
+    """Make a prior worth what it says beside data whose residuals are in another unit.
+
+    All residuals are divided by their common scatter s in the end. A prior is known in units of its own uncertainty, so
+    that is divided by s beforehand.
+    """
+    if case.priors is None:
+        return case
+    scaled = case
+    for _ in range(_ROUNDS_OF_SCALE):
+        scale = math.sqrt(fit.residual_variance)
+        scaled = case.with_priors(case.priors / np.array([[1.0], [scale]]))
+        fit = fit_local(scaled.problem(positions), bounds, fit.coordinates.values, settings)
+    return scaled
+
+
+def _less_than_determined(judged: Identifiability) -> Identifiability:
+    """Call nothing determined where the model misses the data: what it leaves out is in no interval."""
+    coordinates = tuple(
+        replace(one, verdict=Verdict.POORLY_DETERMINED) if one.verdict is Verdict.DETERMINED else one
+        for one in judged.coordinates
+    )
+    return replace(judged, coordinates=coordinates)
 
 
 def _require_something_inside(fit: LocalFit) -> None:
@@ -136,19 +173,21 @@ def _require_something_inside(fit: LocalFit) -> None:
 
 def _leave_one_out(
     case: Case, bounds: Bounds, fit: LocalFit, settings: FitSettings, steps: "_Steps"
-) -> tuple[PredictionError, ...]:
-    """Predict each position from a fit to the others; empty where too few others remain."""
+) -> tuple[tuple[PredictionError, ...], tuple[float, ...]]:
+    """Predict each position from a fit to the others; where these are too few, name it instead."""
     errors: list[PredictionError] = []
+    cannot: list[float] = []
     positions = positions_of(case)
     for left_out in positions:
         others = [one for one in positions if one != left_out]
         try:
             without = fit_local(case.problem(others), bounds, fit.coordinates.values, settings)
         except (NotIdentifiableError, OutsideValidityError):
-            return ()
+            cannot.append(left_out)
+            continue
         errors += case.prediction_errors(without.coordinates.values, [left_out])
         steps.next(1)
-    return tuple(errors)
+    return tuple(errors), tuple(cannot)
 
 
 class _Steps:

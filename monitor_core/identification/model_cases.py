@@ -1,7 +1,7 @@
 """What was measured as cases for a model of any family; of the receptance family ``cases`` knows more."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from monitor_core.identification.problem import Problem
 from monitor_core.identification.response_problem import ResidualForm
 from monitor_core.models.protocol import DriveConditions
 
-#: By how much a natural frequency may lie off the model as stated: a bracket printed ten times low takes a third.
+#: By how much a natural frequency may lie off the model as stated: one joint ten times too soft takes a third off it.
 LARGEST_SHIFT = 0.8
 
 
@@ -31,11 +31,16 @@ class FrequencyCase:
 
     drive: ModelCoordinates
     peaks: tuple[AssignedPeak, ...]
+    priors: FloatArray | None = None  # of the coordinates, from :func:`relative_priors`
 
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:
         """Of each frequency."""
         return tuple(one.observation.conditions for one in self.peaks)
+
+    def with_priors(self, priors: FloatArray) -> "FrequencyCase":
+        """Return the case with other priors."""
+        return replace(self, priors=priors)
 
     def problem(self, positions: Collection[float]) -> Problem:
         """Return logarithmic errors of the frequencies at these positions, over their uncertainties."""
@@ -44,7 +49,7 @@ class FrequencyCase:
                 f"joints must be identified from frequencies at {POSITIONS_OF_PEAKS} positions at least; got "
                 f"{len(positions)}"
             )
-        return with_priors(natural_frequency_problem(self.drive, self._at(positions)), self.drive.priors)
+        return with_priors(natural_frequency_problem(self.drive, self._at(positions)), self.priors)
 
     def search_problem(self, positions: Collection[float]) -> Problem:
         """Return the same: errors of frequencies can be followed from afar."""
@@ -88,11 +93,16 @@ class ModelResponseCase:
 
     drive: ModelCoordinates
     observations: tuple[FrequencyResponseObservation, ...]
+    priors: FloatArray | None = None  # of the coordinates, from :func:`relative_priors`
 
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:
         """Of each response."""
         return tuple(one.conditions for one in self.observations)
+
+    def with_priors(self, priors: FloatArray) -> "ModelResponseCase":
+        """Return the case with other priors."""
+        return replace(self, priors=priors)
 
     def problem(self, positions: Collection[float]) -> Problem:
         """Return complex differences over the noise."""
@@ -128,7 +138,7 @@ class ModelResponseCase:
         return tuple(planned)
 
     def _problem(self, positions: Collection[float], form: ResidualForm) -> Problem:
-        return with_priors(model_response_problem(self.drive, self._at(positions), form=form), self.drive.priors)
+        return with_priors(model_response_problem(self.drive, self._at(positions), form=form), self.priors)
 
     def _at(self, positions: Collection[float]) -> tuple[FrequencyResponseObservation, ...]:
         return tuple(one for one in self.observations if one.conditions.position in positions)
@@ -149,4 +159,4 @@ def frequency_case(drive: ModelCoordinates, observations: Sequence[ModalObservat
         If a frequency is next to no mode, or two under one condition to the same.
     """
     peaks = assign_by_frequency(drive.build(drive.start), observations, largest_shift=LARGEST_SHIFT)
-    return FrequencyCase(drive, peaks)
+    return FrequencyCase(drive, peaks, drive.priors)

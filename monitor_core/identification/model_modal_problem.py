@@ -188,8 +188,8 @@ def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, larges
     for one, distance in zip(here, away, strict=True):
         if distance.min() > math.log1p(largest_shift):
             raise NotIdentifiableError(
-                f"a peak must lie within {largest_shift:.0%} of an elastic mode of the model; {one.name} is nearest "
-                f"to one at {elastic[distance.argmin()]:.0f} Hz"
+                f"a peak must lie within a factor of {1.0 + largest_shift:g} of an elastic mode of the model; "
+                f"{one.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
             )
     rows, columns = linear_sum_assignment(away**2)
     placed = dict(zip(rows.tolist(), columns.tolist(), strict=True))

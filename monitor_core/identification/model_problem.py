@@ -52,9 +52,21 @@ def require_seen(drive: ModelCoordinates, jacobian: FloatArray) -> None:
     NotIdentifiableError
         If there is one.
     """
-    slopes: FloatArray = np.linalg.norm(jacobian, axis=0)
-    for name, slope in zip(drive.free, slopes, strict=True):
-        if slope <= _FLAT * slopes.max() and name not in drive.uncertain:
+    for name in unseen(drive, jacobian):
+        if name not in drive.uncertain:
             raise NotIdentifiableError(
                 f"{name} moves no datum and has no prior uncertainty; measure what depends on it, or do not free it"
             )
+
+
+def unseen(drive: ModelCoordinates, jacobian: FloatArray) -> tuple[str, ...]:
+    """Return the free parameters that no datum moves with.
+
+    Parameters
+    ----------
+    drive : ModelCoordinates
+    jacobian : ndarray, shape (n_residuals, n_parameters)
+        At the model as stated.
+    """
+    slopes: FloatArray = np.linalg.norm(jacobian, axis=0)
+    return tuple(name for name, slope in zip(drive.free, slopes, strict=True) if slope <= _FLAT * slopes.max())

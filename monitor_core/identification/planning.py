@@ -1,17 +1,13 @@
-"""What a measurement that has not been made would say: Jacobians of planned peaks and planned responses."""
+"""What peaks that have not been measured would say: their Jacobians."""
 
 from collections.abc import Mapping, Sequence
-
-import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.identification.coordinates import JointCoordinates
 from monitor_core.identification.modal_problem import AMPLITUDE_UNCERTAINTY, FREQUENCY_UNCERTAINTY, modal_problem
-from monitor_core.identification.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
+from monitor_core.identification.observations import AssignedPeak, ModalObservation
 from monitor_core.identification.peaks import Band, Place, find_peaks, peak_grid
-from monitor_core.identification.response_problem import response_problem
-from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd
-from monitor_core.models.receptance.closed_form import position_terms, table_receptance
+from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 
 def planned_peaks(
@@ -63,37 +59,4 @@ def planned_peaks(
                 joints, expected, bands=bands, minimum_positions=0, minimum_data=1, motor_end=motor_end
             )
             planned.append((one, problem.jacobian(coordinates)))
-    return tuple(planned)
-
-
-def planned_responses(
-    joints: JointCoordinates,
-    coordinates: FloatArray,
-    conditions: Sequence[DriveConditions],
-    frequency: FloatArray,
-    *,
-    relative_noise: float,
-) -> tuple[tuple[DriveConditions, FloatArray], ...]:
-    """Return for each position the Jacobian of the receptance that would be measured, for ``rank_next_positions``.
-
-    Parameters
-    ----------
-    joints : JointCoordinates
-    coordinates : ndarray, shape (n_parameters,)
-        Of the fit.
-    conditions : sequence of DriveConditions
-        Where one could measure.
-    frequency : ndarray, shape (n_frequencies,)
-        [Hz]
-    relative_noise : float
-        Standard deviation of real and of imaginary part over |H|. [-]
-    """
-    planned = []
-    for one in conditions:
-        terms = position_terms(joints.axis, 2.0 * np.pi * np.asarray(frequency), one)
-        response = table_receptance(terms, joints.joints(coordinates, one))
-        expected = FrequencyResponseObservation(
-            one, frequency, response, relative_noise * np.abs(response), ExcitationPoint.FORCE_AT_TABLE
-        )
-        planned.append((one, response_problem(joints, [expected]).jacobian(coordinates)))
     return tuple(planned)

@@ -55,7 +55,7 @@ class IdentificationIn(BaseModel):
         },
     )
 
-    model: Annotated[str, Field(max_length=20_000, description="drive model as TOML, of family receptance")]
+    model: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
     measurements: MeasurementRange | None = None
     peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
     hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(

@@ -36,7 +36,7 @@ from service.operations.predicted_calibration import PredictionRequest
 @click.option(
     "--limit", "limits", type=(str, float, float), multiple=True, metavar="NAME LOW HIGH",
     help="Of a free joint, such as nut_stiffness_n_per_m 1e8 3e9; by default 30 (damping: 100) times less and more "
-    "than the model states.",
+    "than a receptance model states, decades for other families.",
 )  # fmt: skip
 @click.option(
     "--objective", type=click.Choice(list(OBJECTIVES)), default="weighted", show_default=True,
@@ -100,6 +100,9 @@ def identify(
         seed=seed,
         prediction=prediction,
     )
+    for path in (out, calibration_out):
+        if path is not None and not path.parent.is_dir():
+            raise click.UsageError(f"{path} is to be written into a folder that is there; {path.parent} is none")
     with _mapping(workers) as map_function, _watched(data.name) as progress:
         document = identify_joints(request, map_function=map_function, progress=progress)
     if out is not None:
@@ -115,7 +118,10 @@ def identify(
 def _measured(
     data: Path, band_hz: tuple[float, float] | None
 ) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
-    if data.name.endswith(".frf.h5"):
+    is_frf_set = data.name.endswith(".frf.h5")
+    if band_hz is not None and (is_frf_set or not is_session(data)):
+        raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
+    if is_frf_set:
         return read_frf_set(data).observations
     if is_session(data):
         judged = judge_session(data, axis_settings(band_hz))

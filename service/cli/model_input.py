@@ -18,7 +18,7 @@ class NumbersCommand(click.Command):
         repeatable = {
             name
             for option in self.params
-            if isinstance(option, click.Option) and option.multiple
+            if isinstance(option, click.Option) and option.multiple and option.nargs == 1
             for name in option.opts
         }
         return super().parse_args(ctx, list(_repeated(args, repeatable)))

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor_core.identification.advice import next_positions
 from monitor_core.identification.cases import Case, PeakCase, PredictionError, ResponseCase
-from monitor_core.identification.identifiability import CoordinateJudgement, Identifiability, Verdict
+from monitor_core.identification.identifiability import CoordinateJudgement, Verdict
 from monitor_core.identification.identify import Identification
 from monitor_core.identification.model_cases import ModelResponseCase
 from monitor_core.identification.sensitivity import Detectability
@@ -19,6 +19,8 @@ _UNITS = {name_in_file(word.name): word.unit for word in PARAMETERS}
 _NUT = "nut_stiffness_n_per_m"
 #: Relative standard uncertainty up to which a sum is worth stating beside parts that are not told apart.
 _WELL_KNOWN = 0.1
+#: Share of the starts that must reach the optimum, or it is not to be relied on.
+_LEAST_AGREEMENT = 1.0 / 3.0
 
 
 def identification_document(
@@ -37,14 +39,15 @@ def identification_document(
         [m]
     """
     judged = dict(zip(found.fit.names, names, strict=True))
+    relied_on = found.search.agreement() >= _LEAST_AGREEMENT
     inseparable = {name for pair in found.judged.pairs for name in (pair.first, pair.second)}
     return {
         "parameters": {judged[one.name]: _parameter(one, judged[one.name]) for one in found.judged.coordinates},
         "identifiable": {
-            judged[one.name]: one.verdict is not Verdict.NOT_DETERMINED and one.name not in inseparable
+            judged[one.name]: relied_on and one.verdict is not Verdict.NOT_DETERMINED and one.name not in inseparable
             for one in found.judged.coordinates
         },
-        "not_identifiable": _sentences(found.judged, judged),
+        "not_identifiable": _sentences(found, judged),
         "sums": _sums(found, judged),
         "correlations": {"names": list(names), "matrix": found.judged.correlations.tolist()},
         "objective": _objective(case, found),
@@ -72,8 +75,9 @@ def _power(logarithm: float) -> float:
     return float(10.0 ** np.clip(logarithm, -300.0, 300.0))
 
 
-def _sentences(judged: Identifiability, names: Mapping[str, str]) -> list[str]:
+def _sentences(found: Identification, names: Mapping[str, str]) -> list[str]:
     """Say what the data do not determine: single joints, pairs, and directions."""
+    judged, agreement = found.judged, found.search.agreement()
     sentences = [
         f"{names[one.name]} is not determined by these data" + (": it ended at its limit" if one.at_bound else "")
         for one in judged.coordinates
@@ -83,6 +87,15 @@ def _sentences(judged: Identifiability, names: Mapping[str, str]) -> list[str]:
         f"{names[pair.first]} and {names[pair.second]} are not told apart: their correlation is {pair.correlation:.3f}"
         for pair in judged.pairs
     ]
+    if agreement < _LEAST_AGREEMENT:
+        sentences.append(
+            f"only {agreement:.0%} of the starts reached this optimum: another seed may find a better one, and "
+            "nothing of this one is to be relied on"
+        )
+    if found.lack_of_fit:
+        sentences.append(
+            "the model misses the data by more than their uncertainties; no interval holds what it leaves out"
+        )
     if judged.better_exists:
         sentences.append("a better fit exists than the search found: search again with another seed")
     return sentences
@@ -99,11 +112,14 @@ def _sums(found: Identification, names: Mapping[str, str]) -> list[dict[str, Any
         values = 10.0 ** fit.coordinates.values[places]
         gradient = np.zeros(len(fit.names))
         gradient[places] = np.log(10.0) * values
+        value, uncertainty = float(values.sum()), fit.standard_uncertainty_of(gradient)
+        if uncertainty > _WELL_KNOWN * value:
+            continue
         sums.append(
             {
                 "of": [names[pair.first], names[pair.second]],
-                "value": float(values.sum()),
-                "standard_uncertainty": fit.standard_uncertainty_of(gradient),
+                "value": value,
+                "standard_uncertainty": uncertainty,
                 "unit": _UNITS[names[pair.first]],
             }
         )
@@ -138,6 +154,7 @@ def _held_out(found: Identification) -> dict[str, Any] | None:
         "quantity": "frequency of the peak" if worst.mode is not None else "ln of the response, root mean square",
         "worst_percent": 100.0 * abs(worst.relative_error),
         "errors": [_prediction_error(one) for one in found.held_out],
+        "not_held_out_mm": [to_millimetres(one) for one in found.not_held_out],
     }
 
 

@@ -6,6 +6,8 @@ from concurrent.futures import ProcessPoolExecutor
 from datetime import datetime
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.protocol import DriveConditions
@@ -72,7 +74,8 @@ class Identifications:
                 job.report(done, total, {})
 
         # In a process of its own: searching would keep the interpreter from everything that comes in meanwhile.
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(1, spawn, initializer=threadpool_limits, initargs=(1,)) as pool:
             document = identify_joints(request, map_function=pool.map, progress=progress)
         job.report(steps, steps, finite_or_null(document))
 

@@ -20,13 +20,16 @@ from monitor_core.identification.coordinates import JointCoordinates
 from monitor_core.identification.identify import Identification, IdentificationSettings, identify
 from monitor_core.identification.modal_problem import Weighting
 from monitor_core.identification.model_cases import ModelResponseCase, frequency_case
-from monitor_core.identification.model_coordinates import joint_coordinates
+from monitor_core.identification.model_coordinates import ModelCoordinates, joint_coordinates
+from monitor_core.identification.model_modal_problem import NaturalFrequencyProblem
+from monitor_core.identification.model_problem import unseen
+from monitor_core.identification.model_response_problem import ModelResponseProblem
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.identification.priors import relative_priors
 from monitor_core.identification.problem import Bounds
 from monitor_core.identification.search import MapFunction
 from monitor_core.models.parameters import name_in_file
-from monitor_core.models.protocol import DriveModel
+from monitor_core.models.protocol import DriveModel, MotorEnd, motor_end_of
 from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
 from monitor_core.models.receptance.parameters import JOINT_NAMES
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text
@@ -63,6 +66,7 @@ class _Subject:
     model_at: Callable[[FloatArray], DriveModel]  # from coordinates
     names: tuple[str, ...]  # of the free parameters, in files
     stated: bool  # whether the data state their uncertainties
+    unseen: tuple[str, ...] = ()  # parameters that would be free if anything measured moved with them
 
 
 def identify_joints(
@@ -88,11 +92,13 @@ def identify_joints(
         progress=progress,
     )
     values = (10.0**found.fit.coordinates.values).tolist()
-    model = replace(
-        request.model, parameters={**request.model.parameters, **dict(zip(subject.names, values, strict=True))}
-    )
+    parameters = {**request.model.parameters, **dict(zip(subject.names, values, strict=True))}
+    model = replace(request.model, parameters=parameters, uncertain={})  # what was uncertain rests on these data now
     screw_length = model.parameters["screw_length_m"]
     document = identification_document(found, subject.case, subject.names, screw_length)
+    document["not_identifiable"] += [
+        f"{name} moves nothing that was measured, and stays as the model states it" for name in subject.unseen
+    ]
     return document | {
         "modes_to_monitor": _modes_to_monitor(model, subject.case, request),
         "calibration": _calibration(request, subject, found),
@@ -108,17 +114,48 @@ def require_identifiable(request: IdentificationRequest) -> None:
 
 
 def _subject(request: IdentificationRequest) -> _Subject:
+    if request.model.effects:  # a fit that left them out in silence would be of another axis
+        raise NotIdentifiableError(
+            f"joints are identified in a model without effects; got the effect {next(iter(request.model.effects))!r}"
+        )
     peaks = tuple(one for one in request.measured if isinstance(one, ModalObservation))
     responses = tuple(one for one in request.measured if isinstance(one, FrequencyResponseObservation))
-    stated = all(one.frequency_uncertainty is not None for one in peaks) and request.weighting is not Weighting.UNIT
+    stated = request.weighting is not Weighting.UNIT and all(_states_its_uncertainties(one) for one in peaks)
+    if request.weighting is Weighting.UNIT and (responses or request.model.family != _RECEPTANCE):
+        raise NotIdentifiableError(
+            "Eq. (26) compares peaks with a model of the receptance family; got "
+            + ("whole responses" if responses else f"a {request.model.family} model")
+        )
     if request.model.family == _RECEPTANCE:
         return _receptance_subject(request, peaks, responses, stated)
     drive = joint_coordinates(request.model.family, request.model.parameters, request.model.uncertain)
+    free = tuple(request.model.uncertain) or drive.free
     if peaks:
-        drive = replace(drive, free=tuple(name for name in drive.free if _moves_frequencies(name, request.model)))
+        free = tuple(name for name in free if _moves_frequencies(name, request.model))
+    drive = replace(drive, free=free)
+    unseen = _unseen(drive, peaks, responses)
+    drive = replace(
+        drive,
+        free=tuple(name for name in free if name not in unseen),
+        uncertain={name: share for name, share in drive.uncertain.items() if name not in unseen},
+    )
     bounds = drive.bounds(_known_limits(request, drive.free))
     case = ModelResponseCase(drive, responses) if responses else frequency_case(drive, peaks)
-    return _Subject(case, bounds, drive.build, drive.free, stated)
+    return _Subject(case, bounds, drive.build, drive.free, stated, unseen)
+
+
+def _unseen(
+    drive: ModelCoordinates,
+    peaks: tuple[ModalObservation, ...],
+    responses: tuple[FrequencyResponseObservation, ...],
+) -> tuple[str, ...]:
+    """Return what does not move the data at all, as a coupling behind a measured torque; not all of it, though."""
+    if responses:
+        jacobian = ModelResponseProblem(drive, responses).jacobian(drive.start)
+    else:
+        jacobian = NaturalFrequencyProblem(drive, frequency_case(drive, peaks).peaks).jacobian(drive.start)
+    names = unseen(drive, jacobian)
+    return names if len(names) < len(drive.free) else ()
 
 
 def _receptance_subject(
@@ -131,6 +168,9 @@ def _receptance_subject(
     model = request.model
     axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
     present = [name for name in JOINT_NAMES if getattr(axis, name) > 0.0]
+    foreign = sorted(set(model.uncertain) - {name_in_file(name) for name in present})
+    if foreign:
+        raise NotIdentifiableError(f"in a receptance model the joints it states can be uncertain; got {foreign[0]}")
     uncertain = {name: model.uncertain[name_in_file(name)] for name in present if name_in_file(name) in model.uncertain}
     joints = JointCoordinates(axis, tuple(uncertain or present))
     in_file = {name: name_in_file(name) for name in joints.free}
@@ -156,6 +196,11 @@ def _calibration(request: IdentificationRequest, subject: _Subject, found: Ident
     measured = positions_of(subject.case)
     span = measured[0], measured[-1]
     return predicted_calibration(request.prediction, subject.model_at, found.fit.coordinates, span)
+
+
+def _states_its_uncertainties(one: ModalObservation) -> bool:
+    amplitude_counts = one.amplitude is not None and one.amplitude_uncertainty is None
+    return one.frequency_uncertainty is not None and not amplitude_counts
 
 
 def _moves_frequencies(name: str, model: DriveModelFile) -> bool:
@@ -185,7 +230,16 @@ def _modes_to_monitor(model: DriveModelFile, case: Case, request: Identification
     if model.family != _RECEPTANCE:
         return []
     axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
-    return modes_to_monitor_document(modes_to_monitor(axis, case.conditions, _measured_range(request)))
+    first = request.measured[0]
+    end = _motor_end(first)
+    return modes_to_monitor_document(modes_to_monitor(axis, case.conditions, _measured_range(request), motor_end=end))
+
+
+def _motor_end(one: ModalObservation | FrequencyResponseObservation) -> MotorEnd:
+    """Return what held the motor end while it was measured; peaks are those of a force at the table of a free drive."""
+    return (
+        motor_end_of(one.excitation, MotorEnd.FREE) if isinstance(one, FrequencyResponseObservation) else MotorEnd.FREE
+    )
 
 
 def _measured_range(request: IdentificationRequest) -> tuple[float, float]:

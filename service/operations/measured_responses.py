@@ -11,6 +11,10 @@ from monitor_core.models.protocol import DriveConditions, ExcitationPoint, Respo
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.modal_csv import ModalRow
 from monitor_core.spectral.coherence import random_error, significance_level
+from monitor_core.spectral.spectra import Taper
+
+#: Every which line is independent of the others: a Hann window correlates neighbours by 2/3 and the next by 1/6.
+STRIDE: dict[Taper, int] = {"hann": 3, "rectangular": 1}
 
 
 def modal_observation(row: ModalRow) -> ModalObservation:
@@ -29,7 +33,8 @@ def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[Freque
     r"""Return the averaged responses of measurements with the noise of their lines.
 
     The standard deviation of real and of imaginary part of H1 is :math:`|H| \sqrt{(1 - \gamma^2)/(2 n \gamma^2)}`
-    (Bendat and Piersol, Random Data, Eq. 9.90); lines whose coherence could be chance are left out.
+    (Bendat and Piersol, Random Data, Eq. 9.90). Lines whose coherence could be chance are left out, and so are those
+    that a taper ties to their neighbours: the rest are independent.
 
     Parameters
     ----------
@@ -42,16 +47,22 @@ def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[Freque
     NotIdentifiableError
         If there is none.
     """
-    observations = tuple(_response(one) for one in measurements)
+    observations = tuple(response for one in measurements if (response := _response(one)) is not None)
     if not observations:
-        raise NotIdentifiableError("joints need measurements that can be judged; every one was refused")
+        raise NotIdentifiableError(
+            "joints need measurements that can be judged and lines whose coherence is no chance; got none of both"
+        )
     return observations
 
 
-def _response(one: ModalMeasurement) -> FrequencyResponseObservation:
+def _response(one: ModalMeasurement) -> FrequencyResponseObservation | None:
     frf = one.frequency_response
-    coherence = np.ones(frf.frequency.size) if frf.coherence is None else np.asarray(frf.coherence)
-    seen = (coherence > significance_level(frf.n_averages)) & (coherence < 1.0)
+    if frf.coherence is None:
+        return None
+    coherence = np.asarray(frf.coherence)
+    seen = np.flatnonzero((coherence > significance_level(frf.n_averages)) & (coherence < 1.0))[:: STRIDE[one.taper]]
+    if seen.size == 0:
+        return None
     error = random_error(coherence[seen], frf.n_averages)
     return FrequencyResponseObservation(
         _conditions(one.conditions),

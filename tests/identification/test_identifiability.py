@@ -277,3 +277,29 @@ def test_verdict_is_that_of_the_thresholds() -> None:
     fit = fit_local(design, everywhere(1), np.zeros(1))
     (judged,) = assess(design, everywhere(1), fit, Thresholds(determined=0.2, not_determined=0.4)).coordinates
     assert judged.verdict is Verdict.DETERMINED
+
+
+class Springs:
+    """Compliances in series, read as their sum: 1/k1 + 1/k2 = 2 ± 0.01, and 1/k3 = 1 ± 0.01 beside it."""
+
+    names = ("k1", "k2", "k3")
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        c = 10.0**-x
+        return np.array([c[0] + c[1] - 2.0, c[0] + c[1] - 2.0, c[2] - 1.0, c[2] - 1.0]) / 0.01
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        c = -math.log(10.0) * 10.0**-x / 0.01
+        return np.array([[c[0], c[1], 0.0], [c[0], c[1], 0.0], [0.0, 0.0, c[2]], [0.0, 0.0, c[2]]])
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (-0.28, 1.5, 0.0), (1.5, -0.28, 0.0)])
+def test_springs_in_series_are_anywhere_on_their_ridge(start: tuple[float, ...]) -> None:
+    # k1 and k2 may be exchanged without any reading noticing: no interval on one side of the ridge covers
+    bounds = Bounds(np.full(3, -2.0), np.full(3, 2.0))
+    fit = fit_local(Springs(), bounds, np.array(start))
+    known = assess(Springs(), bounds, fit)
+    for one in known.coordinates[:2]:
+        assert one.verdict is Verdict.NOT_DETERMINED
+        assert (one.interval.lower, one.interval.upper) == (-2.0, 2.0)
+    assert known.coordinates[2].verdict is Verdict.DETERMINED

@@ -7,18 +7,21 @@ import pytest
 from scipy import stats
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.identification.cases import ResponseCase
 from monitor_core.identification.coordinates import JointCoordinates
 from monitor_core.identification.modal_problem import modal_problem
 from monitor_core.identification.mode_tracks import track_modes
+from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.identification.peaks import Place, find_peaks, peak_grid
-from monitor_core.identification.planning import planned_peaks, planned_responses
+from monitor_core.identification.planning import planned_peaks
 from monitor_core.identification.sensitivity import (
     PeakSensitivity,
     peak_sensitivities,
     rank_modes_to_monitor,
     rank_next_positions,
 )
-from monitor_core.models.protocol import DriveConditions
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.models.receptance import ReceptanceModel
 from tests.identification import tian
 
 #: The joints that Tian's peaks give (weighted, three positions).
@@ -136,10 +139,19 @@ def test_far_side_of_the_screw_tells_the_bearings_apart():
 
 def test_planned_responses_know_more_than_planned_peaks():
     frequency = np.linspace(10.0, 1000.0, 800)
-    by_peaks, by_lines = (
-        planned_peaks(JOINTS, AT, PLACES[:3], tian.BANDS),
-        planned_responses(JOINTS, AT, PLACES[:3], frequency, relative_noise=0.05),
+    response = (
+        ReceptanceModel(IDENTIFIED)
+        .frequency_response(
+            frequency,
+            PLACES[0],
+            excitation=ExcitationPoint.FORCE_AT_TABLE,
+            response=ResponsePoint.DISPLACEMENT_AT_TABLE,
+        )
+        .response
     )
+    measured = FrequencyResponseObservation(PLACES[0], frequency, response, 0.05 * np.abs(response))
+    by_peaks = planned_peaks(JOINTS, AT, PLACES[:3], tian.BANDS)
+    by_lines = ResponseCase(JOINTS, (measured,)).planned(AT, PLACES[:3])
     known = [np.linalg.inv(np.sum([j.T @ j for _, j in one], axis=0)) for one in (by_peaks, by_lines)]
     assert np.all(np.diag(known[1]) < np.diag(known[0]))
 

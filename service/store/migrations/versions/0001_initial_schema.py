@@ -126,6 +126,7 @@ def upgrade() -> None:
         sa.Column("received_at", sa.DateTime(), nullable=False),
         sa.Column("content_sha256", sa.String(length=64), nullable=False),
         sa.Column("file_path", sa.String(length=400), nullable=False),
+        sa.Column("file_sha256", sa.String(length=64), nullable=False),
         sa.Column("index_in_file", sa.Integer(), nullable=False),
         sa.Column("refusal_reason", sa.String(length=40), nullable=True),
         sa.Column("refusal_detail", sa.String(length=500), nullable=True),
