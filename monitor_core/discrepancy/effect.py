@@ -5,6 +5,7 @@ other. At the null values of its parameters it changes nothing.
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,6 +15,13 @@ from monitor_core.errors import OutsideValidityError
 
 #: What an effect is added to: the physics of an axis, or the forces of a rigid one in motion.
 Physics = TypeVar("Physics")
+
+_KEY = re.compile(r"[a-z0-9-]+(:[a-z0-9_]+)?", re.ASCII)
+
+
+def _always(_physics: object) -> bool:
+    """Apply to every axis."""
+    return True
 
 
 class ConditionAxis(StrEnum):
@@ -31,7 +39,11 @@ class ConditionAxis(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """One quantity of an effect, by its name in files."""
+    """One quantity of an effect, by its name in files.
+
+    A quantity that goes with another one, such as the frequency of an added mode with its residue, is without effect
+    while that other one is null; its own null is then where a search begins.
+    """
 
     name: str  # ends with the unit, as in files: stiffness_n_per_m
     unit: str  # "-" where it has none
@@ -59,25 +71,49 @@ class Effect(Generic[Physics]):
     source: str  # where the formula comes from
     parameters: tuple[EffectParameter, ...]
     add: Callable[[Physics, Mapping[str, float]], Physics]  # values by the names of the parameters
-    needs: frozenset[ConditionAxis] = frozenset()  # what has to vary, or nothing of it is seen
-    applies: Callable[[Physics], bool] = lambda _physics: True  # whether the axis has what it acts on
+    needs: frozenset[ConditionAxis] = frozenset()  # what has to vary, or the effect is not seen as such
+    applies: Callable[[Physics], bool] = _always  # whether the axis has what it acts on
+
+    def __post_init__(self) -> None:
+        if not _KEY.fullmatch(self.key):
+            raise OutsideValidityError(
+                f"the key of an effect must be of lower-case letters, digits and dashes; got {self.key!r}"
+            )
+        names = [one.name for one in self.parameters]
+        if not names or len(set(names)) < len(names):
+            raise OutsideValidityError(
+                f"the effect {self.key} needs parameters with different names; got {', '.join(names) or 'none'}"
+            )
 
     def added_to(self, physics: Physics, values: Mapping[str, float]) -> Physics:
         """Return the axis with the effect.
 
+        Values beyond the plausible range are taken: whether to believe them is for whoever fitted them.
+
         Raises
         ------
         OutsideValidityError
-            If a value is missing, not of this effect, or no axis could have it.
+            If a value is missing, not of this effect or not finite, if no axis could have it, or if the effect does
+            not apply to this axis.
         """
         expected = [one.name for one in self.parameters]
         if set(values) != set(expected):
             raise OutsideValidityError(
                 f"the effect {self.key} has the parameters {', '.join(expected)}; got {', '.join(values) or 'none'}"
             )
+        for one in self.parameters:
+            if not math.isfinite(values[one.name]):
+                raise OutsideValidityError(
+                    f"the effect {self.key}: {one.name} must be finite; got {values[one.name]} {one.unit}"
+                )
         if not self.applies(physics):
-            raise OutsideValidityError(f"the effect {self.key} acts on something that this axis does not have")
-        return self.add(physics, values)
+            raise OutsideValidityError(
+                f"the effect {self.key} does not apply: this axis lacks what it acts on, or has the effect already"
+            )
+        try:
+            return self.add(physics, values)
+        except OutsideValidityError as error:
+            raise OutsideValidityError(f"the effect {self.key}: {error}") from error
 
     def null_values(self) -> dict[str, float]:
         """Return the values at which nothing is changed."""

@@ -18,11 +18,14 @@ Unknown entries are refused, and so is anything that is not a finite number wher
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.effects import DRIVE_EFFECTS, with_effects
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.models.extended import AxisPhysics, ExtendedModel
 from monitor_core.models.families import build_model, family_named
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.fields import Fields
@@ -42,19 +45,23 @@ class DriveModelFile:
     uncertain: Mapping[str, float] = field(default_factory=dict)  # relative standard deviation [-]
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by key; values by names with units
 
-    def build(self) -> DriveModel:
-        """Return the model.
+    def build(self, effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveModel:
+        """Return the model: that of the family, or with effects the extended drive with them added in their order.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            What the keys of the file may mean: the table of the product, or with a user's own.
 
         Raises
         ------
         OutsideValidityError
-            If an effect is part of it, since this version knows none; or as :func:`build_model` says.
+            If an effect is unknown, or does not fit the axis or its values; or as :func:`build_model` says.
         """
-        if self.effects:
-            raise OutsideValidityError(
-                f"the model contains the effect {next(iter(self.effects))!r}; none is known here"
-            )
-        return build_model(self.family, self.parameters)
+        family_model = build_model(self.family, self.parameters)
+        if not self.effects:
+            return family_model
+        return with_effects(ExtendedModel.of(family_model.parameters), self.effects, effects)
 
 
 def read_model_file(path: Path) -> DriveModelFile:

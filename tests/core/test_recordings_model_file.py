@@ -1,11 +1,14 @@
 """Drive-model files: what is written is read back, and what does not fit is refused with one sentence."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import FAMILIES
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text, read_model_file, write_model_file
 from tests.conftest import PROJECT_ROOT
 
@@ -62,10 +65,58 @@ def test_uncertain_parameters_and_effects_are_kept_as_read(tmp_path):
     assert model.effects == {"far-bearing-stiffness": {"stiffness_n_per_m": 3.8e7}, "wrong-parameter:x": {}}
 
 
-def test_a_model_with_an_effect_is_not_built():
+WITH_EFFECTS = DriveModelFile(
+    "hybrid",
+    HYBRID.parameters,
+    effects={
+        "added-mass": {"mass_kg": 1.0},
+        "second-mode": {"residue_per_kg": 1e-3, "frequency_hz": 300.0, "damping_ratio": 0.02},
+        "wrong-parameter:nut_stiffness_n_per_m": {"ln_ratio": -0.3},
+    },
+)
+
+
+def accelerance(model, **conditions):
+    return model.frequency_response(
+        np.geomspace(10.0, 800.0, 60),
+        DriveConditions(0.3, **conditions),
+        excitation=ExcitationPoint.TORQUE_AT_MOTOR,
+        response=ResponsePoint.ACCELERATION_AT_TABLE,
+    ).response
+
+
+def test_effects_of_the_file_are_part_of_the_model():
+    heavier = DriveModelFile("hybrid", HYBRID.parameters, effects={"added-mass": {"mass_kg": 1.0}}).build()
+    stated = ExtendedModel.of(HYBRID.build().parameters)
+    np.testing.assert_allclose(accelerance(heavier), accelerance(stated, payload_mass=1.0), rtol=1e-12)
+
+
+def test_a_model_with_effects_predicts_the_same_after_a_round_trip(tmp_path):
+    write_model_file(tmp_path / "copy.toml", WITH_EFFECTS)
+    copy = read_model_file(tmp_path / "copy.toml").build()
+    np.testing.assert_array_equal(accelerance(copy), accelerance(WITH_EFFECTS.build()))
+    assert not np.allclose(accelerance(copy), accelerance(HYBRID.build()), rtol=1e-2)
+
+
+BAD_EFFECTS = {
+    "unknown": ({"mass": {"mass_kg": 1.0}}, "one of added-mass, payload-mass, "),
+    "unknown, with a list": ({"mass": {"mass_kg": 1.0}}, "second-mode, wrong-parameter:<parameter>; got 'mass'"),
+    "unknown value": ({"added-mass": {"mass": 1.0}}, "added-mass has the parameters mass_kg; got mass"),
+    "no value": ({"added-mass": {}}, "added-mass has the parameters mass_kg; got none"),
+    "no such thing": ({"preload-exponent": {"exponent_change": 0.1}}, "preload-exponent does not apply"),
+    "not possible": ({"guide-friction": {"friction_n": -1.0}}, "guide-friction: guide_friction must be finite and not"),
+    "wrong of nothing": ({"wrong-parameter:nut_mass_kg": {"ln_ratio": 0.1}}, "; got 'nut_mass_kg'"),
+    "wrong of zero": ({"wrong-parameter:table_damping_ns_per_m": {"ln_ratio": 0.1}}, "states and that is not zero: "),
+}
+
+
+@pytest.mark.parametrize("what", BAD_EFFECTS)
+def test_an_effect_that_does_not_fit_gets_one_sentence(what):
+    effects, sentence = BAD_EFFECTS[what]
     with pytest.raises(OutsideValidityError) as caught:
-        DriveModelFile("hybrid", HYBRID.parameters, effects={"added-mass": {"mass_kg": 1.0}}).build()
-    assert str(caught.value) == "the model contains the effect 'added-mass'; none is known here"
+        DriveModelFile("hybrid", HYBRID.parameters, effects=effects).build()
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def without(name):

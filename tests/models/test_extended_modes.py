@@ -265,3 +265,20 @@ def test_misfit_with_bracket_and_far_bearing_fitted(misfit) -> None:
     )  # fmt: skip
     assert 10.0 ** found.x[1] == pytest.approx(2.1e7, rel=0.02)
     assert found.fun == pytest.approx(3.70, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        {"guide_friction": 3.0},
+        {"cubic_nut_stiffness": 1e8},
+        {"torque_delay": 1e-4},
+        {"mounting_inverse_square": 1e-8},
+        {"second_mode_residue": 0.1, "second_mode_frequency": 400.0},
+    ],
+)
+def test_what_no_mode_holds_is_not_left_out_of_modes_in_silence(added) -> None:
+    model = ExtendedModel.of(bundled("hybrid").parameters)
+    changed = replace(model, physics=add(model.physics, **added))
+    with pytest.raises(OutsideValidityError, match=f"modes of the drive hold no {next(iter(added))}"):
+        changed.normal_modes(DriveConditions(0.3))

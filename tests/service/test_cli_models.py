@@ -159,12 +159,12 @@ def test_simulate_does_what_its_options_say(preload: Any, tmp_path: Path) -> Non
         ('family = "hybrid"\n[parameters]\n', "a hybrid model needs table_mass_kg"),
         ('family = "hybrid"\n[parameters]\ntable_mass_kg = true\n', "expected a number [SI]; got bool True"),
         ('family = "hybrid"\n[motor]\n', "got 'motor'"),
-        ("EFFECT", "bad.toml: the model contains the effect 'added-mass'; none is known here"),
+        ("EFFECT", "the key of an effect must be one of"),
     ],
 )
 def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, text: str, words: str) -> None:
     if text == "EFFECT":
-        text = (MODELS / "hybrid.toml").read_text(encoding="utf-8") + "[effects.added-mass]\nmass_kg = 1\n"
+        text = (MODELS / "hybrid.toml").read_text(encoding="utf-8") + "[effects.heavier]\nmass_kg = 1\n"
     bad, out = tmp_path / "bad.toml", tmp_path / "out.h5"
     bad.write_text(text, encoding="utf-8")
     more = ("--position-mm", 300) if command == "modes" else ("--out", out)

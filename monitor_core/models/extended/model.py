@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.closed_form import Values, entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.families import paper_motor_end, physics_of
@@ -29,6 +30,11 @@ from monitor_core.response import FrequencyResponse
 
 #: Points on the circle around a pole; what the neighbours add falls with their power of the radius over the distance.
 _CIRCLE = 16
+
+#: What is added to responses, but is no property of a mode: see :class:`AddedPhysics`.
+_NOT_IN_MODES = (
+    "guide_friction", "cubic_nut_stiffness", "torque_delay", "mounting_inverse_square", "second_mode_residue",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +91,18 @@ class ExtendedModel:
         return natural_frequencies(self.physics, [conditions], [end], self.highest_frequency)[0]
 
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
-        """Return the undamped modes for small signals, each with the damping ratio of its pole."""
+        """Return the undamped modes for small signals, each with the damping ratio of its pole.
+
+        Raises
+        ------
+        OutsideValidityError
+            If something is added that no mode of the drive holds: friction, hardening, delay, mounting, another mode.
+        """
+        beside = [name for name in _NOT_IN_MODES if getattr(self.physics.added, name)]
+        if beside:
+            raise OutsideValidityError(
+                f"modes of the drive hold no {beside[0]}; use its frequency response, or leave that effect out"
+            )
         end = motor_end or paper_motor_end(self.parameters)
         modes = drive_modes(self.physics, [conditions], [end], self.highest_frequency)
         table, motor, across = self._residues(modes.undamped_omega, conditions, end)

@@ -1,0 +1,25 @@
+"""Loss factor of the joints."""
+
+from collections.abc import Mapping
+
+from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.discrepancy.effects.changes import changed_joints
+from monitor_core.models.extended import AxisPhysics
+
+
+def _add(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+    return changed_joints(axis, loss_factor=axis.joints.loss_factor + values["loss_factor"])
+
+
+LOSS_FACTOR = Effect(
+    key="loss-factor",
+    name="Loss factor of the joints",
+    physics=(
+        "Every spring of a joint loses a share of its energy in each cycle, at any frequency. Peaks become lower "
+        "and wider; natural frequencies hardly move."
+    ),
+    source="Sun et al. (2022), section 3: k (1 + jη)",
+    parameters=(EffectParameter("loss_factor", "-", lower=0.0, upper=0.5, scale=0.02),),
+    add=_add,
+    needs=frozenset({ConditionAxis.FREQUENCY}),
+)

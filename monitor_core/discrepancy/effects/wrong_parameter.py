@@ -1,0 +1,114 @@
+r"""A declared parameter that is not what the file says.
+
+The effect stands for building the family's model with another value p·exp(ln_ratio). What the model is made of, E S,
+rotor inertia and so on, changes as it does between the two: a property of the screw by the ratio, since it is a product
+of such parameters, and a joint or a body by the difference, since bodies and effects add to it. So wrong parameters
+compose with each other and with effects to what the model would be with all of them, in any order.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from functools import partial
+
+from monitor_core.discrepancy.effect import Effect, EffectParameter
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended import AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics, physics_of
+from monitor_core.models.parameters import DriveParameters, name_in_file, unit_of
+
+_Record = ScrewPhysics | JointPhysics | BodyPhysics
+
+PREFIX = "wrong-parameter:"
+_WIDE = 3.0
+#: Beyond it any parameter is out of the range of its record.
+_LARGEST_LN_RATIO = 200.0
+#: A loss factor or another pure number cannot exceed what the parameters' record takes.
+_HIGHEST_PURE_NUMBER = 0.9
+
+
+def wrong_parameter(name: str, parameters: DriveParameters) -> Effect[AxisPhysics]:
+    """Return the effect that one parameter of an axis has another value.
+
+    Parameters
+    ----------
+    name : str
+        As in files, such as ``bearing_stiffness_n_per_m``.
+    parameters : DriveParameters
+        Of the axis, as declared.
+
+    Returns
+    -------
+    Effect
+        Its parameter is ``ln_ratio``, true over declared value. The range is that of a misprint; what is tolerance is
+        for the caller to say.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the axis does not state this parameter, or states it as zero, of which there is no ratio.
+    """
+    stated = _stated(parameters)
+    if name not in stated:
+        raise OutsideValidityError(
+            f"{PREFIX} must be followed by a parameter that the axis states and that is not zero: "
+            f"{', '.join(stated)}; got {name!r}"
+        )
+    field = stated[name]
+    value = getattr(parameters, field)
+    highest = min(_WIDE, math.log(_HIGHEST_PURE_NUMBER / value)) if unit_of(field) == "-" else _WIDE
+    return Effect(
+        key=f"{PREFIX}{name}",
+        name=f"Wrong {name}",
+        physics="The declared value is a misprint or another part was built in; it acts wherever the model uses it.",
+        source="no source: the model's own equations with another value",
+        parameters=(EffectParameter("ln_ratio", "-", lower=-_WIDE, upper=highest, scale=min(0.1, highest)),),
+        add=partial(_add, parameters, field),
+    )
+
+
+def wrong_parameters(parameters: DriveParameters) -> tuple[Effect[AxisPhysics], ...]:
+    """Return the effect of each parameter that an axis states and that is not zero."""
+    return tuple(wrong_parameter(name, parameters) for name in _stated(parameters))
+
+
+def _add(parameters: DriveParameters, field: str, axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+    ln_ratio = values["ln_ratio"]
+    if abs(ln_ratio) > _LARGEST_LN_RATIO:
+        raise OutsideValidityError(f"ln_ratio must lie within ±{_LARGEST_LN_RATIO:g}; got {ln_ratio:g}")
+    true = replace(parameters, **{field: getattr(parameters, field) * math.exp(ln_ratio)})
+    return _carried_over(axis, physics_of(parameters), physics_of(true))
+
+
+def _stated(parameters: DriveParameters) -> dict[str, str]:
+    """Return the fields that have a ratio, by their names in files."""
+    values = parameters.to_file_names()
+    names = {name_in_file(item.name): item.name for item in fields(parameters)}
+    return {name: names[name] for name, value in values.items() if value > 0.0}
+
+
+def _carried_over(axis: AxisPhysics, declared: AxisPhysics, true: AxisPhysics) -> AxisPhysics:
+    """Return the axis changed as the model changes from the declared to the true parameters."""
+    screw = {
+        name: getattr(axis.screw, name) * (after / before)
+        for name, before, after in _differing(declared.screw, true.screw)
+    }
+    joints = {
+        name: getattr(axis.joints, name) + (after - before)
+        for name, before, after in _differing(declared.joints, true.joints)
+    }
+    bodies = {
+        name: getattr(axis.bodies, name) + (after - before)
+        for name, before, after in _differing(declared.bodies, true.bodies)
+    }
+    return replace(
+        axis,
+        screw=replace(axis.screw, **screw),
+        joints=replace(axis.joints, **joints),
+        bodies=replace(axis.bodies, **bodies),
+    )
+
+
+def _differing(declared: _Record, true: _Record) -> list[tuple[str, float, float]]:
+    """Return name and both values of the fields in which two records of one kind differ."""
+    pairs = ((item.name, getattr(declared, item.name), getattr(true, item.name)) for item in fields(declared))
+    return [(name, before, after) for name, before, after in pairs if before != after]

@@ -1,0 +1,75 @@
+"""Effects of a user's own: a Python file that defines ``EFFECTS``.
+
+.. code-block:: python
+
+    from dataclasses import replace
+
+    from monitor_core.discrepancy.effect import Effect, EffectParameter
+
+
+    def _add(axis, values):
+        bodies = replace(axis.bodies, rotor_inertia=axis.bodies.rotor_inertia + values["inertia_kg_m2"])
+        return replace(axis, bodies=bodies)
+
+
+    EFFECTS = (
+        Effect(
+            key="handwheel",
+            name="Handwheel at the motor",
+            physics="It turns with the rotor.",
+            source="no source: a rigid body in rotation",
+            parameters=(EffectParameter("inertia_kg_m2", "kg·m²", lower=0.0, upper=0.1, scale=1e-4),),
+            add=_add,
+        ),
+    )
+
+The file is run: it can do whatever its owner's account may do.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from monitor_core.discrepancy.effect import Effect
+from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.recordings.files import read_text, refusing
+
+
+def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
+    """Run a Python file and return the effects that it defines; the module's text shows one.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    tuple of Effect
+        Its ``EFFECTS``, at least one. Whether an effect fits an axis shows when it is added to one.
+
+    Raises
+    ------
+    RecordingFormatError
+        If it is no Python, fails as it is run, or ``EFFECTS`` is missing or anything but effects with keys of their
+        own: one sentence names the file.
+    """
+    text = read_text(path)
+    namespace: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    try:
+        with refusing(path.name, "a Python file of effects"):
+            exec(compile(text, path.name, "exec"), namespace)  # noqa: S102 what the user gives is the user's own program
+    except OutsideValidityError as error:  # an effect that cannot be
+        raise RecordingFormatError(f"{path.name}: {error}") from error
+    if "EFFECTS" not in namespace:
+        raise RecordingFormatError(f"{path.name}: expected a definition of EFFECTS, a tuple of effects; it is missing")
+    effects = namespace["EFFECTS"]
+    if not isinstance(effects, tuple) or not effects:
+        raise RecordingFormatError(f"{path.name}: expected EFFECTS to be a tuple of at least one; got {effects!r:.60}")
+    for number, effect in enumerate(effects, 1):
+        if not isinstance(effect, Effect):
+            raise RecordingFormatError(
+                f"{path.name}: expected effects in EFFECTS; number {number} is of type {type(effect).__name__}"
+            )
+    keys = [effect.key for effect in effects]
+    if len(set(keys)) < len(keys):
+        raise RecordingFormatError(f"{path.name}: expected effects with different keys; got {', '.join(keys)}")
+    return effects
