@@ -4,7 +4,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -40,6 +42,7 @@ from service.operations.predicted_calibration import PredictionRequest, predicte
 STIFFNESS_FACTOR, DAMPING_FACTOR = 30.0, 100.0
 #: Tian's model knows joints best: derivatives in closed form, modes by their shapes, heights of peaks.
 _RECEPTANCE = "receptance"
+_RATING = "dynamic_load_rating_n"
 #: What the objective may be, by its names on the wire and on the command line.
 OBJECTIVES = {"weighted": Weighting.UNCERTAINTY, "eq-26": Weighting.UNIT}
 
@@ -83,6 +86,7 @@ def identify_joints(
         As :func:`monitor_core.identification.identify.identify`; and if a limit names no free joint.
     """
     subject = _subject(request)
+    _require_answer(subject, request)
     found = identify(
         subject.case,
         subject.bounds,
@@ -108,9 +112,16 @@ def identify_joints(
 
 def require_identifiable(request: IdentificationRequest) -> None:
     """Refuse at once what :func:`identify_joints` would refuse before it searches; raises as it does."""
-    case = _subject(request).case
+    _require_answer(_subject(request), request)
+
+
+def _require_answer(subject: _Subject, request: IdentificationRequest) -> None:
+    """Ask the model as stated once: what it cannot answer, it cannot answer anywhere."""
+    case, bounds = subject.case, subject.bounds
     require_positions(case, request.hold_out)
-    case.problem([one for one in positions_of(case) if one not in request.hold_out])
+    problem = case.problem([one for one in positions_of(case) if one not in request.hold_out])
+    stated = np.log10([request.model.parameters[name] for name in subject.names])
+    problem.residuals(np.clip(stated, bounds.lower, bounds.upper))
 
 
 def _subject(request: IdentificationRequest) -> _Subject:
@@ -118,8 +129,9 @@ def _subject(request: IdentificationRequest) -> _Subject:
         raise NotIdentifiableError(
             f"joints are identified in a model without effects; got the effect {next(iter(request.model.effects))!r}"
         )
-    peaks = tuple(one for one in request.measured if isinstance(one, ModalObservation))
-    responses = tuple(one for one in request.measured if isinstance(one, FrequencyResponseObservation))
+    measured = _at_the_preload_of_the_nut(request)
+    peaks = tuple(one for one in measured if isinstance(one, ModalObservation))
+    responses = tuple(one for one in measured if isinstance(one, FrequencyResponseObservation))
     stated = request.weighting is not Weighting.UNIT and all(_states_its_uncertainties(one) for one in peaks)
     if request.weighting is Weighting.UNIT and (responses or request.model.family != _RECEPTANCE):
         raise NotIdentifiableError(
@@ -142,6 +154,17 @@ def _subject(request: IdentificationRequest) -> _Subject:
     bounds = drive.bounds(_known_limits(request, drive.free))
     case = ModelResponseCase(drive, responses) if responses else frequency_case(drive, peaks)
     return _Subject(case, bounds, drive.build, drive.free, stated, unseen)
+
+
+def _at_the_preload_of_the_nut(
+    request: IdentificationRequest,
+) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
+    """Leave out a preload that all share where the nut does not follow it: its rigidity is that at this preload."""
+    preloads = {one.conditions.preload for one in request.measured}
+    if _RATING in request.model.parameters or len(preloads) > 1 or None in preloads:
+        return request.measured
+    without = [replace(one, conditions=replace(one.conditions, preload=None)) for one in request.measured]
+    return cast(tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...], tuple(without))
 
 
 def _unseen(

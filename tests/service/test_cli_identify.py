@@ -342,6 +342,20 @@ def test_effects_of_a_model_are_not_left_out_in_silence(preload: Any, tmp_path: 
     assert_refused(preload("identify", PEAKS, "--model", model), "a model without effects; got the effect 'added-mass'")
 
 
+def test_one_preload_for_all_is_that_of_the_nut(preload: Any, tmp_path: Path) -> None:
+    model = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m")
+    rows = [line.split(",") for line in PEAKS.read_text(encoding="utf-8").split()[1:]]
+    tables = {}
+    for name, preloads in (("one.csv", ("300",)), ("two.csv", ("300", "400")), ("none.csv", ("",))):
+        lines = [f"{row[0]},{row[1]},{preloads[k % len(preloads)]}" for k, row in enumerate(rows)]
+        tables[name] = tmp_path / name
+        tables[name].write_text("\n".join(["position_mm,frequency_hz,preload_n", *lines]) + "\n", encoding="utf-8")
+    words = ("--model", model, "--hold-out-mm", 800)
+    one, none = (preload("identify", tables[name], *words, "--json").json() for name in ("one.csv", "none.csv"))
+    assert one["parameters"] == none["parameters"]
+    assert_refused(preload("identify", tables["two.csv"], *words), "state the rating")
+
+
 def test_help(preload: Any) -> None:
     answer = preload("identify", "--help")
     assert (answer.exit_code, answer.err) == (0, "")
