@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.assignment import ModeAssignment, assign_modes
 from monitor_core.identification.coordinates import JointCoordinates
@@ -208,17 +208,14 @@ class ResponseCase:
         """Return the root mean square of ln(H/H measured) of each response."""
         observations = self._at(positions)
         predicted = response_problem(self.joints, observations).predict(coordinates)
-        return tuple(
-            PredictionError(one.conditions, float(np.sqrt(np.mean(np.abs(np.log(model / one.response)) ** 2))))
-            for one, model in zip(observations, predicted, strict=True)
-        )
+        return response_errors(observations, predicted)
 
     def planned(
         self, coordinates: FloatArray, conditions: Sequence[DriveConditions]
     ) -> tuple[tuple[DriveConditions, FloatArray], ...]:
         """Return the Jacobian of responses like the first one, with the median of the relative noise of all."""
         first = self.observations[0]
-        noise = float(np.median([np.median(o.standard_deviation / np.abs(o.response)) for o in self.observations]))
+        noise = median_relative_noise(self.observations)
         planned = []
         for one in conditions:
             there = replace(first, conditions=one)
@@ -229,6 +226,21 @@ class ResponseCase:
 
     def _at(self, positions: Collection[float]) -> tuple[FrequencyResponseObservation, ...]:
         return tuple(one for one in self.observations if one.conditions.position in positions)
+
+
+def response_errors(
+    observations: Sequence[FrequencyResponseObservation], predicted: Sequence[ComplexArray]
+) -> tuple[PredictionError, ...]:
+    """Return the root mean square of ln(H/H measured) of each response; predictions in the order of the measured."""
+    return tuple(
+        PredictionError(one.conditions, float(np.sqrt(np.mean(np.abs(np.log(model / one.response)) ** 2))))
+        for one, model in zip(observations, predicted, strict=True)
+    )
+
+
+def median_relative_noise(observations: Sequence[FrequencyResponseObservation]) -> float:
+    """Return the standard deviation of a line over |H|, in the median of the lines and then of the responses [-]."""
+    return float(np.median([np.median(one.standard_deviation / np.abs(one.response)) for one in observations]))
 
 
 def peak_case(

@@ -7,7 +7,12 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.identification.cases import POSITIONS_OF_PEAKS, PredictionError
+from monitor_core.identification.cases import (
+    POSITIONS_OF_PEAKS,
+    PredictionError,
+    median_relative_noise,
+    response_errors,
+)
 from monitor_core.identification.model_coordinates import ModelCoordinates
 from monitor_core.identification.model_modal_problem import (
     NaturalFrequencyProblem,
@@ -116,17 +121,14 @@ class ModelResponseCase:
         """Return the root mean square of ln(H/H measured) of each response."""
         observations = self._at(positions)
         predicted = ModelResponseProblem(self.drive, observations).predict(coordinates)
-        return tuple(
-            PredictionError(one.conditions, float(np.sqrt(np.mean(np.abs(np.log(model / one.response)) ** 2))))
-            for one, model in zip(observations, predicted, strict=True)
-        )
+        return response_errors(observations, predicted)
 
     def planned(
         self, coordinates: FloatArray, conditions: Sequence[DriveConditions]
     ) -> tuple[tuple[DriveConditions, FloatArray], ...]:
         """Return the Jacobian of responses over the lines, and with the relative noise, of those measured."""
         first, model, planned = self.observations[0], self.drive.build(coordinates), []
-        noise = np.median([np.median(one.standard_deviation / np.abs(one.response)) for one in self.observations])
+        noise = median_relative_noise(self.observations)
         for one in conditions:
             response = model.frequency_response(
                 first.frequency, one, excitation=first.excitation, response=first.response_point
