@@ -9,7 +9,7 @@ from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 
-from service.api import alarms, axes, calibrations, health, identifications, jobs, trend, windows
+from service.api import alarms, axes, calibrations, discrepancies, health, identifications, jobs, trend, windows
 from service.api.body import require_json
 from service.api.limits import RequestLimits
 from service.api.observer import RequestObserver
@@ -21,6 +21,7 @@ from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
+from service.operations.discrepancies import KIND, Discrepancies
 from service.operations.identifications import Identifications
 from service.operations.ingest import Ingest
 from service.operations.lanes import Lanes
@@ -28,6 +29,7 @@ from service.operations.replay import Replays
 from service.operations.trend import Trend
 from service.settings import Settings
 from service.store.database import Database
+from service.store.reports import ReportStore
 from service.store.waveforms import WaveformStore
 from service.web import pages
 
@@ -67,7 +69,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
-    for resource in (axes, trend, calibrations, identifications, alarms, jobs):
+    for resource in (axes, trend, calibrations, identifications, discrepancies, alarms, jobs):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
@@ -85,6 +87,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     ingest = Ingest(database, waveforms, lanes, metrics)
     replays = Replays(settings.replay_dir, ingest)
     identifications = Identifications(database, waveforms)
+    discrepancies = Discrepancies(database, waveforms, ReportStore(settings.data_dir))
     return Services(
         database=database,
         waveforms=waveforms,
@@ -96,5 +99,8 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         alarms=Alarms(database, lanes),
         replays=replays,
         identifications=identifications,
-        jobs=JobRunner(database, {"replay": replays.run, "identification": identifications.run}),
+        discrepancies=discrepancies,
+        jobs=JobRunner(
+            database, {"replay": replays.run, "identification": identifications.run, KIND: discrepancies.run}
+        ),
     )

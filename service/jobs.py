@@ -35,7 +35,7 @@ class JobHandle:
     arguments: dict[str, Any]
     done: int  # as last reported: 0, or how far the job had come when it was interrupted
     result: dict[str, Any] | None  # as last reported
-    report: Callable[[int, int, dict[str, Any]], None]  # done, total, result so far
+    report: Callable[[int, int | None, dict[str, Any]], None]  # done, total where it is known, result so far
     sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
 
 
@@ -123,7 +123,7 @@ class JobRunner:
         else:
             self._finish(job_id, jobs.DONE, None)
 
-    def _report(self, job_id: str, done: int, total: int, result: dict[str, Any]) -> None:
+    def _report(self, job_id: str, done: int, total: int | None, result: dict[str, Any]) -> None:
         if self._stopping.is_set():
             raise JobCancelledError
         with self._database.write() as session:

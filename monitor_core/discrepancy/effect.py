@@ -51,6 +51,7 @@ class EffectParameter:
     upper: float  # largest plausible value
     scale: float  # what a noticeable effect has: where a search looks first
     null: float = 0.0  # where the axis is unchanged
+    beyond: bool = True  # whether a search looks beyond the plausible range, where no axis is but a stand-in may be
 
     def __post_init__(self) -> None:
         if not (self.lower <= self.null <= self.upper and self.lower < self.upper):
@@ -73,6 +74,7 @@ class Effect(Generic[Physics]):
     add: Callable[[Physics, Mapping[str, float]], Physics]  # values by the names of the parameters
     needs: frozenset[ConditionAxis] = frozenset()  # what has to vary, or the effect is not seen as such
     applies: Callable[[Physics], bool] = _always  # whether the axis has what it acts on
+    textbook: Mapping[str, float] | None = None  # values at which it is plain physics that a simpler model leaves out
 
     def __post_init__(self) -> None:
         if not _KEY.fullmatch(self.key):

@@ -52,6 +52,8 @@ PARAMETERS: tuple[ParameterName, ...] = (
     ParameterName("screw_nut_segment_mass", "kg", "kg", "rigid piece of the screw inside the nut"),
     ParameterName("screw_nut_segment_inertia", "kg_m2", "kg·m²", "of that piece"),
     ParameterName("screw_motor_segment_inertia", "kg_m2", "kg·m²", "rigid piece of the screw at the coupling"),
+    ParameterName("moving_mass", "kg", "kg", "of a rigid axis, with what its rotating parts add"),
+    ParameterName("viscous_friction", "ns_per_m", "N·s/m", "of a rigid axis, guides and screw together"),
 )
 #: Beyond these no drive was meant, but a slip of the unit or of the keyboard.
 _PLAUSIBLE = {"m": (1e-6, 1e3), "-": (0.0, 0.9)}

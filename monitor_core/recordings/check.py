@@ -58,7 +58,7 @@ def check_file(path: Path) -> FileReport:
         If the format needs an optional library that is not installed: that is no fault of the file.
     """
     try:
-        name = _recognise(require_file(path))
+        name = format_of(path)
     except RecordingFormatError as error:
         return FileReport("unknown", False, (str(error),))
     found = list(islice(_problems(name, path), _MOST_PROBLEMS + 1))
@@ -67,8 +67,25 @@ def check_file(path: Path) -> FileReport:
     return FileReport(name, not found, tuple(found))
 
 
-def _recognise(path: Path) -> str:
-    with path.open("rb") as stream:
+def format_of(path: Path) -> str:
+    """Recognise a file by its content without reading all of it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        As in a report: ``preload-session``, ``preload-frf-set``, ``modal-table``, ``motion-record``, ``preload-model``,
+        ``csv`` for other columns of text, …
+
+    Raises
+    ------
+    RecordingFormatError
+        If there is no such file, or it is text of no known encoding.
+    """
+    with require_file(path).open("rb") as stream:
         head = stream.read(1024)
     if head.startswith(_HDF5):
         return _format_of_hdf5(path)

@@ -2,7 +2,7 @@
 
 .. code-block:: toml
 
-    family = "lumped"                        # lumped | hybrid | receptance | transmission-line
+    family = "lumped"                        # lumped | hybrid | receptance | transmission-line | motion
 
     [parameters]                             # SI; the unit ends the name
     table_mass_kg = 20.54
@@ -23,10 +23,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from monitor_core.discrepancy.effect import Effect
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, with_effects
+from monitor_core.discrepancy.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.models.extended import AxisPhysics, ExtendedModel
-from monitor_core.models.families import build_model, family_named
+from monitor_core.models.families import FAMILIES, build_model
+from monitor_core.models.motion import FAMILY as MOTION
+from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
+from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.fields import Fields
 from monitor_core.recordings.files import read_text
@@ -56,12 +59,36 @@ class DriveModelFile:
         Raises
         ------
         OutsideValidityError
-            If an effect is unknown, or does not fit the axis or its values; or as :func:`build_model` says.
+            If an effect is unknown, or does not fit the axis or its values; if it is a motion model, which has no
+            frequency response; or as :func:`build_model` says.
         """
+        if self.family == MOTION:
+            raise OutsideValidityError(
+                "expected a drive with natural frequencies, of the family "
+                f"{', '.join(family.name for family in FAMILIES)}; got a motion model, which is a rigid axis"
+            )
         family_model = build_model(self.family, self.parameters)
         if not self.effects:
             return family_model
         return with_effects(ExtendedModel.of(family_model.parameters), self.effects, effects)
+
+    def build_motion(self, effects: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS) -> MotionModel:
+        """Return the rigid axis of a motion model, with its effects added in their order.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            What the keys of the file may mean: the table of the product, or with a user's own.
+
+        Raises
+        ------
+        OutsideValidityError
+            If an effect is unknown, or does not fit the axis or its values; or if it is the model of a drive.
+        """
+        if self.family != MOTION:
+            raise OutsideValidityError(f"expected a model of the family {MOTION}; got one of {self.family}")
+        stated = MotionParameters.from_file_names(self.parameters, self.family)
+        return with_motion_effects(MotionModel.of(stated), self.effects, effects)
 
 
 def read_model_file(path: Path) -> DriveModelFile:
@@ -130,11 +157,11 @@ def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile
     top.only({"family", *_TABLES})
     name, parameters = top.text("family"), _numbers(top.table("parameters"))
     try:
-        family = family_named(name)
+        record = _parameters_of(name)
     except OutsideValidityError as error:
         raise RecordingFormatError(f"{where}, family: {error}") from error
     try:
-        family.parameters.from_file_names(parameters, family.name)
+        record.from_file_names(parameters, name)
     except OutsideValidityError as error:
         raise RecordingFormatError(f"{where} [parameters]: {error}") from error
     effects = top.table("effects") if "effects" in top else Fields({}, where)
@@ -144,6 +171,13 @@ def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile
         uncertain=_uncertain(top.table("uncertain"), parameters) if "uncertain" in top else {},
         effects={_require_name(key, effects): _numbers(effects.table(key)) for key in effects.values},
     )
+
+
+def _parameters_of(family: str) -> type[DriveParameters]:
+    records = {one.name: one.parameters for one in FAMILIES} | {MOTION: MotionParameters}
+    if family not in records:
+        raise OutsideValidityError(f"family must be one of {', '.join(records)}; got {family!r}")
+    return records[family]
 
 
 def _uncertain(fields: Fields, parameters: Mapping[str, float]) -> dict[str, float]:

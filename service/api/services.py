@@ -10,6 +10,7 @@ from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
+from service.operations.discrepancies import Discrepancies
 from service.operations.identifications import Identifications
 from service.operations.ingest import Ingest
 from service.operations.replay import Replays
@@ -32,6 +33,7 @@ class Services:
     alarms: Alarms
     replays: Replays
     identifications: Identifications
+    discrepancies: Discrepancies
     jobs: JobRunner
 
 

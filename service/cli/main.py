@@ -12,6 +12,7 @@ from service.cli.calibrate import calibrate
 from service.cli.check import check
 from service.cli.demo import demo
 from service.cli.estimate import estimate
+from service.cli.explain import explain
 from service.cli.frf import frf
 from service.cli.identify import identify
 from service.cli.modes import modes
@@ -27,7 +28,7 @@ def preload() -> None:
     """Ball-screw preload in newtons from motor torque and nut acceleration."""
 
 
-for command in (demo, serve, replay, frf, calibrate, estimate, identify, modes, simulate, check):
+for command in (demo, serve, replay, frf, calibrate, estimate, identify, explain, modes, simulate, check):
     preload.add_command(command)
 
 

@@ -3,14 +3,10 @@
 import multiprocessing
 import time
 from concurrent.futures import ProcessPoolExecutor
-from datetime import datetime
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from monitor_core.errors import NotIdentifiableError
-from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.models.protocol import DriveConditions
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.model_file import parse_model
 from monitor_core.recordings.units import metres
@@ -23,17 +19,12 @@ from service.operations.joint_identification import (
     identify_joints,
     require_identifiable,
 )
-from service.operations.measured_modes import measured_modes
-from service.operations.measured_responses import measured_responses
+from service.operations.measured_of_axis import measured_of_axis, selected_measurements
 from service.operations.predicted_calibration import PredictionRequest
-from service.operations.settings_of_axis import AxisConfiguration, core_settings
-from service.store import measurements
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 
-#: More measurements than this in one identification were meant for a trend.
-MOST_MEASUREMENTS = 200
 #: How often the progress of a job is stored.
 REPORT_EVERY_S = 0.5
 
@@ -59,7 +50,7 @@ class Identifications:
             require_identifiable(self._request(axis_id, arguments))
         else:
             parse_model(arguments["model"], "model")
-            self._rows(axis_id, arguments)
+            selected_measurements(self._database, axis_id, arguments)
 
     def run(self, job: JobHandle) -> None:
         """Identify the joints; begun anew if it was interrupted."""
@@ -82,35 +73,13 @@ class Identifications:
     def _request(self, axis_id: str, arguments: dict[str, Any]) -> IdentificationRequest:
         return IdentificationRequest(
             model=parse_model(arguments["model"], "model"),
-            measured=self._measured(axis_id, arguments),
+            measured=measured_of_axis(self._database, self._waveforms, axis_id, arguments),
             hold_out=tuple(metres(one) for one in arguments["hold_out_mm"]),
             limits={name: (low, high) for name, (low, high) in arguments["limits"].items()},
             weighting=OBJECTIVES[arguments["objective"]],
             seed=arguments["seed"],
             prediction=_prediction(arguments["prediction"]),
         )
-
-    def _measured(
-        self, axis_id: str, arguments: dict[str, Any]
-    ) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
-        if arguments["peaks"] is not None:
-            return tuple(_peak(one) for one in arguments["peaks"])
-        with self._database.read() as session:
-            configuration = AxisConfiguration.model_validate(get_axis(session, axis_id).configuration)
-        rows = self._rows(axis_id, arguments)
-        return measured_responses(measured_modes(self._database, self._waveforms, core_settings(configuration), rows))
-
-    def _rows(self, axis_id: str, arguments: dict[str, Any]) -> list[Any]:
-        start, end = (_moment(arguments["measurements"][name]) for name in ("from", "to"))
-        with self._database.read() as session:
-            rows = measurements.looked_at(session, axis_id, start, end, MOST_MEASUREMENTS)
-        if not 0 < len(rows) <= MOST_MEASUREMENTS:
-            got = "none" if not rows else "more"
-            raise NotIdentifiableError(
-                f"an identification takes 1 to {MOST_MEASUREMENTS} measurements that were looked at; axis '{axis_id}' "
-                f"has {got} in that range"
-            )
-        return rows
 
 
 def _prediction(asked: dict[str, Any] | None) -> PredictionRequest | None:
@@ -119,16 +88,3 @@ def _prediction(asked: dict[str, Any] | None) -> PredictionRequest | None:
     low, high = asked["mode_hz"]
     preload = Estimate(asked["preload_n"], asked["preload_standard_uncertainty_n"])
     return PredictionRequest((low, high), preload, asked["scatter_hz"], ExcitationSource(asked["excitation_source"]))
-
-
-def _moment(text: str | None) -> datetime | None:
-    return None if text is None else datetime.fromisoformat(text)
-
-
-def _peak(one: dict[str, Any]) -> ModalObservation:
-    return ModalObservation(
-        DriveConditions(metres(one["position_mm"]), one["preload_n"], one["payload_kg"] or 0.0),
-        one["frequency_hz"],
-        one["frequency_standard_uncertainty_hz"],
-        amplitude=one["amplitude_m_per_n"],
-    )

@@ -1,4 +1,4 @@
-"""From judged measurements and modal tables to what an identification takes."""
+"""From judged measurements and modal tables to what an identification or an explanation takes."""
 
 from collections.abc import Iterable
 
@@ -50,7 +50,7 @@ def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[Freque
     observations = tuple(response for one in measurements if (response := _response(one)) is not None)
     if not observations:
         raise NotIdentifiableError(
-            "joints need measurements that can be judged and lines whose coherence is no chance; got none of both"
+            "expected measurements that can be judged and lines whose coherence is no chance; got none of both"
         )
     return observations
 

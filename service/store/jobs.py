@@ -25,6 +25,12 @@ def list_jobs(session: Session, axis_id: str | None, limit: int) -> list[JobRow]
     return list(session.scalars(query.order_by(JobRow.created_at.desc()).limit(limit)))
 
 
+def finished_jobs(session: Session, axis_id: str, kind: str, limit: int) -> list[JobRow]:
+    """Return jobs of one kind that came to their end, the one that ended last first."""
+    query = select(JobRow).where(JobRow.axis_id == axis_id, JobRow.kind == kind, JobRow.status == DONE)
+    return list(session.scalars(query.order_by(JobRow.updated_at.desc()).limit(limit)))
+
+
 def unfinished_jobs(session: Session) -> list[JobRow]:
     """Return jobs that were waiting or at work when the service last stopped, oldest first."""
     query = select(JobRow).where(JobRow.status.in_((QUEUED, RUNNING))).order_by(JobRow.created_at)

@@ -62,5 +62,6 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
             "calibration": active,
             "history": overview.activations,
             "alarms": alarms,
+            "discrepancies": on.discrepancies.finished(axis),
         },
     )

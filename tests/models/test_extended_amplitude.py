@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended import AxisPhysics, physics_of
+from monitor_core.models.extended import AxisPhysics, physics_of, prepare_lines, responses
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from tests.models.extended_axes import TORQUES, add, bundled, case_of, response_of, undamped
 
@@ -108,15 +109,169 @@ def test_only_friction_relative_to_the_level_counts(excitation, level) -> None:
         assert np.max(np.abs(alone / response(physics, level, excitation) - 1.0)) > 1e-3
 
 
-def test_friction_satisfies_its_own_linearisation() -> None:
-    """c_e σ_v = F √(2/π), with σ_v of the response that contains c_e, the excitation being flat over the lines."""
-    physics, level, friction = physics_of(LUMPED), 10.0, 4.0
-    with_friction = response(add(physics, guide_friction=friction), level)
-    omega = 2.0 * np.pi * FREQUENCY
-    damping = ((1.0 / with_friction - 1.0 / response(physics, level)) / (1j * omega)).real
-    np.testing.assert_allclose(damping, damping[0], rtol=1e-6)  # a damper: one value at all lines
-    power = np.trapezoid(np.abs(omega * with_friction) ** 2, FREQUENCY) / np.ptp(FREQUENCY)
-    assert damping[0] * level * np.sqrt(power) == pytest.approx(friction * np.sqrt(2.0 / np.pi), rel=1e-6)
+# --- rms values of the motion, whatever lines a response has ----------------------------------------------------------
+
+RECEPTANCE = bundled("receptance").parameters
+#: As many measurements have them: 7 Hz apart at 200 Hz, where half the power of a resonance lies within 6 Hz.
+FEW_LINES = np.geomspace(24.0, 1475.0, 120)
+DENSE = np.geomspace(24.0, 1475.0, 40_001)
+MOTOR, TABLE = ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.DISPLACEMENT_AT_TABLE
+
+
+def soft_nut() -> AxisPhysics:
+    """Return an axis whose nut yields more than its screw, with a damping ratio of no mode below 0.5 %."""
+    physics = physics_of(RECEPTANCE)
+    bodies = replace(physics.bodies, motor_damping=0.05)
+    joints = replace(physics.joints, nut_stiffness=3e7, coupling_stiffness=2000.0, coupling_damping=0.3)
+    return replace(physics, joints=replace(joints, loss_factor=0.01), bodies=bodies)
+
+
+def hardened(physics: AxisPhysics, hardening: float) -> AxisPhysics:
+    return replace(
+        physics, joints=replace(physics.joints, nut_stiffness=physics.joints.nut_stiffness * (1.0 + hardening))
+    )
+
+
+def linear_motion(physics: AxisPhysics, excitation, level: float) -> tuple[float, float]:
+    """Return σ_v and σ_δ of an axis without friction, on dense lines, from its displacement and Newton's law alone."""
+    omega = 2.0 * np.pi * DENSE
+    table = response_of(physics, case_of(RECEPTANCE, DENSE, DriveConditions(0.52), excitation))
+    mass = physics.bodies.table_mass + physics.bodies.nut_mass
+    force = (1j * omega * physics.bodies.table_damping - omega**2 * mass) * table - (excitation is FORCE)
+    joints = physics.joints
+    nut = joints.nut_stiffness * (1.0 + 1j * joints.loss_factor) + 1j * omega * joints.nut_damping
+    power = (np.trapezoid(np.abs(one) ** 2, DENSE) / np.ptp(DENSE) for one in (omega * table, force / nut))
+    velocity, deflection = (level * np.sqrt(one) for one in power)
+    return velocity, deflection
+
+
+def balanced(physics: AxisPhysics, excitation, level: float, friction: float, cubic: float) -> AxisPhysics:
+    """Return the linear axis that agrees with its own motion."""
+
+    def linear(unknown) -> AxisPhysics:
+        damping, hardening = np.exp(unknown[0]) * bool(friction), np.exp(unknown[1]) * bool(cubic)
+        return hardened(damped(physics, physics.bodies.table_damping + damping), hardening)
+
+    def imbalance(unknown):
+        velocity, deflection = linear_motion(linear(unknown), excitation, level)
+        return [
+            unknown[0] - np.log(friction * np.sqrt(2.0 / np.pi) / velocity) if friction else unknown[0],
+            unknown[1] - np.log(3.0 * cubic * deflection**2) if cubic else unknown[1],
+        ]
+
+    found = scipy.optimize.root(imbalance, [5.0, -1.0], tol=1e-10)
+    assert found.success
+    return linear(found.x)
+
+
+@pytest.mark.parametrize("excitation", [MOTOR, FORCE])
+@pytest.mark.parametrize(
+    ("friction_share", "cubic_share"), [(0.1, 0.0), (0.7, 0.0), (0.0, 0.1), (0.0, 10.0), (0.3, 1.0)]
+)
+def test_the_linear_axis_agrees_with_its_own_motion(excitation, friction_share, cubic_share) -> None:
+    """Against the same equations on 40 000 lines: few lines are enough. Shares are of 30 kN·s/m and of β σ_δ²."""
+    physics, level = soft_nut(), 1.0
+    velocity, deflection = linear_motion(physics, excitation, level)
+    friction, cubic = friction_share * velocity * 3e4, cubic_share / deflection**2
+    case = case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52, excitation_level=level), excitation)
+    answered = response_of(add(physics, guide_friction=friction, cubic_nut_stiffness=cubic), case)
+    expected = response_of(balanced(physics, excitation, level, friction, cubic), case)
+    assert np.max(np.abs(response_of(physics, case) / expected - 1.0)) > 0.05
+    np.testing.assert_allclose(answered, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("natural_frequency", [171.0, 172.1, 173.3, 200.0, 420.0])
+@pytest.mark.parametrize("damping_ratio", [0.005, 0.02])
+def test_a_resonance_between_the_lines_is_not_missed(natural_frequency, damping_ratio) -> None:
+    """One oscillator under a flat spectrum of unit variance: ∫|jωH|² df = 1/(4 c M); the tails outside are 0.06 %."""
+    physics, omega = nut_alone(), 2.0 * np.pi * natural_frequency
+    joints = replace(physics.joints, nut_stiffness=MASS * omega**2 / 0.8)
+    damping = 2.0 * damping_ratio * omega * MASS
+    physics = damped(replace(physics, joints=joints), damping)
+    frequency = np.geomspace(10.0, 4000.0, 60)  # a tenth apart
+    friction = 1e-4  # [N]; that little damps as if the motion did not know of it
+    with_friction = response(add(physics, guide_friction=friction), 10.0, frequency=frequency)
+    added = ((1.0 / with_friction - 1.0 / response(physics, 10.0, frequency=frequency)) / (2j * np.pi * frequency)).real
+    velocity = 10.0 * np.sqrt(1.0 / (4.0 * damping * MASS * np.ptp(frequency)))
+    assert np.median(added) == pytest.approx(friction * np.sqrt(2.0 / np.pi) / velocity, rel=0.01)
+
+
+def test_lines_inside_the_band_do_not_change_the_motion() -> None:
+    physics = add(physics_of(LUMPED), guide_friction=4.0, cubic_nut_stiffness=1e13)
+    few, many = np.array([120.0, 200.0, 280.0]), np.arange(120.0, 281.0, 1.0)
+    np.testing.assert_allclose(
+        response(physics, 10.0, frequency=few), response(physics, 10.0, frequency=many)[[0, 80, 160]], rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("effect", ["guide_friction", "cubic_nut_stiffness"])
+@pytest.mark.parametrize("size", [0.03, 0.3, 1.0])
+def test_the_response_changes_smoothly(effect, size) -> None:
+    """Slopes over steps of 1e-5 and of 1e-3, in the effect and in the mass of the table, are the same."""
+    physics, level = soft_nut(), 1.0
+    velocity, deflection = linear_motion(physics, MOTOR, level)
+    value = size * {"guide_friction": 3e4 * velocity, "cubic_nut_stiffness": 10.0 / deflection**2}[effect]
+    case = case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52, excitation_level=level), MOTOR)
+
+    def with_effect(factor: float):
+        return response_of(add(physics, **{effect: value * factor}), case)
+
+    def with_mass(factor: float):
+        return response_of(add(physics, **{effect: value}, table_mass=20.0 * (factor - 1.0)), case)
+
+    for answer in (with_effect, with_mass):
+        fine, coarse = (np.log(answer(1.0 + e) / answer(1.0 - e)) / (2.0 * e) for e in (1e-5, 1e-3))
+        assert np.linalg.norm(fine - coarse) < 2e-3 * np.linalg.norm(coarse)
+
+
+def test_any_hardening_has_an_answer() -> None:
+    """The more, the larger β: a nut ten decades stiffer, as read off the compliance that force and table meet."""
+    physics, level = soft_nut(), 1.0
+    _, deflection = linear_motion(physics, FORCE, level)
+    case = case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52, excitation_level=level), FORCE)
+    omega, joints = 2.0 * np.pi * case.frequency, physics.joints
+    spring = joints.nut_stiffness * (1.0 + 1j * joints.loss_factor)
+    nut = spring + 1j * omega * joints.nut_damping
+
+    def compliance(cubic: float):
+        return 1.0 / (1.0 / response_of(add(physics, cubic_nut_stiffness=cubic), case) + omega**2 * 272.0)
+
+    hardening = []
+    for cubic in np.geomspace(1e-3, 1e7, 41) / deflection**2:
+        harder = 1.0 / (1.0 / nut + compliance(cubic) - compliance(0.0))
+        share = (harder - nut) / spring
+        np.testing.assert_allclose(share, share[0].real, rtol=1e-4)  # a spring: one value at all lines
+        hardening.append(share[0].real)
+    assert np.all(np.diff(hardening) > 0.0)
+    assert hardening[0] == pytest.approx(3e-3, rel=0.02)
+    assert hardening[-1] > 100.0
+
+
+def test_channels_taken_together_have_one_motion() -> None:
+    """Of a channel that was noisy at high frequency fewer lines are left; the excitation was the same."""
+    physics = add(physics_of(RECEPTANCE), guide_friction=100.0)
+    conditions = DriveConditions(0.52, excitation_level=2.0)
+    table = case_of(RECEPTANCE, FEW_LINES, conditions, MOTOR)
+    motor = case_of(RECEPTANCE, FEW_LINES[:70], conditions, MOTOR, ResponsePoint.ANGLE_AT_MOTOR)
+    whole = replace(motor, frequency=FEW_LINES)
+    together = responses(physics, prepare_lines([table, motor]))
+    np.testing.assert_allclose(together[: FEW_LINES.size], response_of(physics, table), rtol=1e-9)
+    np.testing.assert_allclose(together[FEW_LINES.size :], response_of(physics, whole)[:70], rtol=1e-9)
+    alone = response_of(physics, motor)
+    assert np.max(np.abs(together[FEW_LINES.size :] / alone - 1.0)) > 0.01
+
+
+def test_lines_stepped_through_one_by_one_have_a_motion_each() -> None:
+    physics, conditions = add(physics_of(RECEPTANCE), guide_friction=0.01), DriveConditions(0.52, excitation_level=1.0)
+    cases = [case_of(RECEPTANCE, np.array([f]), conditions, MOTOR) for f in (300.0, 60.0, 90.0)]
+    np.testing.assert_allclose(
+        responses(physics, prepare_lines(cases)),
+        np.concatenate([response_of(physics, one) for one in cases]),
+        rtol=1e-9,
+    )
+
+
+# --- limits -----------------------------------------------------------------------------------------------------------
 
 
 def test_small_signals_and_far_louder_ones_do_not_see_friction() -> None:

@@ -1,6 +1,24 @@
-"""The effects that a drive may have beyond its model: one module each, and the table of all of them."""
+"""The effects that an axis may have beyond its model: one module each, and the tables of drives and of motions."""
 
 from monitor_core.discrepancy.effects.catalogue import DRIVE_EFFECTS, applicable_effects, with_effects
-from monitor_core.discrepancy.effects.wrong_parameter import wrong_parameter, wrong_parameters
+from monitor_core.discrepancy.effects.motion_catalogue import (
+    MOTION_EFFECTS,
+    with_motion_effects,
+    wrong_motion_parameter,
+    wrong_motion_parameters,
+)
+from monitor_core.discrepancy.effects.wrong_parameter import PREFIX, stated_names, wrong_parameter, wrong_parameters
 
-__all__ = ["DRIVE_EFFECTS", "applicable_effects", "with_effects", "wrong_parameter", "wrong_parameters"]
+__all__ = [
+    "DRIVE_EFFECTS",
+    "MOTION_EFFECTS",
+    "PREFIX",
+    "applicable_effects",
+    "stated_names",
+    "with_effects",
+    "with_motion_effects",
+    "wrong_motion_parameter",
+    "wrong_motion_parameters",
+    "wrong_parameter",
+    "wrong_parameters",
+]

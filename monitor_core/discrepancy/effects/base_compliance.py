@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from monitor_core.discrepancy.effect import Effect, EffectParameter
+from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.discrepancy.effects.changes import changed_added
 from monitor_core.models.extended import AxisPhysics
 
@@ -34,5 +34,6 @@ BASE_COMPLIANCE = Effect(
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
     add=_add,
+    needs=frozenset({ConditionAxis.FREQUENCY}),
     applies=_applies,
 )

@@ -7,7 +7,7 @@ from monitor_core.models.extended import AxisPhysics
 
 def changed_screw(axis: AxisPhysics, **changes: float) -> AxisPhysics:
     """Return the axis with another screw."""
-    return replace(axis, screw=replace(axis.screw, **changes))  # type: ignore[arg-type]
+    return replace(axis, screw=replace(axis.screw, **changes))
 
 
 def changed_joints(axis: AxisPhysics, **changes: float) -> AxisPhysics:

@@ -8,7 +8,7 @@ from monitor_core.models.extended import AxisPhysics
 
 
 def _add(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_joints(axis, loss_factor=axis.joints.loss_factor + values["loss_factor"])
+    return changed_joints(axis, causal_loss_factor=axis.joints.causal_loss_factor + values["loss_factor"])
 
 
 LOSS_FACTOR = Effect(
@@ -16,9 +16,9 @@ LOSS_FACTOR = Effect(
     name="Loss factor of the joints",
     physics=(
         "Every spring of a joint loses a share of its energy in each cycle, at any frequency. Peaks become lower "
-        "and wider; natural frequencies hardly move."
+        "and wider; natural frequencies hardly move. Springs stiffen a little with frequency."
     ),
-    source="Sun et al. (2022), section 3: k (1 + jη)",
+    source="Sun et al. (2022), section 3: k (1 + jη); Kjartansson (1979) for what causality adds",
     parameters=(EffectParameter("loss_factor", "-", lower=0.0, upper=0.5, scale=0.02),),
     add=_add,
     needs=frozenset({ConditionAxis.FREQUENCY}),

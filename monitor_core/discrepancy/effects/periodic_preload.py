@@ -24,8 +24,8 @@ PERIODIC_PRELOAD = Effect(
     ),
     source="no source: first harmonic of an error that repeats each turn",
     parameters=(
-        EffectParameter("cosine_amplitude", "-", lower=-0.5, upper=0.5, scale=0.1),
-        EffectParameter("sine_amplitude", "-", lower=-0.5, upper=0.5, scale=0.1),
+        EffectParameter("cosine_amplitude", "-", lower=-0.5, upper=0.5, scale=0.1, beyond=False),
+        EffectParameter("sine_amplitude", "-", lower=-0.5, upper=0.5, scale=0.1, beyond=False),
     ),
     add=_add,
     needs=frozenset({ConditionAxis.POSITION}),

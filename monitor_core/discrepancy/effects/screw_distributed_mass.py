@@ -27,4 +27,5 @@ SCREW_DISTRIBUTED_MASS = Effect(
     parameters=(EffectParameter("share", "-", lower=0.0, upper=1.0, scale=1.0),),
     add=_add,
     applies=_applies,
+    textbook={"share": 1.0},
 )

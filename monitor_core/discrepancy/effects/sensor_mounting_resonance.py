@@ -9,10 +9,10 @@ from monitor_core.models.extended import AxisPhysics
 
 
 def _add(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    r"""Multiply the acceleration by :math:`1 / (1 - q (\omega^2 - j \omega b))`, b the bandwidth in rad/s.
+    r"""Multiply the acceleration by :math:`(1 + j \omega q b) / (1 - q (\omega^2 - j \omega b))`, b in rad/s.
 
-    It is linear in q, so that a search can start where the effect is absent: with a damping ratio, ζ = b√q/2, in place
-    of the bandwidth the slope there would be infinite.
+    It is smooth in q, so that a search can start where the effect is absent: with a damping ratio, ζ = b√q/2, in place
+    of the bandwidth b the slope there would be infinite.
     """
     inverse_square = values["inverse_square_s2"]
     ratio = math.pi * values["bandwidth_hz"] * math.sqrt(max(inverse_square, 0.0))  # a negative one is refused below

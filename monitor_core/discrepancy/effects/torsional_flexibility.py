@@ -21,7 +21,8 @@ def _add_compliance(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysi
 def _add_both(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     share = axis.screw.torsional_inertia_share
     spread = share + values["inertia_share"] * (1.0 - share)
-    return changed_screw(_add_compliance(axis, values), torsional_inertia_share=spread)
+    held = axis.screw.far_end_held_share * (1.0 - values["inertia_share"])
+    return changed_screw(_add_compliance(axis, values), torsional_inertia_share=spread, far_end_held_share=held)
 
 
 def _has_spread_inertia(axis: AxisPhysics) -> bool:
@@ -49,10 +50,11 @@ TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA = Effect(
     name=_NAME,
     physics=(
         "The screw twists more than the model lets it, and a share of its inertia, which the model turns with the "
-        "motor, twists with it: the drive has torsional modes."
+        "motor, twists with it: the drive has torsional modes. Its far end then turns freely, which some models hold."
     ),
     source=_SOURCE,
     parameters=(_COMPLIANCE, EffectParameter("inertia_share", "-", lower=0.0, upper=1.0, scale=1.0)),
     add=_add_both,
     applies=_has_lumped_inertia,
+    textbook={"compliance_share": 0.0, "inertia_share": 1.0},
 )

@@ -5,37 +5,62 @@ For a Gaussian motion the force :math:`F_c\,\mathrm{sign}(v)` is best replaced b
 
 .. math::
 
-    c_e = F_c \sqrt{\frac{2}{\pi}} \frac{1}{\sigma_v}, \qquad k_e = k (1 + 3 \beta \sigma_\delta^2)
+    c_e = F_c \sqrt{\frac{2}{\pi}} \frac{1}{\sigma_v}, \qquad k_e = k (1 + h), \quad h = 3 \beta \sigma_\delta^2
 
 (Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5). The rms values follow from the response
 of the linear drive that contains both, to an excitation of the stated rms value that is flat over the lines of the
-response and nothing outside them. An excitation level of 0 stands for small signals that friction does not see.
+responses taken together and nothing outside them. An excitation level of 0 stands for small signals that friction does
+not see.
 """
 
+import contextlib
+import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import Path, Values
+from monitor_core.models.extended.closed_form import Path, Values, entire_parts
 from monitor_core.models.extended.conditions import AxisStates
+from monitor_core.models.extended.excitations import Excitations
 from monitor_core.models.extended.lines import PreparedLines
 from monitor_core.models.extended.physics import AxisPhysics
 
 _GAUSSIAN = np.sqrt(2.0 / np.pi)
-#: Relative change at which the motion is settled; a change of the result is of the same order.
-_SETTLED = 1e-9
-_ITERATIONS = 200
+#: Newton's method: step of its difference quotients, longest step, and one whose square is nothing.
+_DIFFERENCE, _LONGEST, _SETTLED = 1e-6, 2.0, 1e-5
+_ITERATIONS = 60
+
+#: Terms of f_00 + c f_10 + h f_01 + c h f_11, a function of damper and hardening, by the two powers.
+Bilinear = Mapping[tuple[int, int], Values]
+#: The same between the knots: real and imaginary part are rows, shape (2, n_points).
+Pointwise = Mapping[tuple[int, int], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """What the drive does at one guess of damper and spring; of shape (n_cases,)."""
+    """Velocity of the table and deflection of the nut as functions of damper c and hardening h, at the points.
 
-    velocity: FloatArray  # σ_v of the table [m/s]
-    velocity_slope: FloatArray  # d ln σ_v / d ln c_e [-]
-    deflection_square: FloatArray  # σ_δ² of the nut [m²]
+    Only terms and motions of effects that are there.
+    """
+
+    excitations: Excitations
+    level: FloatArray  # rms of each excitation, shape (n_excitations,)
+    characteristic: Pointwise
+    numerators: tuple[Pointwise, ...]  # of jωx where there is friction, of δ where the nut hardens
+
+    def rms(self, damping: FloatArray, hardening: FloatArray) -> FloatArray:
+        """Return σ_v [m/s] and σ_δ [m], a row for each numerator, shape (n_numerators, n_excitations)."""
+        factors = {
+            (i, j): (damping**i * hardening**j)[self.excitations.of_point] for i, j in self.characteristic if i or j
+        }
+        power = self.excitations.weight / _square(self.characteristic, factors)
+        squares = [
+            np.add.reduceat(power * _square(one, factors), self.excitations.first_point) for one in self.numerators
+        ]
+        return np.asarray(self.level * np.sqrt(squares))
 
 
 def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Path:
@@ -48,7 +73,7 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     physics : AxisPhysics
     lines : PreparedLines
     states : AxisStates
-        Of the lines.
+        Of the cases.
 
     Returns
     -------
@@ -62,79 +87,135 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
         with its own linearisation.
     """
     friction, cubic = physics.added.guide_friction, physics.added.cubic_nut_stiffness
-    moving = lines.conditions.excitation_level > 0.0
-    if not (np.any(moving) and (friction or cubic)):
+    if not (lines.excitations.size and (friction or cubic)):
         return path
-    if friction:
-        _require_sliding(path, lines, friction, moving)
-    first = _motion(path, lines, np.zeros_like(lines.omega))
-    damping = np.where(moving, friction * _GAUSSIAN / np.where(moving, first.velocity, 1.0), 0.0)
-    square = np.zeros(lines.n_cases)
-    for _ in range(_ITERATIONS):
-        changed = _hardened(path, physics, states, cubic * square[lines.case])
-        motion = _motion(changed, lines, damping[lines.case])
-        # Newton on ln(c σ_v) = ln(F √(2/π)), whose left side rises ever more slowly; the spring by substitution
-        missing = np.where(moving, friction * _GAUSSIAN - damping * motion.velocity, 0.0)
-        step = np.log1p(missing / np.where(damping > 0.0, damping * motion.velocity, 1.0))
-        step = np.where(damping > 0.0, step / (1.0 + motion.velocity_slope), 0.0)
-        new_square = np.where(moving, motion.deflection_square, 0.0)
-        settled = np.abs(step) < _SETTLED, np.abs(cubic * (new_square - square)) < _SETTLED
-        damping, square = damping * np.exp(step), new_square
-        if np.all(settled):
-            changed = _hardened(path, physics, states, cubic * square[lines.case])
-            return replace(changed, table=changed.table + 1j * lines.omega * damping[lines.case])
+    motion = _motion(physics, lines, states)
+    if friction and not cubic:
+        _require_sliding(motion, friction)
+    # cases of small signals, numbered −1, find the zero behind the last excitation
+    of_line = lines.excitations.of_case[lines.drive.case]
+    damping, hardening = np.pad(_balanced(motion, friction, cubic), ((0, 0), (0, 1)))[:, of_line]
+    spring = _spring(physics, lines.drive.omega, path.nut)
+    return replace(path, table=path.table + 1j * lines.drive.omega * damping, nut=path.nut + hardening * spring)
+
+
+def _motion(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> _Motion:
+    """Return the motion in the effects that are there: evaluated at the knots, carried to the points."""
+    excitations, added = lines.excitations, physics.added
+    characteristic, *motions = _functions(physics, excitations, states.at(excitations.case[excitations.of_knot]))
+    acting = bool(added.guide_friction), bool(added.cubic_nut_stiffness)
+    functions = [
+        {powers: _at_points(excitations, term) for powers, term in one.items() if np.all(np.array(powers) <= acting)}
+        for one in (characteristic, *itertools.compress(motions, acting))
+    ]
+    level = lines.conditions.excitation_level[excitations.case]
+    return _Motion(excitations, level, functions[0], tuple(functions[1:]))
+
+
+def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisStates) -> tuple[Bilinear, ...]:
+    r"""Return Δ, jωxΔ and δΔ at the knots.
+
+    With the letters of ``closed_form``, P = A T g and C = 1/κ + Q/P,
+
+    .. math::
+
+        \Delta = \kappa P + Z (P + \kappa Q), \quad
+        x = \frac{\kappa u P}{\Delta},\; \delta = \frac{Z u P}{\Delta} \text{ per torque}, \quad
+        x = \frac{P + \kappa Q}{\Delta},\; \delta = \frac{P}{\Delta} \text{ per force}
+
+    where the damper adds jωc to Z and hardening adds hk to κ.
+    """
+    parts = entire_parts(physics, excitations.omega, states, excitations.ends)
+    p = parts.axial * parts.torsion * parts.base
+    q = (parts.axial_yield * parts.torsion + parts.turning * parts.axial) * parts.base
+    q = q + parts.bracket * p + parts.base_compliance * parts.axial * parts.torsion
+    damper, spring = 1j * excitations.omega, _spring(physics, excitations.omega, parts.nut)
+    by_torque, lever = excitations.by_torque, parts.torque_lever * parts.axial * parts.base
+    behind_table = p + parts.nut * q
+    characteristic = {
+        (0, 0): parts.nut * p + parts.table * behind_table,
+        (1, 0): damper * behind_table,
+        (0, 1): spring * (p + parts.table * q),
+        (1, 1): damper * spring * q,
+    }
+    velocity = {
+        (0, 0): damper * np.where(by_torque, parts.nut * lever, behind_table),
+        (0, 1): damper * spring * np.where(by_torque, lever, q),
+    }
+    deflection = {
+        (0, 0): np.where(by_torque, parts.table * lever, p),
+        (1, 0): np.where(by_torque, damper * lever, 0.0),
+    }
+    return characteristic, velocity, deflection
+
+
+def _at_points(excitations: Excitations, at_knots: Values) -> FloatArray:
+    """Return real and imaginary part between the knots, (2, n_points)."""
+    return np.array([excitations.interpolation @ part for part in (at_knots.real, at_knots.imag)])
+
+
+def _balanced(motion: _Motion, friction: float, cubic: float) -> FloatArray:
+    """Return rows c and h that agree with their own motion, (2, n_excitations), by Newton's method on logarithms.
+
+    In these both sides are nearly straight lines. That of c σ_v rises ever more slowly with c, that of h/σ_δ² with −h
+    of a nut that softens and ever faster with h of one that hardens: from the linear motion no step leads too far.
+    """
+    wanted = np.array([friction * _GAUSSIAN, 3.0 * cubic])
+    acting = np.flatnonzero(wanted)
+    exponents = np.array([-1.0, 2.0])[acting, None]
+
+    def values(logarithms: FloatArray) -> FloatArray:
+        rows = np.zeros((2, motion.level.size))
+        rows[acting] = np.sign(wanted[acting, None]) * np.exp(logarithms)
+        if np.any(rows[1] <= -1.0):
+            raise OutsideValidityError("the nut softens to nothing at the stated excitation; raise cubic_nut_stiffness")
+        return rows
+
+    def answer(rows: FloatArray) -> FloatArray:
+        return np.asarray(np.log(np.abs(wanted[acting, None])) + exponents * np.log(motion.rms(*rows)))
+
+    logarithms = answer(np.zeros((2, motion.level.size)))
+    with contextlib.suppress(np.linalg.LinAlgError):  # nowhere to go: as good as no answer
+        for _ in range(_ITERATIONS):
+            step = np.clip(_newton_step(lambda at: at - answer(values(at)), logarithms), -_LONGEST, _LONGEST)
+            logarithms = logarithms + step
+            if np.all(np.abs(step) < _SETTLED):
+                return values(logarithms)
     raise OutsideValidityError(
         f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, cubic_nut_stiffness "
-        f"{cubic:g} 1/m²); lower one of them or the excitation level"
+        f"{cubic:g} 1/m²); lower one of them"
     )
 
 
-def _hardened(path: Path, physics: AxisPhysics, states: AxisStates, relative: FloatArray) -> Path:
-    """Return the path with a nut that is stiffer by 3β σ_δ²."""
-    if np.any(1.0 + 3.0 * relative <= 0.0):
-        raise OutsideValidityError("the nut softens to nothing at the stated excitation; raise cubic_nut_stiffness")
-    if not np.any(relative):
-        return path
-    spring = states.nut_stiffness * (1.0 + 1j * physics.joints.loss_factor)
-    return replace(path, nut=path.nut + 3.0 * relative * spring)
+def _newton_step(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
+    """Return the step to the zero of as many functions as there are rows, column by column."""
+    here = function(at)
+    slopes = [(function(at + _DIFFERENCE * row[:, None]) - here) / _DIFFERENCE for row in np.eye(at.shape[0])]
+    jacobian = np.moveaxis(np.array(slopes), 2, 0).transpose(0, 2, 1)
+    return np.asarray(-np.linalg.solve(jacobian, here.T[..., None])[..., 0].T, dtype=np.float64)
 
 
-def _motion(path: Path, lines: PreparedLines, damping: FloatArray) -> _Motion:
-    """Return the rms motion of table and nut with a damper at the table, shape (n_lines,)."""
-    compliance = path.compliance
-    damper = 1j * lines.omega * damping
-    table = path.table + damper
-    reciprocal = 1.0 / (1.0 + compliance * table)
-    displacement = np.where(lines.by_torque, path.unloaded_travel, compliance) * reciprocal
-    force = np.where(lines.by_torque, path.unloaded_travel * table, 1.0) * reciprocal
-    power = lines.weight * _square(lines.omega * displacement)
-    velocity_square = _per_case(lines, power)
-    falling = _per_case(lines, power * (compliance * damper * reciprocal).real)
-    level = lines.conditions.excitation_level
-    safe = np.where(velocity_square > 0.0, velocity_square, 1.0)
-    return _Motion(
-        level * np.sqrt(velocity_square),
-        -falling / safe,
-        level**2 * _per_case(lines, lines.weight * _square(force / path.nut)),
-    )
-
-
-def _require_sliding(path: Path, lines: PreparedLines, friction: float, moving: BoolArray) -> None:
+def _require_sliding(motion: _Motion, friction: float) -> None:
     """Refuse friction that the excitation cannot overcome: c σ_v never exceeds the rms force on a table held still."""
-    per_excitation = np.where(lines.by_torque, _square(path.unloaded_travel / path.compliance), 1.0)
-    force = lines.conditions.excitation_level * np.sqrt(_per_case(lines, lines.weight * per_excitation))
-    if np.any(moving & (friction * _GAUSSIAN >= force)):
-        weakest = float(np.min(force[moving])) / _GAUSSIAN
+    held = replace(motion, characteristic={(0, 0): motion.characteristic[1, 0]})
+    weakest = float(np.min(held.rms(*np.zeros((2, motion.level.size))))) / _GAUSSIAN
+    if friction >= weakest:
         raise OutsideValidityError(
             f"guide_friction must lie below {weakest:g} N, beyond which it holds the table at the stated excitation; "
             f"got {friction:g} N"
         )
 
 
-def _square(values: Values) -> FloatArray:
-    return np.asarray(values.real**2 + values.imag**2)
+def _spring(physics: AxisPhysics, omega: FloatArray, nut: Values) -> Values:
+    """Return what of the nut's κ is its spring, which hardens, with its loss; the rest is the damper. [N/m]."""
+    return np.asarray(nut - 1j * omega * physics.joints.nut_damping)
 
 
-def _per_case(lines: PreparedLines, values: FloatArray) -> FloatArray:
-    """Return the sum over the lines of each case, shape (n_cases,)."""
-    return np.asarray(np.bincount(lines.case, weights=values, minlength=lines.n_cases), dtype=np.float64)
+def _square(function: Pointwise, factors: Mapping[tuple[int, int], FloatArray]) -> FloatArray:
+    """Return the square of the magnitude, (n_points,), given the products of powers."""
+    value = function[0, 0]
+    for powers, factor in factors.items():
+        if powers in function:
+            value = value + factor * function[powers]
+    square: FloatArray = np.sum(value * value, axis=0)
+    return square

@@ -26,8 +26,11 @@ import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
-from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.physics import AxisPhysics, JointPhysics
 from monitor_core.models.rod import RodWaves
+
+#: Where springs with a causal loss factor have their stated stiffness: near a drive's first axial mode. [rad/s]
+_LOSS_REFERENCE = 2.0 * np.pi * 200.0
 
 #: Real where nothing damps, complex otherwise.
 Values = npt.NDArray[np.inexact[Any]]
@@ -44,7 +47,7 @@ class EntireParts:
     torque_lever: Values  # u T: travel of the unloaded nut per torque at the motor end
     held_torsion: Values  # T times the angle there per torque
     nut: Values  # κ_n [N/m]
-    bracket: complex  # c_s of bracket and series compliance [m/N]
+    bracket: Values  # c_s of bracket and series compliance [m/N]
     base: Values  # g
     base_compliance: float  # c_b [m/N]
     table: Values  # Z [N/m]
@@ -89,7 +92,7 @@ def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: 
         Of each line.
     """
     joints, bodies, added = physics.joints, physics.bodies, physics.added
-    elastic = 1.0 + 1j * joints.loss_factor
+    elastic = _elastic(joints, omega)
     axial, axial_yield = _axial(physics, omega, states.position)
     torsion = _torsion(physics, omega, states.position, ends)
     base: Values = np.ones(())
@@ -111,7 +114,7 @@ def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: 
 def _axial(physics: AxisPhysics, omega: Values, position: FloatArray) -> tuple[Values, Values]:
     """Return A and B: both rods in parallel at the nut, each held by its bearing."""
     screw, joints = physics.screw, physics.joints
-    elastic = 1.0 + 1j * joints.loss_factor
+    elastic = _elastic(joints, omega)
     near_bearing = joints.bearing_stiffness * elastic + _damper(omega, joints.bearing_damping)
     far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
     mass = screw.axial_mass_share * screw.mass_per_length
@@ -136,7 +139,7 @@ def _torsion(
     inertia = screw.torsional_inertia_share * screw.inertia_per_length
     at_motor_end = (1.0 - screw.torsional_inertia_share) * screw.inertia_per_length * screw.length
     compliance = screw.torsion_share / screw.torsional_rigidity
-    near_compliance = compliance * (1.0 - position / screw.length) if screw.far_end_held else compliance
+    near_compliance = compliance * (1.0 - screw.far_end_held_share * position / screw.length)
     near = _waves(omega, position, near_compliance, inertia)
     far = _waves(omega, screw.length - position, compliance, inertia)
 
@@ -147,7 +150,7 @@ def _torsion(
     torsion_0 = (segment * near.cosine - near.z_sine) * far.cosine + end_0 * beyond
     torsion_1 = near.cosine * far.cosine + near.sine_over_z * beyond
 
-    coupling = joints.coupling_stiffness * (1.0 + 1j * joints.loss_factor) + _damper(omega, joints.coupling_damping)
+    coupling = joints.coupling_stiffness * _elastic(joints, omega) + _damper(omega, joints.coupling_damping)
     rotor = physics.added.servo_stiffness - squared * (bodies.rotor_inertia + at_motor_end)
     rotor = rotor + _damper(omega, bodies.motor_damping)
     # held behind the coupling; a free rotor is in series with it, κ Z/(κ + Z), multiplied through with κ + Z
@@ -161,6 +164,27 @@ def _torsion(
         i * loose * far.cosine,
         ends.prescribed * torsion_1 + ends.free * held,
     )
+
+
+def _elastic(joints: JointPhysics, omega: Values) -> Values:
+    r"""Return the dynamic stiffness of the joints' springs over what is stated.
+
+    .. math::
+
+        1 + j \eta + \left[ (1 + j \eta_c) \left( \frac{\omega}{\omega_0} \right)^\gamma - 1 \right], \qquad
+        \gamma = \frac{2}{\pi} \arctan \eta_c
+
+    A loss that is the same at all frequencies stiffens a spring with frequency, or it would answer before it is pushed
+    (Kjartansson, J. Geophys. Res. 84 (1979) 4737); the papers' η leaves that out.
+    """
+    constant = np.asarray(1.0 + 1j * joints.loss_factor)
+    causal = joints.causal_loss_factor
+    if not causal:
+        return constant
+    exponent = 2.0 / np.pi * np.arctan(causal)
+    stiffening: Values = (omega / _LOSS_REFERENCE) ** exponent
+    dynamic: Values = constant + ((1.0 + 1j * causal) * stiffening - 1.0)
+    return dynamic
 
 
 def _damper(omega: Values, damping: float) -> Values | float:

@@ -11,6 +11,9 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
+#: A stated preload of 10 % of the rating may really be more: so far beyond it a true one is looked for.
+_BEYOND_RATED = 1.2
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConditionArrays:
@@ -105,7 +108,8 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     .. math::
 
         k_{nut} = 0.8 K \left( \frac{P_e}{0.1\,C_d} \right)^{1/3 + \delta}, \qquad
-        P_e = (P + k_\vartheta \Delta\vartheta) \left( 1 + a \cos\frac{2\pi x}{l} + b \sin\frac{2\pi x}{l} \right)
+        P_e = (P + \Delta P + k_\vartheta \Delta\vartheta)
+        \left( 1 + a \cos\frac{2\pi x}{l} + b \sin\frac{2\pi x}{l} \right)
 
     Eq. (1) of Nguyen et al. (2018) with the preload that exponent, temperature and lead make of the stated one. A nut
     without load rating has the stated rigidity; a preload that varies over the lead varies it as the cube root.
@@ -137,20 +141,21 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     if rating is None:
         if np.any(conditions.preload_stated):
             raise OutsideValidityError("a preload changes nothing in an axis without dynamic_load_rating; state it")
-        if added.preload_exponent_change or added.thermal_preload:
+        if added.preload_exponent_change or added.preload_change or added.thermal_preload:
             raise OutsideValidityError(
-                "preload_exponent_change and thermal_preload act on the preload; state dynamic_load_rating and preload"
+                "preload_exponent_change, preload_change and thermal_preload act on the preload; "
+                "state dynamic_load_rating and preload"
             )
         return np.asarray(joints.nut_stiffness * over_lead**exponent)
     if not np.all(conditions.preload_stated):
         raise OutsideValidityError("the nut rigidity of this axis follows the preload; state the preload")
     rated = 0.1 * rating
     highest = float(np.max(conditions.preload))
-    if highest > rated * (1.0 + 1e-9):
+    if highest > rated * _BEYOND_RATED:
         raise OutsideValidityError(
             f"preload must not exceed 10 % of the dynamic load rating, {rated:g} N; got {highest:g} N"
         )
-    preload = conditions.preload + added.thermal_preload * conditions.temperature_deviation
+    preload = conditions.preload + added.preload_change + added.thermal_preload * conditions.temperature_deviation
     if not np.all(preload > 0.0):
         raise OutsideValidityError(f"the preload must stay positive at every temperature; got {np.min(preload):g} N")
     return np.asarray(0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent)

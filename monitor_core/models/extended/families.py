@@ -64,7 +64,7 @@ def _lumped(p: LumpedParameters) -> AxisPhysics:
             inertia_per_length=p.screw_inertia / p.screw_length,
             axial_mass_share=0.0,
             torsional_inertia_share=0.0,
-            far_end_held=True,
+            far_end_held_share=1.0,
         ),
         joints=JointPhysics(
             bearing_stiffness=p.bearing_stiffness,

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.conditions import ConditionArrays, EndMasks, condition_arrays, end_masks
+from monitor_core.models.extended.excitations import Excitations, Setup, excitations_of
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -31,24 +32,29 @@ class ResponseCase:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DriveLines:
+    """Where the drive itself is evaluated: once for all that answers to one excitation, shape (n_drive_lines,) each."""
+
+    case: npt.NDArray[np.intp]  # a case whose conditions hold
+    omega: FloatArray  # [rad/s]
+    ends: EndMasks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PreparedLines:
     """All lines of all cases, one after the other, with what does not depend on the physics; shape (n_lines,) each."""
 
-    conditions: ConditionArrays  # of the cases, shape (n_cases,)
+    conditions: ConditionArrays  # of the cases, shape (n_cases,); may be replaced where equal ones stay equal
     case: npt.NDArray[np.intp]  # which case a line belongs to
     omega: FloatArray  # [rad/s]
-    weight: FloatArray  # share of the excitation's power: trapezoidal rule over the case's lines, sum 1 [-]
-    ends: EndMasks
+    drive: DriveLines
+    drive_line: npt.NDArray[np.intp]  # which of them a line belongs to
     by_torque: BoolArray
     table_per_force: BoolArray
     acceleration: npt.NDArray[np.intp]  # indices of the lines that are an acceleration of the table,
     angle_per_torque: npt.NDArray[np.intp]  # … that are an angle at the motor per torque,
     at_table: npt.NDArray[np.intp]  # … that answer at the table
-
-    @property
-    def n_cases(self) -> int:
-        """How many responses there are."""
-        return self.conditions.position.size
+    excitations: Excitations  # of the cases
 
 
 def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
@@ -69,23 +75,41 @@ def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
         raise OutsideValidityError("responses need at least one case; got none")
     for one in cases:
         _require_motor_end(one)
-    frequencies = [require_frequencies(one.frequency) for one in cases]
+    frequencies = [_require_rising(one.frequency) for one in cases]
     case = np.repeat(np.arange(len(cases)), [one.size for one in frequencies])
     by_torque = np.array([one.excitation is not ExcitationPoint.FORCE_AT_TABLE for one in cases])[case]
     angle = np.array([one.response is ResponsePoint.ANGLE_AT_MOTOR for one in cases])[case]
     acceleration = np.array([one.response is ResponsePoint.ACCELERATION_AT_TABLE for one in cases])[case]
+    setups = [Setup(one.conditions, one.excitation, one.motor_end) for one in cases]
+    omega = 2.0 * np.pi * np.concatenate(frequencies)
+    excitations = excitations_of(setups, [(2.0 * np.pi * one[0], 2.0 * np.pi * one[-1]) for one in frequencies])
+    drive, drive_line = _drive_lines(setups, excitations, case, omega)
     return PreparedLines(
         conditions=condition_arrays([one.conditions for one in cases]),
         case=case,
-        omega=2.0 * np.pi * np.concatenate(frequencies),
-        weight=np.concatenate([_power_shares(one) for one in frequencies]),
-        ends=end_masks([one.motor_end for one in cases]).at(case),
+        omega=omega,
+        drive=drive,
+        drive_line=drive_line,
         by_torque=by_torque,
         table_per_force=~by_torque & ~angle,
         acceleration=np.flatnonzero(acceleration),
         angle_per_torque=np.flatnonzero(angle & by_torque),
         at_table=np.flatnonzero(~angle),
+        excitations=excitations,
     )
+
+
+def _drive_lines(
+    setups: Sequence[Setup], excitations: Excitations, case: npt.NDArray[np.intp], omega: FloatArray
+) -> tuple[DriveLines, npt.NDArray[np.intp]]:
+    """Return the distinct lines of what was excited together, and which of them each line is."""
+    first: dict[tuple[Setup, int], int] = {}
+    together = zip(setups, excitations.of_case.tolist(), strict=True)
+    of_case = np.array([first.setdefault(one, index) for index, one in enumerate(together)])
+    distinct, which = np.unique(np.column_stack([of_case[case], omega]), axis=0, return_inverse=True)
+    of_line = distinct[:, 0].astype(np.intp)
+    ends = end_masks([one.motor_end for one in setups])
+    return DriveLines(of_line, distinct[:, 1], ends.at(of_line)), which.reshape(-1)
 
 
 def _require_motor_end(case: ResponseCase) -> None:
@@ -96,12 +120,8 @@ def _require_motor_end(case: ResponseCase) -> None:
         raise OutsideValidityError("the motor end is clamped for this excitation and has no angle; excite by a torque")
 
 
-def _power_shares(frequency: FloatArray) -> FloatArray:
-    """Return each line's share of a flat spectrum from the first line to the last; all of it for a single line."""
-    if frequency.size == 1:
-        return np.ones(1)
-    step = np.diff(frequency)
-    if np.any(step <= 0.0):
-        raise OutsideValidityError("the frequencies of a response must rise from line to line")
-    width = np.r_[step, 0.0] + np.r_[0.0, step]
-    return np.asarray(width / np.sum(width))
+def _require_rising(frequency: FloatArray) -> FloatArray:
+    frequency = require_frequencies(frequency)
+    if frequency.size == 0 or np.any(np.diff(frequency) <= 0.0):
+        raise OutsideValidityError("the frequencies of a response must rise from line to line, and be at least one")
+    return frequency

@@ -113,7 +113,7 @@ def drive_modes(
     undamped = _Drives(with_damping(physics, 0.0), states, ends)
     omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency)
     pole = omega.astype(np.complex128)
-    if with_damping(physics, 0.0) != physics:
+    if omega.size and with_damping(physics, 0.0) != physics:
         pole = _damped(lambda share: _Drives(with_damping(physics, share), states, ends), pole, condition)
     return DriveModes(condition, omega, 1j * pole)
 
@@ -130,6 +130,7 @@ def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
             nut_damping=share * joints.nut_damping,
             coupling_damping=share * joints.coupling_damping,
             loss_factor=share * joints.loss_factor,
+            causal_loss_factor=share * joints.causal_loss_factor,
         ),
         bodies=replace(bodies, table_damping=share * bodies.table_damping, motor_damping=share * bodies.motor_damping),
         added=replace(added, base_damping_ratio=share * added.base_damping_ratio),

@@ -25,7 +25,7 @@ class ScrewPhysics:
     axial_mass_share: float = 1.0  # of the mass that is spread along the rod; the rest moves with the table [-]
     torsional_inertia_share: float = 1.0  # of the inertia that is spread; the rest turns with the motor end [-]
     torsion_share: float = 1.0  # factor of the torsional compliance; 0: rigid in torsion [-]
-    far_end_held: bool = False  # Eq. (3) of Nguyen et al. (2018): torsional compliance (L − x)/L times what it is
+    far_end_held_share: float = 0.0  # 1: torsional compliance times (L − x)/L, Eq. (3) of Nguyen et al. (2018)
     nut_segment_mass: float = 0.0  # rigid piece inside the nut [kg]
     nut_segment_inertia: float = 0.0  # [kg·m²]
     motor_segment_inertia: float = 0.0  # rigid piece at the coupling [kg·m²]
@@ -35,7 +35,7 @@ class ScrewPhysics:
             self, "length", "lead", "axial_rigidity", "mass_per_length", "torsional_rigidity", "inertia_per_length"
         )
         _require_not_negative(self, "torsion_share", "nut_segment_mass", "nut_segment_inertia", "motor_segment_inertia")
-        for name in ("axial_mass_share", "torsional_inertia_share"):
+        for name in ("axial_mass_share", "torsional_inertia_share", "far_end_held_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise OutsideValidityError(f"{name} must lie within 0 and 1; got {getattr(self, name)}")
 
@@ -60,12 +60,13 @@ class JointPhysics:
     nut_damping: float = 0.0  # beside the nut alone [N·s/m]
     coupling_damping: float = 0.0  # [N·m·s/rad]
     loss_factor: float = 0.0  # of all springs of this record [-]
+    causal_loss_factor: float = 0.0  # of the same springs, beside it, with the stiffening that goes with it [-]
 
     def __post_init__(self) -> None:
         _require_positive(self, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")
         _require_not_negative(
             self, "far_bearing_stiffness", "bearing_damping", "far_bearing_damping", "nut_damping", "coupling_damping",
-            "loss_factor",
+            "loss_factor", "causal_loss_factor",
         )  # fmt: skip
         if not self.bracket_stiffness > 0.0:
             raise OutsideValidityError(f"bracket_stiffness must be positive; got {self.bracket_stiffness} N/m")
@@ -106,6 +107,7 @@ class AddedPhysics:
     base_frequency: float = math.inf  # of its mass on that spring; infinite: massless [Hz]
     base_damping_ratio: float = 0.0  # [-]
     preload_exponent_change: float = 0.0  # δ in rigidity ∝ preload^(1/3 + δ), K unchanged at 0.1 C_d [-]
+    preload_change: float = 0.0  # true preload less the stated one, wherever one is stated [N]
     thermal_preload: float = 0.0  # preload per temperature deviation [N/K]
     periodic_preload_cosine: float = 0.0  # relative amplitude over one lead, cos 2πx/lead of the stated position [-]
     periodic_preload_sine: float = 0.0  # [-]

@@ -30,8 +30,8 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
         If the physics does not go with a condition (position off the screw, preload and load rating, no mass left), or
         friction holds the table.
     """
-    states = axis_states(physics, lines.conditions).at(lines.case)
-    path = path_of(entire_parts(physics, lines.omega, states, lines.ends))
+    states = axis_states(physics, lines.conditions)
+    path = path_of(entire_parts(physics, lines.drive.omega, states.at(lines.drive.case), lines.drive.ends))
     path = linearise(path, physics, lines, states)
     values = _displacements(path, lines)
     _add_second_mode(values, physics, lines)
@@ -42,9 +42,9 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
 
 def _displacements(path: Path, lines: PreparedLines) -> ComplexArray:
     """Return displacement or angle per unit excitation."""
-    drive = receptances_of(path)
-    values = np.where(lines.table_per_force, drive.table_per_force, drive.table_per_torque)
-    values[lines.angle_per_torque] = drive.angle_per_torque[lines.angle_per_torque]
+    drive, at = receptances_of(path), lines.drive_line
+    values = np.where(lines.table_per_force, drive.table_per_force[at], drive.table_per_torque[at])
+    values[lines.angle_per_torque] = drive.angle_per_torque[at[lines.angle_per_torque]]
     return values
 
 
@@ -68,4 +68,5 @@ def _through_the_channels(values: ComplexArray, physics: AxisPhysics, lines: Pre
     if added.mounting_inverse_square:
         at = lines.acceleration
         ratio = lines.omega[at] * np.sqrt(added.mounting_inverse_square)
-        values[at] /= 1.0 - ratio**2 + 2j * added.mounting_damping_ratio * ratio
+        damper = 2j * added.mounting_damping_ratio * ratio
+        values[at] *= (1.0 + damper) / (1.0 - ratio**2 + damper)  # transmissibility of a mass on spring and damper

@@ -1,0 +1,226 @@
+"""The discrepancy workflow from end to end: compare, find what is missing, judge, and put it into words and numbers."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from monitor_core.discrepancy.classes import EquivalenceClass, equivalence_class, found_parameters
+from monitor_core.discrepancy.comparison import Comparison
+from monitor_core.discrepancy.conditions import varied_conditions
+from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.effects import PREFIX
+from monitor_core.discrepancy.evidence import Yardstick
+from monitor_core.discrepancy.explanation import (
+    Candidate,
+    Explanation,
+    FoundEffect,
+    Gap,
+    GapPair,
+    Misfit,
+    MisfitMap,
+    Outcome,
+    Step,
+)
+from monitor_core.discrepancy.fit import Fitted, fit
+from monitor_core.discrepancy.holding_out import HeldOut, gap_of, hold_out
+from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.localisation import HealthyScatter, localise, misfit_map
+from monitor_core.discrepancy.outcome import OutcomeSettings, mean_square_pulls, outcome_of
+from monitor_core.discrepancy.scan import Scanned
+from monitor_core.discrepancy.search import Found, Search, SearchSettings
+from monitor_core.discrepancy.signatures import signatures
+from monitor_core.discrepancy.subject import Subject
+
+Physics = TypeVar("Physics")
+
+
+@dataclass(frozen=True, slots=True)
+class ExplainSettings:
+    """When an effect is accepted, and when something is left."""
+
+    search: SearchSettings = field(default_factory=SearchSettings)
+    outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
+
+
+def explain(
+    comparison: Comparison[Physics],
+    subject: Subject[Physics],
+    candidates: Sequence[Effect[Physics]],
+    *,
+    settings: ExplainSettings | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Explanation:
+    """Find where measurements and a described axis part, what is missing, and how far it closes the gap.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The measurements.
+    subject : Subject
+        The described axis.
+    candidates : sequence of Effect
+        What it may lack.
+    settings : ExplainSettings, optional
+    progress : callable, optional
+        Told in a few words what is being done.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the described axis itself has no answer under one of the conditions.
+    """
+    settings = settings or ExplainSettings()
+    tell = progress or (lambda _sentence: None)
+    found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
+    tell("judging what was found")
+    classes = tuple(equivalence_class(found, one) for one in found.accepted)
+    found = replace(found, final=_with_leaders(found, classes))
+    before, after = hold_out(found.baseline), hold_out(found.final)
+    gap = Gap(
+        comparison.unit,
+        comparison.noise_floor,
+        _gap_pair(found.baseline, before),
+        _gap_pair(found.final, after),
+    )
+    pulls = mean_square_pulls(found.final)
+    outcome = outcome_of(classes, gap, pulls, settings.outcome)
+    tell("locating the misfit")
+    scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
+    models = {"before": found.baseline.physics(), "after": found.final.physics()}
+    final = found.final.hypothesis
+    values = final.values(found.final.coordinates)
+    ratios = final.ln_ratios(found.final.coordinates) | {
+        key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
+    }
+    return Explanation(
+        outcome=outcome,
+        effects=tuple(_found_effect(one, found.yardstick) for one in classes),
+        localisation=_places(found.baseline, candidates, scatter),
+        remainder=_places(found.final, candidates, scatter) if outcome is not Outcome.NONE else (),
+        gap=gap,
+        steps=tuple(
+            _step(earlier, later) for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False)
+        ),
+        candidates=_candidates(found, candidates, classes),
+        pulls={name: math.sqrt(value) for name, value in pulls.items()} | _parameter_pulls(found.final),
+        next_measurement="",
+        ln_ratios=ratios,
+        added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
+        panels=comparison.panels(models),
+        maps=_maps(found),
+    )
+
+
+def _with_leaders(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> Fitted[Physics]:
+    """Return the fit with the effects that lead their classes, so that the model is what the words say."""
+    leaders = [one.leader for one in classes]
+    if {one.effect.key for one in leaders} == {one.key for one in found.final.hypothesis.effects}:
+        return found.final
+    if len(leaders) == 1:
+        return leaders[0].fitted
+    hypothesis = Hypothesis(found.final.hypothesis.subject, tuple(one.effect for one in leaders))
+    start = hypothesis.carried_over(found.final.hypothesis, found.final.coordinates)
+    for one in leaders:
+        own = hypothesis.carried_over(one.fitted.hypothesis, one.fitted.coordinates)
+        at = [n for n, (effect, _) in enumerate(hypothesis.unknowns, hypothesis.n_uncertain) if effect is one.effect]
+        start[at] = own[at]
+    return fit(found.final.comparison, hypothesis, start, found.final.fitted)
+
+
+def _gap_pair(fitted: Fitted[Physics], held_out: HeldOut | None) -> GapPair:
+    comparison = fitted.comparison
+    return GapPair(comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted), gap_of(comparison, held_out))
+
+
+def _step(earlier: Fitted[Physics], later: Fitted[Physics]) -> Step:
+    known = {effect.key for effect in earlier.hypothesis.effects}
+    added = [effect.key for effect in later.hypothesis.effects if effect.key not in known]
+    return Step(" + ".join(added), _gap_pair(later, hold_out(later)))
+
+
+def _found_effect(one: EquivalenceClass[Physics], by: Yardstick) -> FoundEffect:
+    leader = one.leader
+    parameters = found_parameters(leader, by)
+    remarks = [f"the same finding as {key}" for key in one.twins]
+    remarks += [
+        f"a stand-in for something else: {name} = {item.estimate.value:.3g} {item.unit} is beyond its plausible range"
+        for name, item in parameters.items()
+        if not item.plausible
+    ]
+    return FoundEffect(
+        key=leader.effect.key,
+        name=leader.effect.name,
+        physics=leader.effect.physics,
+        parameters=parameters,
+        equivalent_to=tuple(member.effect.key for member in one.members[1:]),
+        delta_bic=leader.delta_bic,
+        held_out_log_likelihood_gain=one.held_out_gain,
+        remarks=tuple(remarks),
+    )
+
+
+def _places(
+    fitted: Fitted[Physics], candidates: Sequence[Effect[Physics]], scatter: HealthyScatter
+) -> tuple[Misfit, ...]:
+    present = {effect.key for effect in fitted.hypothesis.effects}
+    physics = fitted.physics()
+    others = [one for one in candidates if one.key not in present and one.applies(physics)]
+    return localise(fitted.comparison.layout, fitted.standardised, signatures(fitted, others), scatter)
+
+
+def _maps(found: Found[Physics]) -> tuple[MisfitMap, ...]:
+    layout = found.final.comparison.layout
+    rows, columns, before = misfit_map(layout, found.baseline.standardised)
+    _, _, after = misfit_map(layout, found.final.standardised)
+    return (MisfitMap("Misfit in standard deviations", rows, columns, before, after),)
+
+
+def _parameter_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
+    hypothesis = fitted.hypothesis
+    pulls = fitted.coordinates[: hypothesis.n_uncertain].tolist()
+    return dict(zip(hypothesis.uncertain, pulls, strict=True))
+
+
+def _candidates(
+    found: Found[Physics], candidates: Sequence[Effect[Physics]], classes: Sequence[EquivalenceClass[Physics]]
+) -> tuple[Candidate, ...]:
+    """Return what was not found: refitted rivals, mere looks with what they could have seen, and the untestable."""
+    varied = varied_conditions(found.final.comparison.layout)
+    named = {one.leader.effect.key for one in classes}
+    rivals = {rival.effect.key: rival for one in found.accepted for rival in one.rivals}
+    looks = {look.effect.key: look for look in found.looks}
+    answers: list[Candidate] = []
+    for effect in candidates:
+        if effect.key in named or any(one.key == effect.key for one in answers):
+            continue
+        missing = sorted(str(axis) for axis in effect.needs - varied)
+        limit = _detection_limit(looks.get(effect.key), found)
+        untestable = None
+        if missing:
+            untestable = f"{', '.join(missing)} does not vary"
+        elif effect.key in looks and limit is None:
+            untestable = "nothing that was measured moves with it"
+        elif not effect.applies(found.final.physics()) and effect.key not in rivals:
+            continue
+        rival, look = rivals.get(effect.key), looks.get(effect.key)
+        if untestable is not None:
+            evidence, held = math.nan, math.nan
+        elif rival is not None:
+            evidence, held = rival.delta_bic, math.nan  # in the place of what was accepted
+        else:
+            size = len(effect.parameters)
+            evidence = found.yardstick.factor * (look.decrease if look else 0.0) - found.yardstick.penalty(size)
+            held = math.nan
+        answers.append(Candidate(effect.key, evidence, held, limit, effect.parameters[0].unit, untestable))
+    return tuple(sorted(answers, key=lambda one: -one.delta_bic if math.isfinite(one.delta_bic) else math.inf))
+
+
+def _detection_limit(look: Scanned[Physics] | None, found: Found[Physics]) -> float | None:
+    if look is None or look.information <= 0.0:
+        return None
+    by = found.yardstick
+    needed = found.final.comparison.least_delta_bic + by.penalty(len(look.effect.parameters))
+    one = look.effect.parameters[0]
+    limit = one.scale * math.sqrt(needed / (by.factor * look.information))
+    return limit if limit <= max(abs(one.lower), abs(one.upper)) else None

@@ -1,0 +1,150 @@
+"""What the discrepancy workflow answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from monitor_core.arrays import FloatArray, read_only
+from monitor_core.discrepancy.comparison import Panel
+from monitor_core.errors import OutsideValidityError
+from monitor_core.uncertainty import Estimate
+
+
+class Outcome(StrEnum):
+    """Whether a missing effect was found, and how surely."""
+
+    NAMED = "named"  # the effects explain the gap and hold on data not used to choose them
+    EQUIVALENT = "equivalent"  # the data cannot tell two or more effects apart
+    PARTIAL = "partial"  # named, with a remainder that nothing explains
+    NONE = "none"  # the baseline already agrees to the noise
+    UNKNOWN = "unknown"  # there is a gap, and nothing in the catalogue explains it
+
+
+class MisfitKind(StrEnum):
+    """What a misfit looks like."""
+
+    STIFFNESS = "stiffness"
+    MASS = "mass"
+    DAMPING = "damping"
+    DELAY = "delay"
+    EXTRA_MODE = "extra mode"
+    AMPLITUDE = "amplitude-dependent"
+    HYSTERESIS = "hysteretic"
+    UNCLEAR = "unclear"
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """Where data and model part."""
+
+    where: str  # "position_mm 500..850, band 150..200 Hz"
+    size: float  # rms over the place, in standard deviations
+    kind: MisfitKind
+    p_value: float  # of the test that found it, corrected for the number of tests
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MisfitMap:
+    """Root-mean-square misfit by setting and frequency band, of the baseline and of the augmented model."""
+
+    title: str  # of the channel
+    rows: tuple[str, ...]  # settings
+    columns: tuple[str, ...]  # bands
+    before: FloatArray  # in standard deviations; NaN where there are no data, shape (n_rows, n_columns) [-]
+    after: FloatArray  # likewise [-]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "before", read_only(self.before))
+        object.__setattr__(self, "after", read_only(self.after))
+        expected = (len(self.rows), len(self.columns))
+        if self.before.shape != expected or self.after.shape != expected:
+            raise OutsideValidityError(
+                f"both arrays of a misfit map must have the shape {expected} of its rows and columns; "
+                f"got {self.before.shape} and {self.after.shape}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class FoundParameter:
+    """A parameter of a found effect."""
+
+    estimate: Estimate
+    unit: str
+    interval_95: tuple[float, float]
+    plausible: bool  # whether the value lies within its plausible range
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """An effect that explains the gap, alone or as the first of a class that the data cannot tell apart."""
+
+    key: str
+    name: str
+    physics: str
+    parameters: Mapping[str, FoundParameter]
+    equivalent_to: tuple[str, ...]  # keys, best first; empty: named
+    delta_bic: float  # BIC without it less BIC with it
+    held_out_log_likelihood_gain: float
+    remarks: tuple[str, ...] = ()  # "a stand-in for something else: …"
+
+    @property
+    def plausible(self) -> bool:
+        """Whether every parameter lies within its plausible range."""
+        return all(one.plausible for one in self.parameters.values())
+
+
+@dataclass(frozen=True, slots=True)
+class GapPair:
+    """A gap on the data that were fitted and on the data that were not."""
+
+    fit: float
+    held_out: float  # NaN where nothing could be held out
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """How far model and measurement are apart."""
+
+    unit: str  # sigma | Hz | %
+    noise_floor: float
+    before: GapPair
+    after: GapPair
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One effect accepted, and what it left."""
+
+    effect: str
+    gap: GapPair
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """What was thought of, beside what was found."""
+
+    key: str
+    delta_bic: float  # against the final model without it; NaN where untestable
+    held_out: float  # gain of log-likelihood on held-out data; NaN where untestable
+    detection_limit: float | None  # value of its first parameter that would be seen, in its unit
+    unit: str
+    untestable_because: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explanation:
+    """The whole answer."""
+
+    outcome: Outcome
+    effects: tuple[FoundEffect, ...]
+    localisation: tuple[Misfit, ...]  # before anything was added
+    remainder: tuple[Misfit, ...]  # after
+    gap: Gap
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    pulls: Mapping[str, float]  # rms pull of each kind of setting error, and of each declared parameter [-]
+    next_measurement: str
+    ln_ratios: Mapping[str, float]  # ln(refitted/stated) of the parameters of the model file, by names in files
+    added: Mapping[str, Mapping[str, float]]  # effects of the augmented model, by key and name
+    panels: tuple[Panel, ...]
+    maps: tuple[MisfitMap, ...] = ()  # one for each channel; none where the data have neither settings nor bands

@@ -1,0 +1,16 @@
+"""A rigid axis in motion: the motor force that mass and friction need, and how a controller records it."""
+
+from monitor_core.models.motion.kinematics import Kinematics, cutoff_frequency, kinematics_of
+from monitor_core.models.motion.model import FAMILY, MotionModel, MotionParameters
+from monitor_core.models.motion.physics import MotionPhysics, forces
+
+__all__ = [
+    "FAMILY",
+    "Kinematics",
+    "MotionModel",
+    "MotionParameters",
+    "MotionPhysics",
+    "cutoff_frequency",
+    "forces",
+    "kinematics_of",
+]

@@ -1,0 +1,184 @@
+"""``preload explain DATA --baseline MODEL``: what a model lacks, and how far adding it closes the gap."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, FoundParameter
+from monitor_core.errors import RecordingFormatError
+from monitor_core.modal import ModalMeasurement
+from monitor_core.recordings.check import format_of
+from monitor_core.recordings.effect_file import read_effect_file
+from monitor_core.recordings.frf_set import read_frf_set
+from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.recordings.model_file import read_model_file
+from monitor_core.recordings.motion_csv import read_motion_record
+from monitor_core.recordings.units import metres
+from service.cli.model_input import NumbersCommand
+from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.cli.session_input import axis_settings, band_option, judge_session
+from service.operations.explanation import ExplanationRequest, Measured, explain_measurements
+from service.operations.explanation_document import explanation_document
+from service.operations.explanation_report import write_report
+from service.operations.explanation_report.rounding import (
+    between,
+    evidence,
+    notation,
+    quantity,
+    unit_shown,
+    with_uncertainty,
+)
+from service.operations.explanation_report.sentences import (
+    candidates_heading,
+    candidates_in_order,
+    headline,
+    step_sentence,
+)
+from service.operations.measured_responses import measured_responses, modal_observation
+
+#: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
+_MOST_PLACES, _MOST_CANDIDATES = 3, 5
+
+
+@click.command(cls=NumbersCommand)
+@click.argument("data", type=click.Path(path_type=Path))
+@click.option(
+    "--baseline", "baseline_path", type=click.Path(path_type=Path), required=True,
+    help="Drive model, TOML: what the axis is said to be. What a fit may adjust stands in its [uncertain].",
+)  # fmt: skip
+@click.option(
+    "--report", "report_dir", type=click.Path(path_type=Path, file_okay=False), metavar="DIR",
+    help="Write the report into this folder: a page of HTML, Markdown, JSON and the augmented model.",
+)  # fmt: skip
+@click.option(
+    "--hold-out-mm", "hold_out_mm", type=float, multiple=True, metavar="X…",
+    help="Positions that the fit does not see and is judged by; without any, two inner ones of five or more, else each "
+    "of four preloads or more in turn. Of a motion it is always the second half.",
+)  # fmt: skip
+@click.option(
+    "--effects", "effects_path", type=click.Path(path_type=Path), metavar="FILE",
+    help="Python file that defines EFFECTS, of your own beside those of the product. It is run.",
+)  # fmt: skip
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MODEL",
+    help="Write the augmented model: what was refitted, and the effects that were found.",
+)  # fmt: skip
+@band_option
+@json_option
+def explain(
+    data: Path,
+    baseline_path: Path,
+    report_dir: Path | None,
+    hold_out_mm: tuple[float, ...],
+    effects_path: Path | None,
+    out: Path | None,
+    band_hz: tuple[float, float] | None,
+    as_json: bool,
+) -> None:
+    """Find where measurements and a model part, name what is missing, add it, and show the gap shrink.
+
+    DATA is a set of frequency responses, a session, a modal table, or a motion record.
+    """
+    if out is not None and not out.parent.is_dir():
+        raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
+    request = ExplanationRequest(
+        baseline=read_model_file(baseline_path),
+        measured=_measured(data, band_hz),
+        hold_out=tuple(metres(one) for one in hold_out_mm),
+        effects=() if effects_path is None else read_effect_file(effects_path),
+    )
+    with _watched(data.name) as progress:
+        explanation, model_text = explain_measurements(request, progress)
+    if report_dir is not None:
+        write_report(report_dir, explanation, model_text, f"{data.name} against {baseline_path.name}")
+    if out is not None:
+        out.write_text(model_text, encoding="utf-8")
+    if as_json:
+        print_json(explanation_document(explanation, model_text))
+    else:
+        _print(explanation)
+
+
+def _measured(data: Path, band_hz: tuple[float, float] | None) -> Measured:
+    kind = format_of(data)
+    if band_hz is not None and kind != "preload-session":
+        raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
+    match kind:
+        case "preload-frf-set":
+            return read_frf_set(data).observations
+        case "preload-session":
+            judged = judge_session(data, axis_settings(band_hz))
+            return measured_responses(
+                item.outcome.modal for item in judged if isinstance(item.outcome.modal, ModalMeasurement)
+            )
+        case "motion-record":
+            return read_motion_record(data)
+        case "modal-table":
+            return tuple(modal_observation(row) for row in read_modal_table(data))
+    raise RecordingFormatError(
+        f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
+        f"motion record (time_s,position_m,force_n or torque_nm); got {'other columns' if kind == 'csv' else kind}"
+    )
+
+
+@contextmanager
+def _watched(name: str) -> Iterator[Callable[[str], None]]:
+    with progress_bar() as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda sentence: bar.update(task, description=f"{name}: {sentence}", advance=1)
+
+
+def _print(explanation: Explanation) -> None:
+    click.echo(headline(explanation))
+    places = explanation.localisation[:_MOST_PLACES]
+    if places:
+        rows = [(one.where, f"{quantity(one.size, 'sigma')}", str(one.kind)) for one in places]
+        print_table("Where model and measurement part", ("where", "misfit, rms", "looks like"), rows)
+    if explanation.effects:
+        print_table(
+            "What was found",
+            ("effect", "parameter", "value", "95 % interval", "plausible"),
+            [_found_row(effect, *item) for effect in explanation.effects for item in effect.parameters.items()],
+        )
+    for effect in explanation.effects:
+        for remark in effect.remarks:
+            click.echo(f"- {effect.key}: {remark}.")
+    gap = explanation.gap
+    print_table(
+        "Gap",
+        ("", "fitted data", "held-out data", "noise floor"),
+        [
+            (name, quantity(pair.fit, gap.unit), quantity(pair.held_out, gap.unit), quantity(gap.noise_floor, gap.unit))
+            for name, pair in (("before", gap.before), ("after", gap.after))
+        ],
+    )
+    for number, step in enumerate(explanation.steps, start=1):
+        click.echo(f"{number}. {step_sentence(step.effect, step.gap, gap.unit)}")
+    candidates = candidates_in_order(explanation.candidates)[:_MOST_CANDIDATES]
+    if candidates:
+        print_table(
+            candidates_heading(explanation.outcome),
+            ("effect", "ΔBIC", "would be seen from"),
+            [(one.key, evidence(one.delta_bic), _seen_from(one)) for one in candidates],
+        )
+    if explanation.next_measurement:
+        click.echo(f"Measure next: {explanation.next_measurement}")
+
+
+def _found_row(effect: FoundEffect, name: str, found: FoundParameter) -> tuple[str, ...]:
+    value, uncertainty, unit = found.estimate.value, found.estimate.standard_uncertainty, unit_shown(found.unit)
+    return (
+        " or ".join((effect.key, *effect.equivalent_to)),
+        name,
+        with_uncertainty(value, uncertainty) + unit,
+        between(*found.interval_95, notation(value, uncertainty)) + unit,
+        "yes" if found.plausible else "NO",
+    )
+
+
+def _seen_from(one: Candidate) -> str:
+    if one.untestable_because is not None:
+        return f"untestable: {one.untestable_because}"
+    return "not known" if one.detection_limit is None else quantity(one.detection_limit, one.unit, 2)

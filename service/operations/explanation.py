@@ -1,0 +1,194 @@
+"""From what was measured of an axis and a model of it to what the model lacks, and to the model that has it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
+
+from monitor_core.discrepancy.comparison import Comparison
+from monitor_core.discrepancy.conditions import default_folds
+from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX
+from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explanation import Explanation
+from monitor_core.discrepancy.modes_compared import compare_modes
+from monitor_core.discrepancy.motion_compared import MotionComparison
+from monitor_core.discrepancy.motion_subject import MotionSubject
+from monitor_core.discrepancy.responses_compared import compare_responses
+from monitor_core.discrepancy.subject import DriveSubject, Subject
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.models.extended import AxisPhysics, paper_motor_end
+from monitor_core.models.motion import MotionPhysics
+from monitor_core.models.protocol import DriveConditions
+from monitor_core.motion import MotionRecord
+from monitor_core.recordings.model_file import DriveModelFile, model_file_text
+from service.operations.augmented_model import augmented_model, with_corrected_parameters
+
+Physics = TypeVar("Physics")
+_Observation = TypeVar("_Observation", ModalObservation, FrequencyResponseObservation)
+Measured = tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...] | MotionRecord
+
+_RATING = "dynamic_load_rating_n"
+#: Two positions closer than this are one: millimetres of a file and of a command do not give metres of the same bits.
+_SAME_POSITION = 1e-6  # [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplanationRequest:
+    """What is asked: which model lacks what, by which measurements, judged on which of them."""
+
+    baseline: DriveModelFile
+    measured: Measured
+    hold_out: tuple[float, ...] = ()  # positions; without any, as the data allow [m]
+    effects: tuple[Effect[Any], ...] = ()  # of the user's own, beside those of the product
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared(Generic[Physics]):
+    """Measurements beside a described axis, and what it may lack."""
+
+    baseline: DriveModelFile  # its own corrections of parameters among its parameters
+    table: Sequence[Effect[Physics]]
+    comparison: Comparison[Physics]
+    subject: Subject[Physics]
+    candidates: Sequence[Effect[Physics]]
+
+    def explain(self, progress: Callable[[str], None] | None) -> tuple[Explanation, str]:
+        """Return the answer with the augmented model."""
+        found = explain(self.comparison, self.subject, self.candidates, progress=progress)
+        return found, model_file_text(augmented_model(self.baseline, found, self.table))
+
+    def require_answer(self) -> None:
+        """Ask the axis as described once; raises OutsideValidityError if it has none."""
+        self.comparison.misfit(self.subject.physics({}))
+
+
+def explain_measurements(
+    request: ExplanationRequest, progress: Callable[[str], None] | None = None
+) -> tuple[Explanation, str]:
+    """Find what a model lacks.
+
+    Parameters
+    ----------
+    request : ExplanationRequest
+    progress : callable, optional
+        Told in a few words what is being done.
+
+    Returns
+    -------
+    Explanation
+    str
+        The augmented model as TOML: parameters as refitted, effects of the file and those found.
+
+    Raises
+    ------
+    NotIdentifiableError, OutsideValidityError, RecordingFormatError
+        If measurements, model and what is to be held out do not go together; one sentence says why.
+    """
+    return _compared(request).explain(progress)
+
+
+def require_explainable(request: ExplanationRequest) -> None:
+    """Refuse at once what :func:`explain_measurements` would refuse; raises as it does."""
+    _compared(request).require_answer()
+
+
+def _compared(request: ExplanationRequest) -> _Compared[AxisPhysics] | _Compared[MotionPhysics]:
+    if isinstance(request.measured, MotionRecord):
+        return _motion_compared(request.measured, request)
+    return _drive_compared(request.measured, request)
+
+
+def _motion_compared(record: MotionRecord, request: ExplanationRequest) -> _Compared[MotionPhysics]:
+    if request.hold_out:
+        raise NotIdentifiableError(
+            f"of a motion the second half is held out; got positions to hold out, {_listed(request.hold_out)}"
+        )
+    table = _with_own_effects(MOTION_EFFECTS, request)
+    request.baseline.build_motion(table)  # so that its effects are sound
+    baseline = with_corrected_parameters(request.baseline)
+    stated = baseline.build_motion(table).parameters
+    subject = MotionSubject(stated, baseline.uncertain, baseline.effects, table)
+    return _Compared(baseline, table, MotionComparison.of(record, stated), subject, subject.candidates())
+
+
+def _drive_compared(
+    measured: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...], request: ExplanationRequest
+) -> _Compared[AxisPhysics]:
+    table = _with_own_effects(DRIVE_EFFECTS, request)
+    request.baseline.build(table)  # so that its effects are sound
+    baseline = with_corrected_parameters(request.baseline)
+    stated = baseline.build(table).parameters
+    subject = DriveSubject(stated, baseline.uncertain, baseline.effects, table)
+    peaks = _at_the_preload_of_the_nut([one for one in measured if isinstance(one, ModalObservation)], baseline)
+    lines = _at_the_preload_of_the_nut(
+        [one for one in measured if isinstance(one, FrequencyResponseObservation)], baseline
+    )
+    folds = _folds([*(one.conditions for one in peaks), *(one.conditions for one in lines)], request.hold_out)
+    end = paper_motor_end(stated)
+    comparison: Comparison[AxisPhysics] = (
+        compare_responses(lines, held_out=folds, otherwise_held=end)
+        if lines
+        else compare_modes(peaks, end, held_out=folds)
+    )
+    return _Compared(baseline, table, comparison, subject, subject.candidates())
+
+
+def _with_own_effects(product: Sequence[Effect[Physics]], request: ExplanationRequest) -> tuple[Effect[Physics], ...]:
+    """Return the table with the user's own effects, which must be such that a model file can hold them."""
+    known = {one.key for one in product}
+    for effect in request.effects:
+        if effect.key in known or effect.key.startswith(PREFIX):
+            raise OutsideValidityError(
+                f"an effect of a user's own needs a key that the product does not use; got {effect.key!r}"
+            )
+    # refuses names that could not be written: before the search, not after it
+    model_file_text(replace(request.baseline, effects={one.key: one.null_values() for one in request.effects}))
+    return (*product, *request.effects)
+
+
+def _at_the_preload_of_the_nut(observations: Sequence[_Observation], model: DriveModelFile) -> list[_Observation]:
+    """Leave out a preload that all share where the nut does not follow it: its rigidity is that at this preload.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the preload varies: a nut of one rigidity cannot follow it.
+    """
+    preloads = {one.conditions.preload for one in observations}
+    if _RATING in model.parameters or preloads <= {None}:
+        return list(observations)
+    if len(preloads) > 1:
+        listed = ", ".join("none stated" if one is None else f"{one:g} N" for one in sorted(preloads, key=_or_zero))
+        raise OutsideValidityError(
+            f"a model without {_RATING} has the nut rigidity of one preload; got measurements at {listed}: "
+            "state the rating"
+        )
+    return [replace(one, conditions=replace(one.conditions, preload=None)) for one in observations]
+
+
+def _or_zero(preload: float | None) -> float:
+    return preload or 0.0
+
+
+def _folds(conditions: Sequence[DriveConditions], hold_out: Sequence[float]) -> tuple[frozenset[DriveConditions], ...]:
+    if not hold_out:
+        return default_folds(conditions)
+    measured = sorted({one.position for one in conditions})
+    for position in hold_out:
+        if not any(abs(position - one) < _SAME_POSITION for one in measured):
+            raise NotIdentifiableError(
+                f"a position to hold out must be a measured one, {_listed(measured)}; got {1e3 * position:g} mm"
+            )
+    fold = frozenset(
+        one for one in conditions if any(abs(one.position - position) < _SAME_POSITION for position in hold_out)
+    )
+    if fold == frozenset(conditions):
+        raise NotIdentifiableError(
+            f"some of the measured positions must be left for the fit; got all of them to hold out, {_listed(measured)}"
+        )
+    return (fold,)
+
+
+def _listed(positions: Sequence[float]) -> str:
+    return f"{', '.join(f'{1e3 * one:g}' for one in positions)} mm"

@@ -1,0 +1,145 @@
+"""The report as one page of Markdown: verdict, where, what, evidence, what else, and what to measure next."""
+
+import re
+from collections.abc import Sequence
+
+from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, FoundParameter, Misfit
+from service.operations.explanation_report.rounding import (
+    between,
+    evidence,
+    notation,
+    probability,
+    quantity,
+    rounded,
+    unit_shown,
+    with_uncertainty,
+)
+from service.operations.explanation_report.sentences import (
+    MEANING,
+    candidates_heading,
+    candidates_in_order,
+    headline,
+    step_sentence,
+)
+
+
+def explanation_markdown(explanation: Explanation, model_text: str, subject: str) -> str:
+    """Return the report.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    model_text : str
+        The augmented drive model, as TOML.
+    subject : str
+        What was compared with what, as the title says it.
+    """
+    sections = [
+        [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", MEANING[explanation.outcome]],
+        ["## Where model and measurement part", "", *_misfits(explanation.localisation)],
+        *[_effect(one) for one in explanation.effects],
+        ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],
+        *([["## What stays unexplained", "", *_misfits(explanation.remainder)]] if explanation.effects else []),
+        [f"## {candidates_heading(explanation.outcome)}", "", *_candidates(explanation)],
+        ["## Next measurement", "", _text(explanation.next_measurement) or "None is proposed."],
+        ["## What was set and declared", "", *_pulls(explanation)],
+        ["## Model", "", *_fenced(model_text)],
+    ]
+    return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
+
+
+def _misfits(misfits: Sequence[Misfit]) -> list[str]:
+    if not misfits:
+        return ["No place stands out from the noise."]
+    rows = [[one.where, f"{rounded(one.size)} σ", str(one.kind), probability(one.p_value)] for one in misfits]
+    return _table(["where", "misfit, rms", "looks like", "p-value"], rows)
+
+
+def _effect(one: FoundEffect) -> list[str]:
+    lines = [f"## Found: {_text(one.name)} (`{_code(one.key)}`)", "", _text(one.physics), ""]
+    lines += _table(
+        ["parameter", "value ± standard uncertainty", "95 % interval", "plausible"],
+        [_parameter(name, found) for name, found in one.parameters.items()],
+    )
+    lines += [
+        "",
+        f"Evidence: ΔBIC {evidence(one.delta_bic)}; log-likelihood of held-out data "
+        f"{evidence(one.held_out_log_likelihood_gain)} better with it than without.",
+    ]
+    if one.equivalent_to:
+        lines += ["", f"These data cannot tell it from: {', '.join(f'`{_code(key)}`' for key in one.equivalent_to)}."]
+    if not one.plausible:
+        lines += ["", "**A stand-in: a value lies outside its plausible range, so the cause is something else.**"]
+    return lines + [line for remark in one.remarks for line in ("", f"**Note: {_text(remark)}**")]
+
+
+def _parameter(name: str, found: FoundParameter) -> list[str]:
+    value, uncertainty = found.estimate.value, found.estimate.standard_uncertainty
+    unit = unit_shown(found.unit)
+    interval = between(*found.interval_95, notation(value, uncertainty))
+    return [
+        name,
+        f"{with_uncertainty(value, uncertainty)}{unit}",
+        f"{interval}{unit}",
+        "yes" if found.plausible else "NO",
+    ]
+
+
+def _gap(explanation: Explanation) -> list[str]:
+    gap = explanation.gap
+    rows = [
+        [words, quantity(pair.fit, gap.unit), quantity(pair.held_out, gap.unit), quantity(gap.noise_floor, gap.unit)]
+        for words, pair in (("before", gap.before), ("after", gap.after))
+    ]
+    return _table(["", "fitted data", "held-out data", "noise floor"], rows)
+
+
+def _steps(explanation: Explanation) -> list[str]:
+    if not explanation.steps:
+        return ["Nothing was added."]
+    unit = explanation.gap.unit
+    return [f"{i}. {_text(step_sentence(one.effect, one.gap, unit))}" for i, one in enumerate(explanation.steps, 1)]
+
+
+def _candidates(explanation: Explanation) -> list[str]:
+    if not explanation.candidates:
+        return ["Nothing else was thought of."]
+    rows = [_candidate(one) for one in candidates_in_order(explanation.candidates)]
+    return _table(["effect", "ΔBIC", "held-out gain", "would be seen from"], rows)
+
+
+def _candidate(one: Candidate) -> list[str]:
+    if one.untestable_because is not None:
+        return [one.key, evidence(one.delta_bic), evidence(one.held_out), f"untestable: {one.untestable_because}"]
+    limit = "not known" if one.detection_limit is None else quantity(one.detection_limit, one.unit, 2)
+    return [one.key, evidence(one.delta_bic), evidence(one.held_out), limit]
+
+
+def _pulls(explanation: Explanation) -> list[str]:
+    if not explanation.pulls:
+        return ["No error of a setting or of a declared parameter was taken into account."]
+    rows = [[name, rounded(pull, 2)] for name, pull in explanation.pulls.items()]
+    return [*_table(["error of", "rms pull"], rows), "", "About 1 is as stated; far above 1, it is not."]
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    lines = [columns, ["---"] * len(columns), *[[_text(cell) for cell in row] for row in rows]]
+    return [f"| {' | '.join(line)} |" for line in lines]
+
+
+def _text(words: str) -> str:
+    """Return words that Markdown shows as they are: names may come from a user's file.
+
+    An underscore within a word needs no escape, and is easier to read without.
+    """
+    return re.sub(r"([\\`*|<>\[\]#&]|\b_|_\b)", r"\\\1", " ".join(words.split()))
+
+
+def _code(words: str) -> str:
+    """Return words for between backticks, where nothing else is an escape."""
+    return " ".join(words.split()).replace("`", "'")
+
+
+def _fenced(text: str) -> list[str]:
+    fence = "`" * max([3, *(len(run) + 1 for run in re.findall(r"`+", text))])
+    return [f"{fence}toml", text.rstrip("\n"), fence]

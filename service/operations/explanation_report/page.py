@@ -1,0 +1,100 @@
+"""The report as one page of HTML that needs nothing else: no script, no font, no other file."""
+
+import math
+from pathlib import Path
+from typing import Any, Final
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from monitor_core.discrepancy.explanation import Explanation, FoundParameter
+from service.operations.explanation_report import rounding, sentences
+from service.operations.explanation_report.gap_chart import gap_chart, pull_chart
+from service.operations.explanation_report.misfit_map_chart import misfit_map_chart, shade_names
+from service.operations.explanation_report.panel_chart import panel_chart, style_of
+
+_TEMPLATES: Final = Path(__file__).parent / "templates"
+#: The look of the dashboard, which the report takes over into itself.
+_DASHBOARD_STYLE: Final = Path(__file__).parents[2] / "web" / "static"
+
+_ENVIRONMENT: Final = Environment(
+    loader=FileSystemLoader([_TEMPLATES, _DASHBOARD_STYLE]),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def explanation_page(explanation: Explanation, model_text: str, subject: str) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    model_text : str
+        The augmented drive model, as TOML.
+    subject : str
+        What was compared with what, as the title says it.
+    """
+    return _ENVIRONMENT.get_template("explanation.html").render(
+        explanation=explanation,
+        subject=subject,
+        model_text=model_text,
+        headline=sentences.headline(explanation),
+        meaning=sentences.MEANING[explanation.outcome],
+        candidates=sentences.candidates_in_order(explanation.candidates),
+        candidates_heading=sentences.candidates_heading(explanation.outcome),
+        shades=shade_names(),
+        models=_models(explanation),
+        number=_number,
+        parameter_value=_parameter_value,
+        parameter_interval=_parameter_interval,
+        quantity=rounding.quantity,
+        evidence=rounding.evidence,
+        probability=rounding.probability,
+        **_pictures(explanation),
+    )
+
+
+def _pictures(explanation: Explanation) -> dict[str, Any]:
+    gap = explanation.gap
+    both = [("before", gap.before), ("after", gap.after)]
+    ladder = [("the model as stated", gap.before), *((f"+ {one.effect}", one.gap) for one in explanation.steps)]
+    return {
+        "gap_picture": gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
+        "ladder": gap_chart("ladder", "Gap after each step", ladder, gap.noise_floor, gap.unit),
+        "maps": [
+            (
+                one.title,
+                misfit_map_chart(f"map-{i}-before", f"{one.title}, before", one, one.before),
+                misfit_map_chart(f"map-{i}-after", f"{one.title}, after", one, one.after),
+            )
+            for i, one in enumerate(explanation.maps)
+        ],
+        "panels": [(one, panel_chart(f"panel-{i}", one)) for i, one in enumerate(explanation.panels)],
+        "pull_picture": pull_chart("pulls", explanation.pulls) if explanation.pulls else None,
+    }
+
+
+def _models(explanation: Explanation) -> list[tuple[str, str]]:
+    """Return the names of the models in the panels, each with its style, in the order in which they come."""
+    names = dict.fromkeys(model for panel in explanation.panels for model in panel.models)
+    return [(name, style_of(name)) for name in names]
+
+
+def _number(value: float, shown: str) -> Markup:
+    """Show a number that a program finds in full in the same element, where it is known."""
+    if math.isnan(value):
+        return escape(shown)
+    return Markup('<data value="{}">{}</data>').format(repr(float(value)), shown)
+
+
+def _parameter_value(found: FoundParameter) -> Markup:
+    value, uncertainty = found.estimate.value, found.estimate.standard_uncertainty
+    return _number(value, rounding.with_uncertainty(value, uncertainty) + rounding.unit_shown(found.unit))
+
+
+def _parameter_interval(found: FoundParameter) -> str:
+    chosen = rounding.notation(found.estimate.value, found.estimate.standard_uncertainty)
+    return rounding.between(*found.interval_95, chosen) + rounding.unit_shown(found.unit)

@@ -1,0 +1,125 @@
+"""What an outcome says, in words: the verdict first, then what it means and what it does not."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, GapPair, Outcome
+from service.operations.explanation_report.rounding import quantity, rounded, unit_shown
+
+#: What each outcome means, and what it does not.
+MEANING: Final = {
+    Outcome.NAMED: (
+        "Named: with what is added the model holds on data that were not used to choose it. It does not mean that "
+        "nothing else is there: an effect below its detection limit, and one that the catalogue does not hold but "
+        "that acts alike on these data, would not be noticed."
+    ),
+    Outcome.EQUIVALENT: (
+        "Equivalent: something is missing, and these data cannot tell which of the effects listed it is. The first "
+        "of them stands in the model only because one must; the data do not prefer it to the others."
+    ),
+    Outcome.PARTIAL: (
+        "Partial: what is added holds on data that were not used to choose it, but does not close the gap. Nothing in "
+        "the catalogue explains the remainder, and the values found may have taken up part of it."
+    ),
+    Outcome.NONE: (
+        "None: the model as it stands agrees with the measurement to its noise. It does not mean that the axis has no "
+        "other effect: whatever is smaller than its detection limit below could still hide, and so could what these "
+        "data cannot test."
+    ),
+    Outcome.UNKNOWN: (
+        "Unknown: model and measurement disagree by more than noise, and no effect of the catalogue, alone or with "
+        "others, explains that to the noise floor. The cause may lie outside of the catalogue, in the measurement, or "
+        "in the description of the axis."
+    ),
+}
+
+
+def headline(explanation: Explanation) -> str:
+    """Return the verdict in one sentence."""
+    names = listed([effect_named(one) for one in explanation.effects])
+    several = len(explanation.effects) > 1
+    gap = _gap_sentence(explanation)
+    match explanation.outcome:
+        case Outcome.NAMED:
+            return f"The model lacks {names}: with {'them' if several else 'it'} {gap}."
+        case Outcome.EQUIVALENT:
+            first = "the first of each" if several else "the first of them"
+            return f"The model lacks {names}, and these data cannot tell which: with {first} {gap}."
+        case Outcome.PARTIAL:
+            return f"The model lacks {names}, and more that nothing in the catalogue explains: {gap}."
+        case Outcome.NONE:
+            return f"Nothing is missing that these data would show: {_none_sentence(explanation)}."
+        case Outcome.UNKNOWN:
+            return f"Something is missing that nothing in the catalogue explains: {_unknown_sentence(explanation)}."
+
+
+def effect_named(one: FoundEffect) -> str:
+    """Return the name of an effect with those the data cannot tell from it, and a word where it is not believed."""
+    name = " or ".join([f"“{one.name}”", *one.equivalent_to])
+    return name if one.plausible else f"{name} (a stand-in: its value is not plausible)"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Join as a sentence does."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def judged_gap(pair: GapPair) -> float:
+    """Return the gap that counts: on data held out where there are any."""
+    return pair.fit if math.isnan(pair.held_out) else pair.held_out
+
+
+def judged_on(explanation: Explanation) -> str:
+    """Say which data the gaps of the verdict are of."""
+    if math.isnan(explanation.gap.after.held_out):
+        return "on the data that were fitted, since none could be held out"
+    return "on data that were not fitted"
+
+
+def step_sentence(effect: str, gap: GapPair, unit: str) -> str:
+    """Say what an effect left."""
+    return f"with {effect}: {quantity(gap.fit, unit)} fitted, {held_out(gap, unit)}"
+
+
+def held_out(gap: GapPair, unit: str) -> str:
+    """Say the gap on data held out, or that there were none."""
+    return "nothing held out" if math.isnan(gap.held_out) else f"{quantity(gap.held_out, unit)} held out"
+
+
+def candidates_heading(outcome: Outcome) -> str:
+    """Return the heading over what else was thought of: where nothing was found, it is what could still hide."""
+    return "What could still hide" if outcome is Outcome.NONE else "What else was thought of"
+
+
+def candidates_in_order(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return those that were tested first, the best supported before the others."""
+    return sorted(
+        candidates,
+        key=lambda one: (one.untestable_because is not None, math.isnan(one.delta_bic), -one.delta_bic),
+    )
+
+
+def _gap_sentence(explanation: Explanation) -> str:
+    gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
+    before, after = judged_gap(gap.before), judged_gap(gap.after)
+    verb = "falls" if after < before else "does not fall"
+    return (
+        f"the gap {verb}, from {rounded(before)} to {rounded(after)}{unit}, {judged_on(explanation)} "
+        f"(noise floor {rounded(gap.noise_floor)}{unit})"
+    )
+
+
+def _none_sentence(explanation: Explanation) -> str:
+    gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
+    return (
+        f"the gap is {rounded(judged_gap(gap.before))}{unit} {judged_on(explanation)}, at a noise floor of "
+        f"{rounded(gap.noise_floor)}{unit}"
+    )
+
+
+def _unknown_sentence(explanation: Explanation) -> str:
+    if not explanation.effects:
+        return _none_sentence(explanation)
+    best = listed([effect_named(one) for one in explanation.effects])
+    return f"with {best}, the best that was found, {_gap_sentence(explanation)}"

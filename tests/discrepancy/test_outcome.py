@@ -1,0 +1,94 @@
+"""What a search means, as a table; and the pulls of settings that nothing is wrong with."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from monitor_core.discrepancy.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.explanation import Gap, GapPair, Outcome
+from monitor_core.discrepancy.fit import fit
+from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.outcome import OutcomeSettings, mean_square_pulls, outcome_of
+from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
+
+SETTINGS = OutcomeSettings()
+FLOOR = 2.0
+#: Just within and just beyond what counts as nothing left, in the unit of the gap.
+AT_FLOOR, LEFT = 0.999 * SETTINGS.remainder * FLOOR, 1.001 * SETTINGS.remainder * FLOOR
+BEFORE = 40.0
+QUIET = {"position": 0.5 * SETTINGS.pulls, "gain 1": 0.5 * SETTINGS.pulls}
+PULLED = {"position": 1.1 * SETTINGS.pulls}
+GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
+
+
+def found(*plausible):
+    """Return a class with members that are plausible or not, the leader first."""
+    members = tuple(Member(quantity(index), None, 100.0, one) for index, one in enumerate(plausible))
+    return EquivalenceClass(members, (), 50.0)
+
+
+def gap(fit_after, held_out_after=math.nan, before=BEFORE):
+    held_out_before = math.nan if math.isnan(held_out_after) else before
+    return Gap("sigma", FLOOR, GapPair(before, held_out_before), GapPair(fit_after, held_out_after))
+
+
+GOOD, TWO, STAND_IN = found(True), found(True, True), found(False)
+TABLE = {
+    "nothing found, nothing left": ((), gap(AT_FLOOR), QUIET, Outcome.NONE),
+    "nothing found, something left": ((), gap(LEFT), QUIET, Outcome.UNKNOWN),
+    "nothing found, something left on held-out data": ((), gap(FLOOR, LEFT), QUIET, Outcome.UNKNOWN),
+    "nothing found, settings drift": ((), gap(AT_FLOOR), PULLED, Outcome.UNKNOWN),
+    "nothing found, gains off": ((), gap(AT_FLOOR), GAINS, Outcome.NONE),
+    "found": ((GOOD,), gap(AT_FLOOR, AT_FLOOR), QUIET, Outcome.NAMED),
+    "two effects found": ((GOOD, GOOD), gap(AT_FLOOR), QUIET, Outcome.NAMED),
+    "not told apart": ((GOOD, TWO), gap(AT_FLOOR), QUIET, Outcome.EQUIVALENT),
+    "a remainder": ((GOOD,), gap(LEFT), QUIET, Outcome.PARTIAL),
+    "a remainder on held-out data": ((GOOD,), gap(FLOOR, LEFT), QUIET, Outcome.PARTIAL),
+    "a remainder, not told apart": ((TWO,), gap(LEFT), QUIET, Outcome.PARTIAL),
+    "settings drift": ((GOOD,), gap(AT_FLOOR), PULLED, Outcome.PARTIAL),
+    "most of the gap stays": ((GOOD,), gap(0.5 * BEFORE), QUIET, Outcome.UNKNOWN),
+    "most of the gap stays on held-out data": ((GOOD,), gap(FLOOR, 0.5 * BEFORE), QUIET, Outcome.UNKNOWN),
+    "a stand-in alone": ((STAND_IN,), gap(AT_FLOOR), QUIET, Outcome.UNKNOWN),
+    "a stand-in beside an effect": ((GOOD, STAND_IN), gap(AT_FLOOR), QUIET, Outcome.PARTIAL),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", TABLE)
+def test_outcome(what) -> None:
+    classes, gap_, pulls, expected = TABLE[what]
+    assert outcome_of(classes, gap_, pulls, SETTINGS) is expected
+
+
+@pytest.mark.parametrize(("more", "expected"), [(0.01, Outcome.PARTIAL), (-0.01, Outcome.UNKNOWN)])
+def test_share_explained_is_that_of_the_squares_over_the_floor(more, expected) -> None:
+    """Of (before² − floor²) so much is gone; here on held-out data, whatever was fitted."""
+    share = SETTINGS.least_share + more * (1.0 - SETTINGS.least_share)
+    after = math.sqrt(BEFORE**2 - share * (BEFORE**2 - FLOOR**2))
+    assert outcome_of((GOOD,), gap(LEFT, after), QUIET, SETTINGS) is expected
+
+
+def test_mean_square_pulls_are_one_where_all_is_right() -> None:
+    """Over draws of 40 settings: χ² over its degrees of freedom, by Kolmogorov and Smirnov at one in ten thousand."""
+    rng = np.random.default_rng(1)
+    n_settings, n = 40, 240
+    layout = layout_of([6] * n_settings, 0.5)
+    directions = rng.standard_normal((2, n))
+    subject = LinearSubject({}, 1)
+    drawn = []
+    for _ in range(150):
+        errors = rng.standard_normal((n_settings, 2))
+        data = 0.5 * rng.standard_normal(n) + np.sum(directions * errors[layout.setting].T, axis=0)
+        comparison = LinearComparison(layout, np.zeros((n, 1)), data, directions)
+        fitted = fit(comparison, Hypothesis(subject), np.zeros(0))
+        drawn.append(mean_square_pulls(fitted))
+    for name in ("error 1", "error 2"):
+        values = n_settings * np.array([one[name] for one in drawn])
+        assert stats.kstest(values, stats.chi2(n_settings).cdf).pvalue > 1e-4
+
+
+def test_errors_that_nothing_tells_of_are_not_judged() -> None:
+    comparison = LinearComparison(layout_of([3], 1.0), np.zeros((3, 1)), np.ones(3), np.array([[1.0] * 3, [0.0] * 3]))
+    fitted = fit(comparison, Hypothesis(LinearSubject({}, 1)), np.zeros(0))
+    assert list(mean_square_pulls(fitted)) == ["error 1"]

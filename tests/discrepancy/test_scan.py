@@ -1,0 +1,174 @@
+"""A look at an effect promises what a refit then gives: exactly so where the misfit is linear."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from monitor_core.discrepancy.effect import Effect, EffectParameter
+from monitor_core.discrepancy.fit import fit
+from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.scan import scan
+from monitor_core.errors import OutsideValidityError
+from tests.discrepancy.axes import (
+    LinearComparison,
+    LinearSubject,
+    compared,
+    covariance_of,
+    effects_by_key,
+    layout_of,
+    measured,
+    quantity,
+    settings,
+    subject,
+    true_subject,
+    wrong_quantity,
+)
+
+N = 120
+UNCERTAIN = {"a": 0.3, "b": 2.0}
+TRUTH = np.array([0.9, -1.0, 3.0, 0.7, -0.4])
+
+
+def linear(seed=0):
+    rng = np.random.default_rng(seed)
+    design = rng.standard_normal((N, TRUTH.size)) + rng.standard_normal((N, 1))  # columns that are alike
+    comparison = LinearComparison(
+        layout_of((40, 40, 40), 1.0), design, design @ TRUTH + rng.standard_normal(N), rng.standard_normal((2, N))
+    )
+    return comparison, LinearSubject(UNCERTAIN, TRUTH.size)
+
+
+def fitted(hypothesis, comparison, chosen=None):
+    return fit(comparison, hypothesis, np.full(hypothesis.n_coordinates, 0.5), chosen)
+
+
+@pytest.mark.parametrize("index", [3, 4])
+@pytest.mark.parametrize("last", [120, 80])
+def test_promised_decrease_is_that_of_a_refit(index, last) -> None:
+    """And the start it proposes is the end of the refit; without the values that are held out."""
+    comparison, subject_ = linear()
+    chosen = np.arange(N) < last
+    without = fitted(Hypothesis(subject_, (quantity(2),)), comparison, chosen)
+    effect = quantity(index, scale=0.5)
+    (look,) = scan(without, [effect])
+    fuller = fitted(without.hypothesis.with_effect(effect), comparison, chosen)
+    assert look.score == pytest.approx(without.cost - fuller.cost, rel=1e-4)
+    assert look.decrease == pytest.approx(without.cost - fuller.cost, rel=1e-4)
+    np.testing.assert_allclose(look.starts[0], fuller.coordinates, atol=2e-3)
+
+
+def test_information_is_what_the_data_say_of_the_first_parameter() -> None:
+    """One over the variance of the refitted size in its scales, by dense algebra."""
+    comparison, subject_ = linear()
+    without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
+    (look,) = scan(without, [quantity(3, scale=0.5)])
+    design = comparison.design[:, :4] * [0.3, 2.0, 1.0, 0.5]
+    precision = design.T @ linalg.solve(covariance_of(comparison), design) + np.diag([1.0, 1.0, 0.0, 0.0])
+    assert look.information == pytest.approx(1.0 / linalg.inv(precision)[3, 3], rel=1e-5)
+
+
+def test_a_look_stays_within_the_range() -> None:
+    """Half of the quadratic's decrease is out of reach where the size may not have the sign it wants."""
+    comparison, subject_ = linear()
+    without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
+    (wanted,) = scan(without, [quantity(3)])
+    sign = np.sign(wanted.starts[0][-1])
+    comparison = replace(comparison, design=comparison.design * np.where(np.arange(5) == 3, -sign, 1.0))
+    without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
+    (refused,) = scan(without, [quantity(3, lower=0.0)])
+    assert (refused.decrease, refused.score) == (0.0, 0.0)
+    np.testing.assert_array_equal(refused.starts[0][:-1], without.coordinates)
+    assert refused.starts[0][-1] == 0.0
+
+
+@pytest.mark.parametrize(("index", "name"), list(enumerate(UNCERTAIN)))
+def test_a_tolerance_that_is_let_go(index, name) -> None:
+    """u²/(1 − h) less, where u is the prior's residual and h its leverage; information as without the prior."""
+    comparison, subject_ = linear()
+    without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
+    effect = wrong_quantity(index, name)
+    (look,) = scan(without, [effect])
+    freed = fit(comparison, without.hypothesis.with_effect(effect), look.starts[0])
+    assert look.decrease == pytest.approx(without.cost - freed.cost, rel=1e-3)
+    design = comparison.design[:, :3]
+    prior = np.diag([1.0 / 0.3**2, 1.0 / 2.0**2, 0.0])
+    prior[index, index] = 0.0
+    precision = design.T @ linalg.solve(covariance_of(comparison), design) + prior
+    scale = effect.parameters[0].scale
+    assert look.information == pytest.approx(scale**2 / linalg.inv(precision)[index, index], rel=1e-4)
+
+
+def test_most_promising_first() -> None:
+    comparison, subject_ = linear()
+    without = fitted(Hypothesis(subject_), comparison)
+    looks = scan(without, [quantity(4), quantity(3), quantity(2)])
+    decreases = [
+        without.cost - fitted(Hypothesis(subject_, (look.effect,)), comparison).cost for look in looks
+    ]  # fmt: skip
+    assert decreases == sorted(decreases, reverse=True)
+    assert looks[0].effect.key == "quantity-2"
+
+
+def test_of_several_parameters_each_size_is_tried() -> None:
+    """The first one is of no use here, the second one is; the start has the second alone."""
+    comparison, subject_ = linear()
+    comparison = replace(comparison, design=np.column_stack([comparison.design, np.zeros(N)]))
+    subject_ = LinearSubject(UNCERTAIN, 6)
+
+    def add(theta, values):
+        return theta + values["idle"] * np.eye(6)[5] + values["size"] * np.eye(6)[2]
+
+    both = Effect(
+        "both", "Both", "One of two adds.", "this test",
+        (EffectParameter("idle", "-", -9.0, 9.0, 1.0), EffectParameter("size", "-", -9.0, 9.0, 1.0)), add,
+    )  # fmt: skip
+    without = fitted(Hypothesis(subject_), comparison)
+    both_look, alone = scan(without, [both])[0], scan(without, [quantity(2)])[0]
+    assert both_look.decrease == pytest.approx(alone.decrease, rel=1e-6)
+    assert both_look.starts[0][-2] == 0.0
+    assert both_look.starts[0][-1] == pytest.approx(alone.starts[0][-1], rel=1e-6)
+    assert both_look.information == 0.0  # nothing that was measured moves with the first
+
+
+def test_effects_without_an_answer_are_passed_over() -> None:
+    comparison, subject_ = linear()
+    without = fitted(Hypothesis(subject_), comparison)
+
+    def refuse(theta, values):
+        raise OutsideValidityError("no such axis")
+
+    never = replace(quantity(3), add=refuse)
+    assert [one.effect.key for one in scan(without, [never, quantity(4)])] == ["quantity-4"]
+
+
+# --- an axis ---------------------------------------------------------------------------------------------------------
+
+EFFECTS = effects_by_key()
+CONDITIONS = settings(positions=(0.2113, 0.5113, 0.8113), preloads=(150.0, 300.0))
+
+
+@pytest.mark.parametrize("frequency", [130.0, 480.0])
+def test_a_resonance_is_sought_at_many_frequencies(frequency) -> None:
+    """Its residue has no slope where the frequency is wrong; the start stands beside the true one."""
+    mode = EFFECTS["second-mode"]
+    values = {"residue_per_kg": 1e-4, "frequency_hz": frequency, "damping_ratio": 0.02}
+    comparison = compared(measured(mode.added_to(true_subject(0), values), CONDITIONS))
+    hypothesis = Hypothesis(subject())
+    without = fit(comparison, hypothesis, hypothesis.null)
+    (look,) = scan(without, [mode])
+    fuller = hypothesis.with_effect(mode)
+    assert fuller.values(look.starts[0])["second-mode"]["frequency_hz"] == pytest.approx(frequency, rel=0.1)
+    refitted = fit(comparison, fuller, look.starts[0])
+    assert fuller.values(refitted.coordinates)["second-mode"]["frequency_hz"] == pytest.approx(frequency, rel=1e-3)
+
+
+def test_a_strong_effect_is_promised_by_its_size_and_not_by_its_slope() -> None:
+    """A far bearing a third as stiff as the fixed one; to judge by the slopes, the base yields."""
+    far = EFFECTS["far-bearing-stiffness"]
+    comparison = compared(measured(far.added_to(true_subject(0), {"stiffness_n_per_m": 3e7}), CONDITIONS))
+    hypothesis = Hypothesis(subject())
+    looks = scan(fit(comparison, hypothesis, hypothesis.null), list(EFFECTS.values()))
+    assert max(looks, key=lambda one: one.score).effect.key == "base-compliance"
+    assert max(looks, key=lambda one: one.decrease).effect.key == "far-bearing-stiffness"

@@ -1,0 +1,126 @@
+"""What may be hidden in an axis, in three sizes, and what a model file would have to say of it.
+
+Sizes: with noise of 0.3 %, and after everything declared and every error of a setting has explained what it can, small
+is 5 to 10 standard deviations, medium 10 to 50, and large is plain to see.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+SIZES = ("small", "medium", "large")
+
+#: Hidden mechanism of a drawn value, and what a model file would have to say.
+Mechanism = tuple[dict[str, float], dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Something that may be hidden, in three sizes."""
+
+    sizes: tuple[float, float, float]
+    build: Callable[[float, np.random.Generator], Mechanism]
+    either_sign: bool = False
+
+
+def _plain(field: str, name: str) -> Callable[[float, np.random.Generator], Mechanism]:
+    return lambda value, _rng: ({field: value}, {name: value})
+
+
+def _axial(value: float, _rng: np.random.Generator) -> Mechanism:
+    return {"axial_modulus_factor": 1.0 + value}, {"relative_change": value}
+
+
+def _periodic(value: float, rng: np.random.Generator) -> Mechanism:
+    phase = rng.uniform(-math.pi, math.pi)
+    stated = {"cosine_amplitude": value * math.cos(phase), "sine_amplitude": value * math.sin(phase)}
+    return {"periodic_preload": value, "periodic_phase": phase}, stated
+
+
+def _mounting(inverse_square: float, rng: np.random.Generator) -> Mechanism:
+    frequency, ratio = 1.0 / (2.0 * math.pi * math.sqrt(inverse_square)), rng.uniform(0.03, 0.07)
+    stated = {"inverse_square_s2": inverse_square, "bandwidth_hz": 2.0 * ratio * frequency}
+    return {"mounting_frequency": frequency, "mounting_damping_ratio": ratio}, stated
+
+
+def _base(value: float, rng: np.random.Generator) -> Mechanism:
+    frequency, ratio = rng.uniform(45.0, 110.0), rng.uniform(0.01, 0.03)
+    stated = {"compliance_m_per_n": value, "frequency_hz": frequency, "damping_ratio": ratio}
+    return {"base_compliance": value, "base_frequency": frequency, "base_damping_ratio": ratio}, stated
+
+
+def _structure(value: float, rng: np.random.Generator) -> Mechanism:
+    frequency, ratio = rng.uniform(250.0, 450.0), rng.uniform(0.01, 0.03)
+    stated = {"residue_per_kg": value, "frequency_hz": frequency, "damping_ratio": ratio}
+    return {"structure_residue": value, "structure_frequency": frequency, "structure_damping_ratio": ratio}, stated
+
+
+def _absorber(slope: float) -> Callable[[float, np.random.Generator], Mechanism]:
+    def build(value: float, rng: np.random.Generator) -> Mechanism:
+        frequency = rng.uniform(250.0, 450.0)
+        return (
+            {"absorber_mass": value, "absorber_frequency": frequency, "absorber_frequency_slope": slope},
+            {"mass_kg": value, "frequency_hz": frequency},
+        )
+
+    return build
+
+
+def _softening(value: float, _rng: np.random.Generator) -> Mechanism:
+    return {"nut_softening": value, "nut_softening_deflection": 1.5e-7}, {"share": value}
+
+
+#: By the keys of effects. Small is just about detectable where noise is 0.3 %, large is obvious.
+KINDS: dict[str, Kind] = {
+    "added-mass": Kind((0.5, 1.0, 2.5), _plain("added_mass", "mass_kg")),
+    "payload-mass": Kind((0.1, 0.4, 1.5), _plain("payload_error", "mass_kg"), either_sign=True),
+    "series-compliance": Kind((3e-9, 6e-9, 1.5e-8), _plain("series_compliance", "compliance_m_per_n")),
+    "far-bearing-stiffness": Kind((4e5, 1.6e6, 3e7), _plain("far_bearing_stiffness", "stiffness_n_per_m")),
+    "screw-axial-stiffness": Kind((0.05, 0.1, 0.25), _axial, either_sign=True),
+    "torsional-flexibility": Kind((0.06, 0.2, 0.8), _plain("torsional_compliance_share", "compliance_share")),
+    "loss-factor": Kind((0.002, 0.006, 0.03), _plain("loss_factor", "loss_factor")),
+    "guide-friction": Kind((0.03, 0.15, 1.0), _plain("guide_friction", "friction_n")),
+    "guide-stiffness": Kind((1.2e4, 5e4, 4e5), _plain("guide_stiffness", "stiffness_n_per_m")),
+    "preload-exponent": Kind(
+        (0.06, 0.15, 0.27), _plain("preload_exponent_change", "exponent_change"), either_sign=True
+    ),
+    "thermal-preload": Kind((2.0, 5.0, 8.0), _plain("thermal_preload", "preload_n_per_k"), either_sign=True),
+    "position-offset": Kind((0.002, 0.006, 0.025), _plain("position_offset", "offset_m"), either_sign=True),
+    "torque-delay": Kind((5e-7, 2e-6, 5e-5), _plain("torque_delay", "delay_s")),
+    "sensor-mounting-resonance": Kind((1e-10, 6e-10, 4e-9), _mounting),
+    "base-compliance": Kind((2e-11, 1e-10, 2e-9), _base),
+    "servo-stiffness": Kind((0.015, 0.06, 2.0), _plain("servo_stiffness", "stiffness_nm_per_rad")),
+    "periodic-preload": Kind((0.05, 0.15, 0.35), _periodic),
+    "cubic-stiffness": Kind((6e10, 2e11, 1e12), _plain("cubic_nut_stiffness", "relative_stiffness_per_m2")),
+    "second-mode": Kind((5e-7, 2e-6, 5e-5), _structure),
+    "outside:absorber": Kind((0.03, 0.1, 0.4), _absorber(0.0)),
+    "outside:wandering-absorber": Kind((0.03, 0.1, 0.4), _absorber(0.3)),
+    "outside:nut-softening": Kind((0.1, 0.25, 0.5), _softening),
+    "outside:preload-drift": Kind((0.08, 0.2, 0.4), _plain("preload_drift", "share")),
+}
+#: A declared part that is not within its tolerance: ln of true over declared.
+WRONG_PARTS: dict[str, tuple[float, float, float]] = {
+    "bearing_stiffness": (1.0, 1.4, 2.0),
+    "bracket_stiffness": (1.0, 1.4, 2.0),
+    "nut_rigidity": (0.5, 0.7, 1.1),
+    "coupling_stiffness": (1.0, 1.4, 2.0),
+    "table_mass": (0.025, 0.05, 0.12),
+    "motor_inertia": (0.1, 0.2, 0.4),
+}
+#: Some that look alike, some that have nothing to do with each other.
+PAIRS = (
+    "added-mass+far-bearing-stiffness",
+    "added-mass+loss-factor",
+    "far-bearing-stiffness+torque-delay",
+    "series-compliance+guide-stiffness",
+    "guide-friction+payload-mass",
+    "torsional-flexibility+preload-exponent",
+    "base-compliance+position-offset",
+    "screw-axial-stiffness+servo-stiffness",
+    "second-mode+sensor-mounting-resonance",
+    "thermal-preload+periodic-preload",
+    "cubic-stiffness+added-mass",
+    "loss-factor+guide-stiffness",
+)

@@ -1,0 +1,95 @@
+"""What the two plants are told of an axis: its parts, the mechanisms hidden in it, and how it is set. SI units."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parts:
+    """The axis as its maker would describe it, and the value each part really has.
+
+    Dampers are the mechanism of loss; ``nut_rigidity`` is K of the catalogue: the nut has 0.8 K (P/P_rated)^(1/3).
+    """
+
+    screw_length: float = 0.971
+    screw_diameter: float = 0.0186
+    screw_lead: float = 0.006
+    youngs_modulus: float = 206e9
+    shear_modulus: float = 79.2e9
+    density: float = 7850.0
+    table_mass: float = 20.54
+    nut_mass: float = 1.3  # moves with the table
+    motor_inertia: float = 1.6e-4
+    coupling_inertia: float = 2e-5  # turns with the motor
+    bearing_stiffness: float = 100e6
+    far_bearing_stiffness: float = 0.0
+    bracket_stiffness: float = 2.1e8  # in series with the nut
+    nut_rigidity: float = 470e6
+    rated_preload: float = 400.0  # a tenth of the dynamic load rating
+    coupling_stiffness: float = 849.0
+    bearing_damping: float = 3e3
+    far_bearing_damping: float = 0.0
+    nut_damping: float = 6e3  # beside the nut alone
+    coupling_damping: float = 0.05
+    table_damping: float = 150.0
+    motor_damping: float = 2e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hidden:
+    """Mechanisms that the maker's description lacks; absent at their defaults."""
+
+    # of the catalogue
+    added_mass: float = 0.0  # rigidly on the table [kg]
+    payload_error: float = 0.0  # true payload less the stated one, wherever one is stated [kg]
+    series_compliance: float = 0.0  # one more spring between nut and table [m/N]
+    far_bearing_stiffness: float = 0.0  # a second bearing the description does not mention [N/m]
+    axial_modulus_factor: float = 1.0  # of the stiffness of the screw in tension alone
+    torsional_compliance_share: float = 0.0  # the screw twists so much more than G J gives [-]
+    loss_factor: float = 0.0  # of all joints, as a chain of Maxwell elements that is flat over the band [-]
+    guide_friction: float = 0.0  # Coulomb friction of the guides, solved in time [N]
+    guide_stiffness: float = 0.0  # table to ground [N/m]
+    preload_exponent_change: float = 0.0  # nut ∝ P^(1/3 + change), unchanged at the rated preload [-]
+    thermal_preload: float = 0.0  # preload per temperature deviation [N/K]
+    periodic_preload: float = 0.0  # preload varies by this share over each lead of the position tag [-]
+    periodic_phase: float = 0.0  # [rad]: preload (1 + share cos(2πx/lead − phase))
+    position_offset: float = 0.0  # true position less the stated one [m]
+    torque_delay: float = 0.0  # the torque acts so much later than it is recorded [s]
+    mounting_frequency: float = math.inf  # of the accelerometer on its mounting [Hz]
+    mounting_damping_ratio: float = 0.05
+    base_compliance: float = 0.0  # of a base that takes the reaction of both bearings [m/N]
+    base_frequency: float = 60.0  # its mass follows from compliance and frequency [Hz]
+    base_damping_ratio: float = 0.02
+    servo_stiffness: float = 0.0  # rotor to ground [N·m/rad]
+    cubic_nut_stiffness: float = 0.0  # β in nut force = k(1 + βδ²)δ, solved in time [1/m²]
+    structure_residue: float = 0.0  # a structure that the drive's force moves and the table rides on [1/kg]
+    structure_frequency: float = 300.0  # [Hz]
+    structure_damping_ratio: float = 0.02
+    # not in the catalogue
+    absorber_mass: float = 0.0  # a mass on a spring on the table [kg]
+    absorber_frequency: float = 300.0  # [Hz]
+    absorber_damping_ratio: float = 0.02
+    absorber_frequency_slope: float = 0.0  # its frequency changes with the position of the table, relative per m [1/m]
+    nut_softening: float = 0.0  # the nut loses this share of its stiffness where it is deflected much, solved in time
+    nut_softening_deflection: float = 1e-7  # rms deflection scale at which half of it is lost [m]
+    preload_drift: float = 0.0  # share of the preload lost from the first setting to the last [-]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """How the axis is really set for one measurement."""
+
+    position: float  # of the table from the fixed bearing, before any hidden offset [m]
+    preload: float  # before any hidden change [N]
+    payload: float = 0.0  # as stated [kg]
+    temperature_deviation: float = 0.0  # [K]
+    excitation_rms: float = 0.05  # of the torque at the motor [N·m]
+    order: float = 0.0  # 0 for the first measurement of the test, 1 for the last
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """A machine: the parts it really has and what is hidden in it."""
+
+    parts: Parts
+    hidden: Hidden = Hidden()

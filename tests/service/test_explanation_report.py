@@ -1,0 +1,475 @@
+"""The report says what the record says: keys of the contract, its numbers, nothing from outside, nothing unescaped."""
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor_core.discrepancy.comparison import Panel
+from monitor_core.discrepancy.explanation import (
+    Candidate,
+    Explanation,
+    FoundEffect,
+    FoundParameter,
+    Gap,
+    GapPair,
+    Misfit,
+    MisfitKind,
+    MisfitMap,
+    Outcome,
+    Step,
+)
+from monitor_core.errors import OutsideValidityError
+from monitor_core.uncertainty import Estimate
+from service.operations.explanation_document import explanation_document
+from service.operations.explanation_report import explanation_markdown, explanation_page, write_report
+from service.operations.explanation_report.panel_chart import POINTS
+from service.operations.explanation_report.rounding import quantity, with_uncertainty
+from service.operations.explanation_report.svg import Axis, axis_over, decimated, element
+
+SUBJECT = "x-axis.frf.h5 against hybrid.toml"
+MODEL = 'family = "hybrid"\n\n[parameters]\ntable_mass_kg = 20.54\n\n[effects.added-mass]\nmass_kg = 0.81\n'
+#: Names as a user's own file of effects might bring them.
+HOSTILE = '"><script>alert(1)</script>&amp;|`*'
+VOID = {"meta", "link", "br", "hr", "img", "input"}
+
+FAR_BEARING = FoundEffect(
+    key="far-bearing-stiffness",
+    name="Stiffness of the far bearing",
+    physics="The far end of the screw is held axially; the axis is stiffer there, and the more so the nearer the nut.",
+    parameters={"stiffness_n_per_m": FoundParameter(Estimate(3.8e7, 1.0e6), "N/m", (3.6e7, 4.0e7), plausible=True)},
+    equivalent_to=(),
+    delta_bic=41.2,
+    held_out_log_likelihood_gain=33.0,
+)
+ADDED_MASS = FoundEffect(
+    key="added-mass",
+    name="Mass that the description leaves out",
+    physics="A mass moves with the table.",
+    parameters={"mass_kg": FoundParameter(Estimate(-13.6, 0.4), "kg", (-14.4, -12.8), plausible=False)},
+    equivalent_to=(),
+    delta_bic=212.0,
+    held_out_log_likelihood_gain=151.0,
+    remarks=("a stand-in for something else: no table is lighter than its parts",),
+)
+CANDIDATES = (
+    Candidate("thermal-preload", math.nan, math.nan, None, "N/K", "the temperature was the same in all conditions"),
+    Candidate("guide-friction", -6.2, -0.4, 14.0, "N"),
+    Candidate("loss-factor", 2.4, 0.3, 0.0021, "-"),
+    Candidate("base-compliance", -11.9, -2.0, 4.3e-10, "m/N"),
+)
+LOCALISATION = (
+    Misfit("position_mm 500..850, band 150..200 Hz", 8.31, MisfitKind.STIFFNESS, 3.0e-9),
+    Misfit("preload_n 400, band 24..60 Hz", 1.74, MisfitKind.UNCLEAR, 0.013),
+)
+SETTINGS = ("150 mm, 250 N", "300 mm, 250 N", "500 mm, 250 N", "700 mm, 250 N", "850 mm, 400 N, +6 kg, +15 K")
+BANDS = ("24–60 Hz", "60–120 Hz", "120–150 Hz", "150–200 Hz", "200–400 Hz", "400–800 Hz", "0.8–1.5 kHz")
+
+
+def misfit_map() -> MisfitMap:
+    """Return a map with its worst place at the far end around the first mode, and an empty cell."""
+    rng = np.random.default_rng(1)
+    after = 1.0 + 0.15 * rng.standard_normal((len(SETTINGS), len(BANDS)))
+    before = after + 9.0 * np.outer(np.linspace(0.1, 1.0, len(SETTINGS)), np.exp(-((np.arange(7) - 3.0) ** 2)))
+    before[0, 6] = after[0, 6] = np.nan
+    return MisfitMap("acceleration-at-table", SETTINGS, BANDS, before, after)
+
+
+def panels() -> tuple[Panel, ...]:
+    """Return responses with a gap in the data, one held out, and a natural frequency over three positions."""
+    f = np.linspace(24.0, 1500.0, 1477)
+    rng = np.random.default_rng(2)
+
+    def response(natural: float) -> np.ndarray:
+        return np.abs(f**2 / (natural**2 - f**2 + 0.03j * natural * f)) / 20.0
+
+    made = []
+    for i, position in enumerate((150, 300, 500, 700, 850)):
+        true = response(180.0 + 8.0 * i)
+        measured = true * np.exp(0.02 * rng.standard_normal(f.size))
+        measured[600:640] = np.nan
+        models: Mapping[str, np.ndarray] = {"before": response(176.0), "after": true}
+        made.append(
+            Panel(
+                f"{position} mm, 250 N", "frequency [Hz]", "|torque accelerance| [m/(N·m·s²)]", f, measured, models,
+                logarithmic=True, held_out=i in {1, 3},
+            )
+        )  # fmt: skip
+    x = np.array([300.0, 500.0, 700.0])
+    frequency = np.array([176.0, 181.2, 190.4])
+    models = {"before": frequency - [1.0, 4.0, 11.0], "after": frequency + 0.1}
+    return (*made, Panel("first mode, 200 N", "position [mm]", "natural frequency [Hz]", x, frequency, models))
+
+
+def explanation(outcome: Outcome) -> Explanation:
+    """Return an example of each outcome."""
+    named = Explanation(
+        outcome=Outcome.NAMED,
+        effects=(FAR_BEARING,),
+        localisation=LOCALISATION,
+        remainder=(),
+        gap=Gap("sigma", 1.0, GapPair(12.1, 12.6), GapPair(1.02, 1.07)),
+        steps=(Step("far-bearing-stiffness", GapPair(1.02, 1.07)),),
+        candidates=CANDIDATES,
+        pulls={"position": 0.93, "preload": 1.12, "gain": 0.71, "table_mass_kg": 0.2},
+        next_measurement="Measure once more with a known mass of 6 kg: it separates added mass from screw stiffness.",
+        ln_ratios={"table_mass_kg": 0.02},
+        added={"far-bearing-stiffness": {"stiffness_n_per_m": 3.8e7}},
+        panels=panels(),
+        maps=(misfit_map(),),
+    )
+    match outcome:
+        case Outcome.NAMED:
+            return named
+        case Outcome.EQUIVALENT:
+            alike = replace(FAR_BEARING, equivalent_to=("screw-axial-stiffness", "torsional-flexibility"))
+            return replace(named, outcome=outcome, effects=(alike,))
+        case Outcome.PARTIAL:
+            return replace(
+                named,
+                outcome=outcome,
+                effects=(FAR_BEARING, ADDED_MASS),
+                remainder=LOCALISATION[1:],
+                gap=Gap("Hz", 0.13, GapPair(63.3, 63.1), GapPair(2.7, 3.4)),
+                steps=(
+                    Step("far-bearing-stiffness", GapPair(7.27, 8.1)),
+                    Step("added-mass", GapPair(2.7, 3.4)),
+                ),
+                pulls={**named.pulls, "preload": 4.8},
+            )
+        case Outcome.NONE:
+            same = GapPair(1.01, 0.98)
+            return replace(
+                named, outcome=outcome, effects=(), localisation=(), gap=Gap("sigma", 1.0, same, same), steps=()
+            )
+        case Outcome.UNKNOWN:
+            same = GapPair(6.3, math.nan)
+            return replace(named, outcome=outcome, effects=(), gap=Gap("%", 0.4, same, same), steps=(), pulls={})
+
+
+EXAMPLES = {outcome: explanation(outcome) for outcome in Outcome}
+
+
+class Page(HTMLParser):
+    """What the tests ask of a page: is it well formed, which elements with which attributes, which text in which."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[tuple[str, ...], str]] = []
+        self.data: list[tuple[float, str]] = []  # value and what is shown of it
+        self.cells: list[str] = []  # of the maps
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self._open, f"left open: {self._open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append((tuple(self._open), data))
+        _, last = self.elements[-1] if self.elements else ("", {})
+        if self._open[-1:] == ["data"]:
+            self.data.append((float(str(last["value"])), data))
+        if self._open[-1:] == ["text"] and str(last.get("class")).startswith("on-"):
+            self.cells.append(data)
+
+    def all(self, tag: str, **wanted: str) -> list[dict[str, str | None]]:
+        """Return the attributes of the elements of a tag, `class_` and others as given."""
+        names = {name.rstrip("_"): value for name, value in wanted.items()}
+        return [found for name, found in self.elements if name == tag and names.items() <= found.items()]
+
+    def text(self) -> str:
+        return " ".join(" ".join(data for within, data in self.texts if "style" not in within).split())
+
+
+def number_in(shown: str) -> float:
+    """Read back what a person reads: a number, perhaps with an uncertainty and a power of ten."""
+    found = re.match(r"\(?(-?[\d.]+)(?: ± [\d.]+\))?(?: × 10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", shown.replace("−", "-"))
+    assert found is not None, shown
+    return float(found[1]) * 10.0 ** int((found[2] or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
+
+
+def page_of(one: Explanation) -> Page:
+    return Page(explanation_page(one, MODEL, SUBJECT))
+
+
+def hostile(one: Explanation) -> Explanation:
+    """Return the example with such names in all places that a file of a user can fill."""
+    effect = replace(
+        one.effects[0], key=HOSTILE, name=HOSTILE, physics=HOSTILE, equivalent_to=(HOSTILE,), remarks=(HOSTILE,),
+        parameters={HOSTILE: replace(ADDED_MASS.parameters["mass_kg"], unit=HOSTILE)},
+    )  # fmt: skip
+    panel = replace(one.panels[-1], title=HOSTILE, x_name=HOSTILE, y_name=HOSTILE)
+    return replace(
+        one,
+        effects=(effect,),
+        localisation=(replace(LOCALISATION[0], where=HOSTILE),),
+        gap=replace(one.gap, unit=HOSTILE),
+        steps=(Step(HOSTILE, one.gap.after), Step(HOSTILE, one.gap.after)),
+        candidates=(Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE, HOSTILE), Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE)),
+        pulls={HOSTILE: 1.0},
+        next_measurement=HOSTILE,
+        panels=(replace(panel, models={HOSTILE: panel.measured}),),
+        maps=(MisfitMap(HOSTILE, (HOSTILE,), (HOSTILE,), np.array([[1.0]]), np.array([[np.nan]])),),
+    )
+
+
+# --- the document ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_document_has_the_keys_of_the_contract_and_is_strict_json(outcome) -> None:
+    document = explanation_document(EXAMPLES[outcome], MODEL)
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert document["outcome"] in {"named", "equivalent", "partial", "none", "unknown"}
+    assert {"effects", "localisation", "gap", "steps", "candidates", "next_measurement", "model"} <= set(document)
+    for effect in document["effects"]:
+        assert {"key", "name", "parameters", "equivalent_to", "plausible", "evidence"} <= set(effect)
+        assert {"delta_bic", "held_out_log_likelihood_gain"} <= set(effect["evidence"])
+        for parameter in effect["parameters"].values():
+            assert {"value", "standard_uncertainty", "unit"} <= set(parameter)
+    for place in document["localisation"]:
+        assert {"where", "misfit", "kind"} <= set(place)
+    assert set(document["gap"]) == {"unit", "noise_floor", "before", "after"}
+    assert set(document["gap"]["before"]) == set(document["gap"]["after"]) == {"fit", "held_out"}
+    assert all({"effect", "gap_held_out"} <= set(step) for step in document["steps"])
+    for candidate in document["candidates"]:
+        assert {"key", "delta_bic", "held_out", "detection_limit", "untestable_because"} <= set(candidate)
+
+
+def test_document_says_what_the_record_says() -> None:
+    document = explanation_document(EXAMPLES[Outcome.PARTIAL], MODEL)
+    stiffness, mass = document["effects"]
+    assert stiffness["parameters"]["stiffness_n_per_m"] == {
+        "value": 3.8e7, "standard_uncertainty": 1.0e6, "unit": "N/m", "interval_95": [3.6e7, 4.0e7], "plausible": True,
+    }  # fmt: skip
+    assert (stiffness["plausible"], mass["plausible"]) == (True, False)
+    assert document["gap"]["after"] == {"fit": 2.7, "held_out": 3.4}
+    assert document["steps"][0] == {"effect": "far-bearing-stiffness", "gap_held_out": 8.1, "gap_fit": 7.27}
+    assert document["localisation"][0]["kind"] == "stiffness"
+    assert document["model"] == MODEL
+
+
+def test_what_is_not_known_is_null() -> None:
+    document = explanation_document(EXAMPLES[Outcome.UNKNOWN], MODEL)
+    assert document["gap"]["before"]["held_out"] is None
+    assert document["maps"][0]["before"][0][6] is None
+    untestable = document["candidates"][0]
+    assert (untestable["delta_bic"], untestable["held_out"], untestable["detection_limit"]) == (None, None, None)
+
+
+# --- the page --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_page_is_well_formed_and_needs_nothing_else(outcome) -> None:
+    text = explanation_page(EXAMPLES[outcome], MODEL, SUBJECT)
+    page = Page(text)
+    assert not {"script", "link", "img", "iframe", "object", "base"} & {tag for tag, _ in page.elements}
+    assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)", text)
+    for _, attributes in page.elements:
+        assert not {"src", "href", "xlink:href", "srcset"} & set(attributes)
+        assert not any(name.startswith("on") for name in attributes)
+    assert "nan" not in " ".join(str(value) for _, found in page.elements for value in found.values()).split()
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_pictures_say_what_they_show(outcome) -> None:
+    page = page_of(EXAMPLES[outcome])
+    names = [found["id"] for _, found in page.elements if "id" in found]
+    assert len(names) == len(set(names))
+    pictures = page.all("svg", role="img")
+    assert len(pictures) >= 2 + 2 + len(EXAMPLES[outcome].panels) - 1
+    for one in pictures:
+        assert set(str(one["aria-labelledby"]).split()) <= set(names)
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
+    one = EXAMPLES[outcome]
+    expected = [place.size for place in (*one.localisation, *(one.remainder if one.effects else ()))]
+    for effect in one.effects:
+        expected += [found.estimate.value for found in effect.parameters.values()]
+        expected += [effect.delta_bic, effect.held_out_log_likelihood_gain]
+    for candidate in one.candidates:
+        expected += [candidate.delta_bic, candidate.held_out]
+        expected += [candidate.detection_limit] if candidate.detection_limit is not None else []
+    data = page_of(one).data
+    assert sorted(value for value, _ in data) == sorted(value for value in expected if not math.isnan(value))
+    for value, shown in data:
+        assert value == pytest.approx(number_in(shown), rel=0.03, abs=0.05)  # two digits; a tenth of a ΔBIC
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_bars_are_as_long_as_the_gaps(outcome) -> None:
+    gap = EXAMPLES[outcome].gap
+    page = page_of(EXAMPLES[outcome])
+    fitted = [float(str(bar["width"])) for bar in page.all("rect", class_="bar fitted")][:2]
+    held_out = [float(str(bar["width"])) for bar in page.all("rect", class_="bar held-out")][:2]
+    shown = np.array([*fitted, *held_out])
+    true = np.array([gap.before.fit, gap.after.fit, gap.before.held_out, gap.after.held_out])
+    scale = shown[0] / true[0]
+    np.testing.assert_allclose(shown, np.nan_to_num(true) * scale, atol=0.1)  # drawn to a tenth of a unit
+
+
+def test_map_shows_each_cell_in_a_number() -> None:
+    one = EXAMPLES[Outcome.NAMED]
+    cells = [*one.maps[0].before.ravel(), *one.maps[0].after.ravel()]
+    assert page_of(one).cells == ["–" if math.isnan(cell) else f"{cell:.1f}" for cell in cells]
+
+
+def test_what_is_not_believed_is_flagged() -> None:
+    page = page_of(EXAMPLES[Outcome.PARTIAL])
+    assert len(page.all("article")) == 2
+    assert len(page.all("article", class_="stand-in")) == 1
+    assert "a stand-in for something else: no table is lighter than its parts" in page.text()
+    assert "stand-in" not in page_of(EXAMPLES[Outcome.NAMED]).text()
+
+
+def test_verdict_comes_first_and_says_what_it_rests_on() -> None:
+    texts = {outcome: page_of(one).text() for outcome, one in EXAMPLES.items()}
+    assert "the gap falls, from 12.6 to 1.07 σ, on data that were not fitted" in texts[Outcome.NAMED]
+    assert (
+        "or screw-axial-stiffness or torsional-flexibility, and these data cannot tell which"
+        in texts[Outcome.EQUIVALENT]
+    )
+    assert "and more that nothing in the catalogue explains" in texts[Outcome.PARTIAL]
+    assert "What could still hide" in texts[Outcome.NONE]
+    assert "untestable: the temperature was the same in all conditions" in texts[Outcome.NONE]
+    assert "the gap is 6.30 % on the data that were fitted, since none could be held out" in texts[Outcome.UNKNOWN]
+    for outcome, text in texts.items():
+        assert text.index(str(outcome)) < text.index("Gap before and after")
+
+
+def test_gap_that_does_not_fall_is_not_said_to_fall() -> None:
+    worse = replace(EXAMPLES[Outcome.UNKNOWN], effects=(FAR_BEARING,), gap=Gap("Hz", 0.1, GapPair(2, 2), GapPair(1, 3)))
+    assert "the gap does not fall, from 2.00 to 3.00 Hz" in page_of(worse).text()
+
+
+def test_hostile_names_stay_names() -> None:
+    page = page_of(hostile(EXAMPLES[Outcome.EQUIVALENT]))
+    assert not page.all("script")
+    assert page.text().count(HOSTILE) > 20
+    assert "&lt;" not in page.text()  # nothing is escaped twice
+
+
+def test_attributes_and_text_of_an_element_are_escaped() -> None:
+    page = Page(element("g", element("title", HOSTILE), HOSTILE, class_=HOSTILE))
+    assert page.elements == [("g", {"class": HOSTILE}), ("title", {})]
+    assert page.text() == f"{HOSTILE} {HOSTILE}"
+
+
+def test_hostile_names_keep_the_columns_of_markdown() -> None:
+    text = explanation_markdown(hostile(EXAMPLES[Outcome.EQUIVALENT]), "a = '````'\n", SUBJECT)
+    assert not re.search(r"(?<!\\)<script", text.replace(f"`{HOSTILE.replace('`', chr(39))}`", ""))
+    tables = re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE)
+    assert len(tables) == 5
+    for table in tables:
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
+    assert "`````toml\na = '````'\n`````" in text
+
+
+# --- drawing and rounding --------------------------------------------------------------------------------------------
+
+
+def test_decimation_keeps_peaks_and_gaps() -> None:
+    values = np.sin(np.linspace(0.0, 40.0, 20_000))
+    values[7_001], values[12_345], values[15_000:16_000] = 9.0, -9.0, np.nan
+    kept = decimated(values, POINTS)
+    assert kept.size <= POINTS
+    assert np.all(np.diff(kept) > 0)
+    assert {7_001, 12_345} <= set(kept.tolist())
+    assert np.isnan(values[kept]).any()
+
+
+def test_no_line_has_more_points_than_are_worth_drawing() -> None:
+    paths = [str(path["d"]) for path in page_of(EXAMPLES[Outcome.NAMED]).all("path")]
+    assert max(len(re.findall("[ML]", path)) for path in paths) <= POINTS
+    assert any(path.count("M") > 1 for path in paths)  # the gap in the data is not drawn over
+
+
+def test_logarithmic_axis_puts_the_geometric_mean_in_the_middle() -> None:
+    axis = Axis(0.01, 100.0, 200.0, 0.0, logarithmic=True)
+    np.testing.assert_allclose(axis(np.array([0.01, 1.0, 100.0])), [200.0, 100.0, 0.0])
+    assert np.isnan(axis(0.0))
+    np.testing.assert_allclose(axis.ticks(5), [0.01, 0.1, 1.0, 10.0, 100.0])
+
+
+@given(lower=st.floats(-1e9, 1e9), width=st.floats(1e-6, 1e9), logarithmic=st.booleans())
+def test_axis_holds_the_data_and_has_ticks(lower, width, logarithmic) -> None:
+    values = np.array([lower, lower + width, math.nan, math.inf])
+    if logarithmic:
+        values = np.abs(values) + 1e-9
+    axis = axis_over(values, 0.0, 300.0, logarithmic=logarithmic)
+    places = axis(values[:2])
+    assert np.all((places >= 0.0) & (places <= 300.0))
+    assert all(
+        axis.lower <= tick * (1 + 1e-9) and tick <= axis.upper * (1 + 1e-9) for tick in axis.ticks(5) if tick > 0
+    )
+    assert len(axis.ticks(5)) <= 20
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "shown"),
+    [
+        (3.8e7, 1.0e6, "(38.0 ± 1.0) × 10⁶"),
+        (183.2741, 6.04, "183.3 ± 6.0"),
+        (-13.6, 0.4, "−13.60 ± 0.40"),
+        (4.3e-10, 2.2e-11, "(430 ± 22) × 10⁻¹²"),
+        (1.0, math.inf, "1.00 (uncertainty not known)"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_uncertainty_warrants(value, uncertainty, shown) -> None:
+    assert with_uncertainty(value, uncertainty) == shown
+
+
+@given(value=st.floats(1e-12, 1e12), relative=st.floats(1e-4, 10.0), negative=st.booleans())
+def test_rounding_stays_within_a_twentieth_of_the_uncertainty(value, relative, negative) -> None:
+    value = -value if negative else value
+    uncertainty = abs(value) * relative
+    shown = with_uncertainty(value, uncertainty)
+    assert number_in(shown) == pytest.approx(value, abs=0.0501 * uncertainty)
+
+
+def test_units_are_shown_as_people_write_them() -> None:
+    assert [quantity(1.5, unit) for unit in ("sigma", "%", "Hz", "-")] == ["1.50 σ", "1.50 %", "1.50 Hz", "1.50"]
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
+
+
+def test_report_is_four_files_that_agree(tmp_path) -> None:
+    one = EXAMPLES[Outcome.EQUIVALENT]
+    written = write_report(tmp_path / "new" / "report", one, MODEL, SUBJECT)
+    assert [path.name for path in written] == ["explanation.json", "explanation.md", "explanation.html", "model.toml"]
+    document, markdown, page, model = (path.read_text(encoding="utf-8") for path in written)
+    assert json.loads(document) == explanation_document(one, MODEL)
+    assert markdown.startswith(f"# {SUBJECT}\n\n**The model lacks “Stiffness of the far bearing” or ")
+    assert page == explanation_page(one, MODEL, SUBJECT)
+    assert model == MODEL
+    fenced = re.search(r"```toml\n(.*?)```", markdown, flags=re.DOTALL)
+    assert fenced is not None
+    assert tomllib.loads(fenced[1]) == tomllib.loads(MODEL)
+
+
+def test_map_of_another_shape_than_its_names_is_refused() -> None:
+    with pytest.raises(OutsideValidityError, match=r"must have the shape \(1, 2\)"):
+        MisfitMap("", ("a",), ("b", "c"), np.zeros((1, 2)), np.zeros((2, 1)))
