@@ -27,6 +27,14 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CommonErrors:
+    """Errors that values of different settings share, as those of the form of a model at one frequency."""
+
+    group: npt.NDArray[np.intp]  # which values share an error, shape (n_values,)
+    deviation: FloatArray  # standard deviation of the error, in the unit of the misfit, shape (n_values,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """What each value of the data belongs to."""
 
@@ -37,6 +45,7 @@ class Layout:
     frequency: FloatArray  # of the line or the mode; NaN where a value has none, shape (n_values,) [Hz]
     standard_deviation: FloatArray  # of the misfit, measurement and model's form, shape (n_values,)
     period: FloatArray  # by whole multiples of which a misfit is undetermined, as a phase; inf otherwise, (n_values,)
+    common: CommonErrors | None = None
     held_out: tuple[BoolArray, ...] = ()  # values each fold leaves out; one: never fitted; several: in turn
 
     def __post_init__(self) -> None:
@@ -121,6 +130,13 @@ class Comparison(Protocol[Physics_contra]):
         """Return the same data with the errors of their settings taken to be these, shape (n_settings, n_errors).
 
         What was set, and the gains, are moved by so many standard deviations; everything else stays.
+        """
+        ...
+
+    def imagined(self) -> Mapping[str, "Comparison[Physics_contra]"]:
+        """Return the same settings under other conditions, by what a sentence calls them.
+
+        Nothing was measured there; two models are compared through the difference of their misfits.
         """
         ...
 

@@ -13,6 +13,9 @@ from monitor_core.models.protocol import DriveConditions
 _FEWEST_TO_HOLD_OUT = 5
 _FEWEST_TO_LEAVE_OUT_IN_TURN = 4
 _FEWEST_OF_A_VARIATION = 2
+#: What is easily done to an axis to see more: a mass put on the table [kg], a morning's warming [K].
+KNOWN_MASS = 5.0
+WARMER = 15.0
 
 
 @dataclass(frozen=True, slots=True)

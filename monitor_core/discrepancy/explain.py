@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
+from monitor_core.discrepancy.advice import next_measurement
 from monitor_core.discrepancy.classes import EquivalenceClass, equivalence_class, found_parameters
 from monitor_core.discrepancy.comparison import Comparison
 from monitor_core.discrepancy.conditions import varied_conditions
@@ -104,7 +105,7 @@ def explain(
         ),
         candidates=_candidates(found, candidates, classes),
         pulls={name: math.sqrt(value) for name, value in pulls.items()} | _parameter_pulls(found.final),
-        next_measurement="",
+        next_measurement=next_measurement(found, classes, outcome, candidates),
         ln_ratios=ratios,
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
         panels=comparison.panels(models),

@@ -29,6 +29,7 @@ Physics = TypeVar("Physics")
 _TEMPERED = 4.0
 _MOST_STAGES = 8
 _SETTLED = 0.1  # of χ²: another stage would not change a decision
+_OFF_BOUNDS = 1e-3  # in coordinates
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
 _STEP = 1e-4  # of a coordinate, for derivatives
@@ -64,7 +65,9 @@ def linearise(
 ) -> Linearised[Physics]:
     """Linearise a comparison around errors of its settings, shape (n_settings, n_errors)."""
     shifted = comparison.shifted(errors)
-    whitened_by = whitening(deviation, shifted.setting_errors(physics), comparison.layout.setting)
+    whitened_by = whitening(
+        deviation, shifted.setting_errors(physics), comparison.layout.setting, comparison.layout.common
+    )
     return Linearised(shifted, whitened_by, -whitened_by.share_of(errors))
 
 
@@ -136,8 +139,7 @@ def fit(
     """
     layout = comparison.layout
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
-    lower, upper = hypothesis.bounds
-    at = np.clip(start, lower, upper)
+    at = _inside(start, *hypothesis.bounds)
     errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
     best: Fitted[Physics] | None = None
     tolerance = math.inf
@@ -163,6 +165,12 @@ def fit(
     around = linearise(comparison, hypothesis.physics(at), errors, layout.standard_deviation)
     last = Fitted(comparison, hypothesis, at, around, chosen)
     return last if best is None else min(best, last, key=lambda one: one.cost)
+
+
+def _inside(start: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return a start that is off the bounds: from a bound the trust region takes no step."""
+    room = np.minimum(_OFF_BOUNDS, 0.25 * (upper - lower))
+    return np.clip(start, lower + room, upper - room)
 
 
 def _answerable(comparison: Comparison[Physics], physics: Physics, errors: FloatArray) -> FloatArray:
@@ -215,7 +223,7 @@ def _least_squares(
     lower, upper = hypothesis.bounds
     found = least_squares(
         residuals,
-        np.clip(start, lower, upper),
+        _inside(start, lower, upper),
         jac=jacobian,
         bounds=(lower, upper),
         x_scale="jac",

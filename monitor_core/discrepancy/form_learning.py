@@ -1,6 +1,7 @@
 """The form error of a model, learnt from machines on which nothing is missing."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,6 +54,8 @@ def _excess(
 ) -> dict[ResponsePoint, FloatArray]:
     """Return frequency, and square of what is left less that of the noise, of every value, shape (2, n_values)."""
     comparison = compare_responses(observations)
+    # what settings share is what is sought here: it must not be taken out
+    comparison = replace(comparison, layout=replace(comparison.layout, common=None))
     hypothesis = Hypothesis(subject)
     fitted = fit(comparison, hypothesis, hypothesis.null)
     layout = comparison.layout
@@ -75,4 +78,5 @@ def _spectrum(lines: FloatArray) -> FormSpectrum:
         at = band == number
         knots.append(float(np.exp(np.mean(np.log(frequency[at])))))
         found.append(float(np.sqrt(max(np.mean(square[at]), 0.0))))
-    return FormSpectrum(tuple(knots), tuple(max(one, _LEAST) for one in found), tuple(found), _FREQUENCY_TOLERANCE)
+    deviation = tuple(max(one, _LEAST) for one in found)
+    return FormSpectrum(tuple(knots), deviation, _FREQUENCY_TOLERANCE, learnt=True)

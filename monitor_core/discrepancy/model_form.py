@@ -22,9 +22,9 @@ class FormSpectrum:
     """
 
     frequency: tuple[float, ...]  # rising [Hz]
-    deviation: tuple[float, ...]  # that counts as uncertainty [-]
-    typical: tuple[float, ...]  # what was found of it on healthy machines, at most as much [-]
+    deviation: tuple[float, ...]  # [-]
     frequency_tolerance: float  # ε [-]
+    learnt: bool  # on healthy machines: then it is known to be common to all settings, and what is left is noise
 
     def relative_deviation(self, frequency: FloatArray, log_amplitude: FloatArray) -> FloatArray:
         """Return the deviation of the lines of one response, beyond the knots that of the nearest one.
@@ -41,16 +41,10 @@ class FormSpectrum:
         steepness = np.gradient(log_amplitude, log_frequency) if frequency.size > 1 else np.zeros_like(flat)
         return np.hypot(flat, self.frequency_tolerance * steepness)
 
-    def typical_deviation(self, frequency: FloatArray) -> FloatArray:
-        """Return what healthy machines leave at frequencies, shape (n_lines,)."""
-        return np.interp(np.log(frequency), np.log(self.frequency), self.typical)
-
 
 #: Where nobody has measured it: about two to three times what the models here leave of simulated machines that damp by
 #: other laws than theirs and whose responses were estimated by averaging (benchmarks/hidden_effects.py).
-DEFAULT_SPECTRUM = FormSpectrum(
-    (20.0, 200.0, 600.0, 1500.0), (0.0015, 0.0015, 0.003, 0.012), (0.0015, 0.0015, 0.003, 0.012), 1e-4
-)
+DEFAULT_SPECTRUM = FormSpectrum((20.0, 200.0, 600.0, 1500.0), (0.0015, 0.0015, 0.003, 0.012), 1e-4, learnt=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,13 @@ counts as missed by a quarter.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.comparison import Layout, Panel
-from monitor_core.discrepancy.conditions import SettingTolerances, setting_of
+from monitor_core.discrepancy.conditions import KNOWN_MASS, SettingTolerances, setting_of
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import ModalObservation, conditions_in_order
 from monitor_core.models.extended import AxisPhysics
@@ -82,6 +83,17 @@ class ModesComparison:
             for one, (position, preload) in zip(self.conditions, errors.tolist(), strict=True)
         )
         return replace(self, conditions=tuple(moved))
+
+    def imagined(self) -> Mapping[str, "ModesComparison"]:
+        """Return the settings with a known mass on the table, and halfway to the next position."""
+        heavier = tuple(replace(one, payload_mass=one.payload_mass + KNOWN_MASS) for one in self.conditions)
+        positions = sorted({one.position for one in self.conditions})
+        between = {low: 0.5 * (low + high) for low, high in pairwise(positions)}
+        moved = tuple(replace(one, position=between.get(one.position, one.position)) for one in self.conditions)
+        return {
+            f"with {KNOWN_MASS:g} kg more on the table": replace(self, conditions=heavier),
+            "at positions in between": replace(self, conditions=moved),
+        }
 
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the rms error of the frequencies over the chosen values, in Hz or in %."""

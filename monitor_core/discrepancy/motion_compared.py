@@ -63,8 +63,8 @@ class MotionComparison:
 
     @property
     def least_delta_bic(self) -> float:
-        """Evidence that an effect needs, of thousands of values."""
-        return 50.0
+        """Evidence that an effect needs: its values hang together, but no form error is in all of them alike."""
+        return 25.0
 
     @property
     def unit(self) -> str:
@@ -101,6 +101,10 @@ class MotionComparison:
         """Return the comparison as it is."""
         del errors
         return self
+
+    def imagined(self) -> Mapping[str, Self]:
+        """Return nothing: another motion is another record."""
+        return {}
 
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the relative force error, 100 ‖misfit‖/‖force‖, over the chosen values [%]."""

@@ -179,5 +179,3 @@ def cell_means(side: Side, cells: Indices) -> CellMeans:
 def measurements_per_place(side: Side, n_places: int) -> FloatArray:
     """Return how many measurements each place has."""
     return np.bincount(side.place_of_case, minlength=n_places).astype(np.float64)
-
-

@@ -1,7 +1,7 @@
 """The axis as its reference measurements show it: what its description leaves open, fitted, with its covariance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,10 @@ class ReferenceAxis:
     at_nut: bool  # whether the accelerometer sits on the nut
     gap: float  # rms misfit of the reference after the fit, in standard deviations
     warming_told: float = 0.0  # by the windows, now less then [K]
+
+    def as_fitted(self) -> "ReferenceAxis":
+        """Return the axis with nothing left open."""
+        return replace(self, root=self.root[:, :0])
 
     @property
     def uncertain(self) -> Mapping[str, float]:

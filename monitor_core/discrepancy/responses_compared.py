@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.discrepancy.comparison import Layout, Panel
-from monitor_core.discrepancy.conditions import SettingTolerances, setting_of
+from monitor_core.discrepancy.comparison import CommonErrors, Layout, Panel
+from monitor_core.discrepancy.conditions import KNOWN_MASS, WARMER, SettingTolerances, setting_of
 from monitor_core.discrepancy.model_form import ModelFormError
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
@@ -93,6 +93,19 @@ class ResponsesComparison:
             measured=self.measured - gain[self.response_of_line],
         )
 
+    def imagined(self) -> Mapping[str, "ResponsesComparison"]:
+        """Return the settings with a known mass on the table, warmer, and excited more."""
+        now = self.lines.conditions
+        others = {
+            f"with {KNOWN_MASS:g} kg more on the table": replace(now, payload_mass=now.payload_mass + KNOWN_MASS),
+            f"{WARMER:g} K warmer": replace(now, temperature_deviation=now.temperature_deviation + WARMER),
+            "at a third of the excitation": replace(now, excitation_level=now.excitation_level / 3.0),
+        }
+        return {
+            words: replace(self, lines=replace(self.lines, conditions=conditions))
+            for words, conditions in others.items()
+        }
+
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the rms of the standardised misfit over the chosen values."""
         del misfit
@@ -123,7 +136,7 @@ class ResponsesComparison:
     @cached_property
     def _held_out_responses(self) -> BoolArray:
         held = np.zeros(len(self.titles), dtype=np.bool_)
-        for fold in self.layout.held_out[:1]:
+        for fold in self.layout.held_out if len(self.layout.held_out) == 1 else ():
             held[self.response_of_line[self.line_of_value[fold]]] = True
         return held
 
@@ -189,9 +202,10 @@ def compare_responses(
     imaginary = np.concatenate([np.repeat([False, True], size) for size in sizes])
     frequency = lines.omega / (2.0 * np.pi)
     noise = np.concatenate([(one.standard_deviation / np.abs(one.response))[clear] for _, _, one, clear in kept])
-    deviation = np.hypot(noise, np.concatenate([_form_deviation(one, clear, form) for _, _, one, clear in kept]))
-    typical = np.concatenate(
-        [form.of(one.response_point).typical_deviation(one.frequency[clear]) for _, _, one, clear in kept]
+    of_form = np.concatenate([_form_deviation(one, clear, form) for _, _, one, clear in kept])
+    deviation = np.hypot(noise, of_form)
+    unlearnt = np.concatenate(
+        [np.full(np.count_nonzero(clear), not form.of(one.response_point).learnt) for _, _, one, clear in kept]
     )
     points = list(dict.fromkeys(one.response_point for _, _, one, _ in kept))
     point_of_line = np.repeat([points.index(one.response_point) for _, _, one, _ in kept], sizes)
@@ -200,15 +214,19 @@ def compare_responses(
     setting = np.repeat([distinct.index(number) for number in numbers], sizes)[line_of_value]
     conditions = {number: one.conditions for number, _, one, _ in kept}
     in_fold = [np.array([conditions[number] in fold for number in distinct]) for fold in held_out]
+    channel = 2 * point_of_line[line_of_value] + imaginary
+    held = np.any([fold[setting] for fold in in_fold], axis=0) if in_fold else np.zeros(setting.size, dtype=np.bool_)
+    shared = np.column_stack([channel, frequency[line_of_value], held])
     return ResponsesComparison(
         layout=Layout(
             settings=tuple(setting_of(conditions[number]) for number in distinct),
             setting=setting,
-            channel=2 * point_of_line[line_of_value] + imaginary,
+            channel=channel,
             channels=tuple(f"{point}, {part}" for point in points for part in ("amplitude", "phase")),
             frequency=frequency[line_of_value],
             standard_deviation=deviation[line_of_value],
             period=np.where(imaginary, 2.0 * np.pi, np.inf),
+            common=CommonErrors(np.unique(shared, axis=0, return_inverse=True)[1].reshape(-1), of_form[line_of_value]),
             held_out=tuple(fold[setting] for fold in in_fold),
         ),
         lines=lines,
@@ -220,7 +238,7 @@ def compare_responses(
         gain_column=np.array([gain for _, gain, _, _ in kept]),
         tolerances=tolerances,
         noise=noise[line_of_value],
-        noise_floor=float(np.sqrt(np.mean((noise**2 + typical**2) / deviation**2))),
+        noise_floor=float(np.sqrt(np.mean(np.where(unlearnt, 1.0, (noise / deviation) ** 2)))),
         titles=tuple(f"{setting_of(one.conditions).name}, {one.response_point}" for _, _, one, _ in kept),
     )
 

@@ -14,13 +14,15 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Generic, TypeVar
 
+import numpy as np
+
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.comparison import Comparison
 from monitor_core.discrepancy.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.evidence import Yardstick, delta_bic, yardstick
 from monitor_core.discrepancy.fit import Fitted, fit
-from monitor_core.discrepancy.holding_out import fitted_values, gain, hold_out, promised_gain
+from monitor_core.discrepancy.holding_out import HeldOut, fitted_values, gain, hold_out, promised_gain
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.scan import Scanned, scan
 from monitor_core.discrepancy.subject import Subject
@@ -42,9 +44,8 @@ class SearchSettings:
     least_share_of_promise: float = 0.3
     one_minimum: float = 1.5  # in floors: from a smaller gap a fit that improves is taken for the best one
     most_effects: int = 4
-    n_first_steps: int = 3  # tried one after the other where the best one does not lead to the floor
+    n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
     margin: float = 6.0  # of BIC within which effects are not told apart
-    margin_share: float = 0.05  # or this share of the gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,7 @@ class Search(Generic[Physics]):
     settings: SearchSettings = SearchSettings()
     progress: Callable[[str], None] = lambda _sentence: None
     _known_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
+    _known_held_out: dict[bytes, HeldOut | None] = field(default_factory=dict, init=False)
     _known_looks: dict[bytes, tuple[Scanned[Physics], ...]] = field(default_factory=dict, init=False)
     _known_rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
 
@@ -101,8 +103,10 @@ class Search(Generic[Physics]):
         for rival in self._rivals(first)[1 : self.settings.n_first_steps] if self._gap(current) > 1.0 else ():
             if rival.delta_bic < self.comparison.least_delta_bic:
                 break
+            if not self._holds(first, rival.fitted, yardstick(rival.fitted)):
+                continue
             other = self._from(rival.fitted, [rival.fitted])
-            if delta_bic(current, other[-1], yardstick(other[-1])) > 0.0:
+            if delta_bic(current, other[-1], yardstick(other[-1])) > self.settings.margin:
                 steps, current = other, other[-1]
         by = yardstick(current)
         accepted = tuple(self._judged(current, effect, by) for effect in current.hypothesis.effects)
@@ -228,9 +232,14 @@ class Search(Generic[Physics]):
             trial = self._try(hypothesis, start)
             if trial is not None and (best is None or trial.cost < best.cost):
                 best = trial
-            if best is not None and best.cost < current.cost and self._gap(best) < self.settings.one_minimum:
+            if best is not None and best.cost < current.cost and self._has_one_minimum(best):
                 break
         return best
+
+    def _has_one_minimum(self, fitted: Fitted[Physics]) -> bool:
+        """Tell whether a fit that improves is the best one: false minima come from phases, far from the data."""
+        phases = np.any(np.isfinite(self.comparison.layout.period))
+        return not phases or self._gap(fitted) < self.settings.one_minimum
 
     def _gap(self, fitted: Fitted[Physics]) -> float:
         """Return the gap on the fitted values, in floors."""
@@ -239,12 +248,18 @@ class Search(Generic[Physics]):
 
     def _holds(self, without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> bool:
         """Tell whether an effect that helps where it was fitted helps where it was not."""
-        before, after = hold_out(without), hold_out(fuller)
+        before, after = self._held_out(without), self._held_out(fuller)
         if before is None or after is None:
             return True
         promised = promised_gain(before, after, by)
         least = self.settings.least_held_out_share * promised - 2.0 * math.sqrt(2.0 * promised)
         return gain(before, after, by) > least
+
+    def _held_out(self, fitted: Fitted[Physics]) -> HeldOut | None:
+        key = _identity(fitted)
+        if key not in self._known_held_out:
+            self._known_held_out[key] = hold_out(fitted)
+        return self._known_held_out[key]
 
     def _pruned(self, fitted: Fitted[Physics]) -> Fitted[Physics]:
         """Return the fit without the effects that are no longer needed; the last one added is."""
@@ -258,8 +273,8 @@ class Search(Generic[Physics]):
         hypothesis = fitted.hypothesis.without(effect.key)
         keys = frozenset(one.key for one in hypothesis.effects)
         if keys not in self._known_fits:
-            start = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
-            self._known_fits[keys] = self._fit(hypothesis, start)
+            carried_over = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
+            self._known_fits[keys] = carried_over or self._fit(hypothesis, hypothesis.null)
         return self._known_fits[keys]
 
     def _judged(self, final: Fitted[Physics], effect: Effect[Physics], by: Yardstick) -> Accepted[Physics]:

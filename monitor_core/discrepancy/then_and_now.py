@@ -15,7 +15,6 @@ class ThenAndNow:
     then: AxisPhysics
     now: AxisPhysics
     log_gain: float = 0.0  # ln of the gain of the measuring chain now over then [-]
-    friction_share: float = 0.0  # by which friction is more than it was [-]
 
 
 def since_then(effect: Effect[AxisPhysics], parameter: EffectParameter | None = None) -> Effect[ThenAndNow]:
@@ -57,21 +56,4 @@ SENSOR_GAIN = Effect(
     source="no source: a factor",
     parameters=(EffectParameter("ln_ratio", "-", lower=-1.0, upper=1.0, scale=0.05),),
     add=_add_gain,
-)
-
-
-def _add_friction(axis: ThenAndNow, values: Mapping[str, float]) -> ThenAndNow:
-    return replace(axis, friction_share=axis.friction_share + values["share"])
-
-
-LUBRICATION = Effect(
-    key="lubrication",
-    name="Friction of guides, nut and bearings",
-    physics=(
-        "Grease has aged, warmed or been renewed: what friction makes of a response, phase at low frequencies and "
-        "damping, is more or less of what it was in the reference."
-    ),
-    source="no source: the misfit of a frictionless model at the reference, times a share",
-    parameters=(EffectParameter("share", "-", lower=-0.9, upper=5.0, scale=0.1),),
-    add=_add_friction,
 )

@@ -13,7 +13,7 @@ from monitor_core.discrepancy.comparison import Layout, Setting
 from monitor_core.discrepancy.conditions import SettingTolerances, default_folds
 from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX
-from monitor_core.discrepancy.model_form import FormSpectrum, ModelFormError
+from monitor_core.discrepancy.model_form import DEFAULT_SPECTRUM, ModelFormError
 from monitor_core.discrepancy.responses_compared import compare_responses
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.identification.observations import FrequencyResponseObservation
@@ -49,7 +49,7 @@ class LinearComparison:
     errors: np.ndarray | float = 0.0  # that the settings are taken to have
     unit: str = "sigma"
     noise_floor: float = 1.0
-    least_delta_bic: float = 50.0
+    least_delta_bic: float = 10.0
 
     @property
     def setting_error_names(self):
@@ -61,6 +61,9 @@ class LinearComparison:
 
     def setting_errors(self, physics):
         return self.directions
+
+    def imagined(self):
+        return {}
 
     def shifted(self, errors):
         return replace(self, errors=errors)
@@ -145,10 +148,10 @@ LINES = np.geomspace(40.0, 900.0, 40)
 NOISE = 0.003  # of every line
 #: The axis is measured by its own family.
 FORM = ModelFormError(
-    {
-        point: FormSpectrum((100.0, 1000.0), (2e-4, 2e-4), typical=(2e-4, 2e-4), frequency_tolerance=1e-6)
-        for point in ResponsePoint
-    }
+    dict.fromkeys(
+        ResponsePoint,
+        replace(DEFAULT_SPECTRUM, frequency=(100.0, 1000.0), deviation=(2e-4, 2e-4), frequency_tolerance=1e-6),
+    )
 )
 
 

@@ -20,46 +20,38 @@ def planted(frequency):
     return np.interp(np.log(frequency), np.log([150.0, 1000.0]), [0.002, 0.010])
 
 
-def machine(seed, size=1.0):
-    """Return responses whose lines are off by what was planted, beside noise of 0.1 %."""
+def machine(seed, size=1.0, *, common=False):
+    """Return responses whose lines are off by what was planted, at each setting anew or at all of them alike."""
     rng = np.random.default_rng([seed, 7])
-    observations = [
-        replace(
-            one,
-            response=one.response
-            * np.exp(
-                size * planted(one.frequency) * (rng.standard_normal(BAND.size) + 1j * rng.standard_normal(BAND.size))
-            ),
-        )
-        for one in measured(
-            true_subject(seed), settings((0.2, 0.45, 0.7), (150.0, 300.0)), seed=seed, noise=NOISE, lines=BAND
-        )
-    ]
-    return observations, subject()
+    conditions = settings((0.2, 0.45, 0.7), (150.0, 300.0))
+    scatter = rng.standard_normal((2, 1 if common else len(conditions), BAND.size)) * size * planted(BAND)
+    off = np.broadcast_to(np.exp(scatter[0] + 1j * scatter[1]), (len(conditions), BAND.size))
+    clean = measured(true_subject(seed), conditions, seed=seed, noise=NOISE, lines=BAND)
+    return [replace(one, response=one.response * factor) for one, factor in zip(clean, off, strict=True)], subject()
 
 
-def test_a_planted_spectrum_is_recovered() -> None:
-    """Within 20 %: 480 values in each of twelve bands know it to 4 %."""
-    form = learn_form_error([machine(seed) for seed in (1, 2)])
+@pytest.mark.parametrize("common", [False, True])
+def test_a_planted_spectrum_is_recovered(common) -> None:
+    """Within 20 %: 160 values and more in each of twelve bands know it to 6 %."""
+    form = learn_form_error([machine(seed, common=common) for seed in (1, 2, 3, 4)])
     assert list(form.spectra) == [POINT]
     spectrum = form.of(POINT)
     assert spectrum.frequency[0] < 40.0
     assert spectrum.frequency[-1] > 900.0
-    np.testing.assert_allclose(spectrum.typical, planted(np.array(spectrum.frequency)), rtol=0.2)
     np.testing.assert_allclose(spectrum.deviation, planted(np.array(spectrum.frequency)), rtol=0.2)
 
 
 def test_noise_is_not_taken_for_form() -> None:
-    """Of a model that is right nothing is left beyond it but chance: √(2/240) of the noise's square in each band."""
+    """Of a model that is right no more is left than what no model is counted on to undercut."""
     spectrum = learn_form_error([machine(3, size=0.0)]).of(POINT)
-    assert np.mean(np.square(spectrum.typical)) < 2.0 * np.sqrt(2.0 / 240.0) * NOISE**2
-    assert np.all(np.array(spectrum.deviation) > 0.0)
+    assert np.min(spectrum.deviation) > 0.0
+    assert np.median(spectrum.deviation) <= 0.5 * NOISE
 
 
 def test_machines_are_pooled() -> None:
     """The mean of the squares: a machine of twice the error beside one of none makes √2 times it."""
     alone, pooled = (
-        learn_form_error(machines).of(POINT).typical
+        learn_form_error(machines).of(POINT).deviation
         for machines in ([machine(4)], [machine(4, size=2.0), machine(5, size=0.0)])
     )
     np.testing.assert_allclose(pooled[4:], np.sqrt(2.0) * np.array(alone[4:]), rtol=0.2)

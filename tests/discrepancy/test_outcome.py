@@ -1,6 +1,7 @@
 """What a search means, as a table; and the pulls of settings that nothing is wrong with."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,14 +71,14 @@ def test_share_explained_is_that_of_the_squares_over_the_floor(more, expected) -
 
 
 def test_mean_square_pulls_are_one_where_all_is_right() -> None:
-    """Over draws of 40 settings: χ² over its degrees of freedom, by Kolmogorov and Smirnov at one in ten thousand."""
+    """Over draws of 40 settings, about their mean: χ² of 39 degrees of freedom (Kolmogorov and Smirnov at 1e-4)."""
     rng = np.random.default_rng(1)
     n_settings, n = 40, 240
     layout = layout_of([6] * n_settings, 0.5)
     directions = rng.standard_normal((2, n))
     subject = LinearSubject({}, 1)
     drawn = []
-    for _ in range(150):
+    for _ in range(400):
         errors = rng.standard_normal((n_settings, 2))
         data = 0.5 * rng.standard_normal(n) + np.sum(directions * errors[layout.setting].T, axis=0)
         comparison = LinearComparison(layout, np.zeros((n, 1)), data, directions)
@@ -85,7 +86,17 @@ def test_mean_square_pulls_are_one_where_all_is_right() -> None:
         drawn.append(mean_square_pulls(fitted))
     for name in ("error 1", "error 2"):
         values = n_settings * np.array([one[name] for one in drawn])
-        assert stats.kstest(values, stats.chi2(n_settings).cdf).pvalue > 1e-4
+        assert stats.kstest(values, stats.chi2(n_settings - 1).cdf).pvalue > 1e-4
+
+
+def test_settings_that_err_alike_are_no_drift() -> None:
+    """A preload too high by three standard deviations at every setting is a matter of the nut, not of settings."""
+    layout, directions = layout_of([6] * 10, 0.1), np.ones((1, 60))
+    alike = LinearComparison(layout, np.zeros((60, 1)), np.full(60, 3.0), directions)
+    drifting = replace(alike, data=np.repeat(np.linspace(-5.0, 5.0, 10), 6))
+    for comparison, left in ((alike, 0.0), (drifting, np.var(np.linspace(-5.0, 5.0, 10)))):
+        fitted = fit(comparison, Hypothesis(LinearSubject({}, 1)), np.zeros(0))
+        assert mean_square_pulls(fitted)["error 1"] == pytest.approx(left, rel=0.02, abs=1e-9)
 
 
 def test_errors_that_nothing_tells_of_are_not_judged() -> None:

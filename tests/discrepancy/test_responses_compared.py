@@ -121,7 +121,7 @@ def test_a_gain_is_a_matter_of_the_amplitude_of_its_own_sensor() -> None:
 
 def test_noise_of_a_line_scatters_both_parts_as_stated() -> None:
     """Over draws, at a signal twenty times the noise; the form error joins as a root of squares."""
-    spectrum = FormSpectrum((10.0, 2000.0), (0.03, 0.03), typical=(0.02, 0.02), frequency_tolerance=0.0)
+    spectrum = FormSpectrum((10.0, 2000.0), (0.03, 0.03), frequency_tolerance=0.0, learnt=True)
     clean = observed(AT[0], noise=0.05)
     rng = np.random.default_rng(1)
     scatter = 0.05 * np.abs(clean.response)
@@ -134,8 +134,22 @@ def test_noise_of_a_line_scatters_both_parts_as_stated() -> None:
     comparison = compare_responses([clean], form=ModelFormError({ACCELERATION: spectrum}))
     np.testing.assert_allclose(comparison.layout.standard_deviation, np.hypot(0.05, 0.03))
     np.testing.assert_allclose(comparison.noise, 0.05)
-    # healthy machines leave what is typical, not all that counts as uncertainty
-    assert comparison.noise_floor == pytest.approx(np.hypot(0.05, 0.02) / np.hypot(0.05, 0.03))
+    # a form error that was learnt is common to all settings: healthy machines leave the noise alone
+    assert comparison.noise_floor == pytest.approx(0.05 / np.hypot(0.05, 0.03))
+
+
+def test_the_form_error_of_a_line_is_common_to_all_settings() -> None:
+    """Amplitudes and phases apart, as large as it counts; held-out settings do not see that of the fitted ones."""
+    comparison = compare_responses([observed(one) for one in AT], held_out=[frozenset({AT[1]})])
+    layout, common = comparison.layout, comparison.layout.common
+    np.testing.assert_allclose(np.hypot(comparison.noise, common.deviation), layout.standard_deviation)
+    held = layout.setting == 1
+    same = (
+        (layout.frequency[:, None] == layout.frequency)
+        & (layout.channel[:, None] == layout.channel)
+        & (held[:, None] == held)
+    )
+    np.testing.assert_array_equal(common.group[:, None] == common.group, same)
 
 
 def test_residuals_of_the_truth_are_standard_normal() -> None:
@@ -205,3 +219,8 @@ def test_pictures_show_measurement_and_models() -> None:
         np.testing.assert_allclose(panel.models["before"], np.abs(observed(stated).response), rtol=1e-9)
         other = observed(stated, physics=true_subject(1))
         np.testing.assert_allclose(panel.models["after"], np.abs(other.response), rtol=1e-9)
+
+
+def test_pictures_of_folds_in_turn_are_fitted_ones() -> None:
+    comparison = compare_responses([observed(one) for one in AT], held_out=[frozenset({one}) for one in AT])
+    assert [panel.held_out for panel in comparison.panels({})] == [False, False, False]

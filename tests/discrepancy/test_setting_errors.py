@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import linalg, stats
 
+from monitor_core.discrepancy.comparison import CommonErrors
 from monitor_core.discrepancy.setting_errors import whitening
 
 SIZES = (7, 1, 12, 3)
@@ -98,6 +99,20 @@ def test_an_error_of_which_the_values_say_nothing_has_no_pull() -> None:
     unknown = np.zeros((len(SIZES), 3), bool)
     unknown[2, 1] = True
     np.testing.assert_array_equal(np.isnan(pulls), unknown)
+
+
+def test_errors_that_values_of_different_settings_share() -> None:
+    """By the symmetric root of the covariance as well; value by value a deviation of its own, some share nothing."""
+    deviation, _, _ = case()
+    rng = np.random.default_rng(7)
+    group, share = rng.integers(0, 5, N), rng.uniform(0.0, 3.0, N)
+    share[group == 4] = 0.0
+    dense = np.diag(deviation**2) + (group[:, None] == group) * np.outer(share, share)
+    scaled = dense / np.outer(deviation, deviation)
+    root = linalg.inv(linalg.sqrtm(scaled)).real / deviation
+    whitened = whitening(deviation, np.zeros((0, N)), SETTING, CommonErrors(group, share))
+    misfits = rng.standard_normal((2, N))
+    np.testing.assert_allclose(whitened(misfits), misfits @ root.T, rtol=1e-9, atol=1e-12)
 
 
 def test_settings_may_be_numbered_with_gaps() -> None:

@@ -20,8 +20,8 @@ PRELOAD_CHANGE = Effect(
     name="Change of the nut's preload",
     physics=(
         "Balls and raceways wear, and the nut is pressed together by less than was set: its contacts soften with the "
-        "cube root of the preload. Frequencies fall a little, more at the stiff end of the screw; masses and what hangs "
-        "on the bracket stay."
+        "cube root of the preload. Frequencies fall a little, more at the stiff end of the screw; the antiresonance of "
+        "the nut, which masses and bracket make, stays."
     ),
     source="Nguyen et al. (2018), Eq. (1)",
     parameters=(EffectParameter("preload_n", "N", lower=-5000.0, upper=5000.0, scale=30.0),),

@@ -1,0 +1,353 @@
+"""The workflow from end to end on an axis of its own family: what is hidden is named, and nothing else."""
+
+import math
+from dataclasses import replace
+from textwrap import dedent
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy.comparison import Setting
+from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
+from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explanation import MisfitKind, Outcome
+from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended import ExtendedModel, physics_of
+from monitor_core.models.protocol import ExcitationPoint
+from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.recordings.effect_file import read_effect_file
+from tests.discrepancy.axes import (
+    AXIS,
+    POSITIONS,
+    TOLERANCES,
+    LinearComparison,
+    LinearSubject,
+    compared,
+    effects_by_key,
+    layout_of,
+    measured,
+    quantity,
+    settings,
+    subject,
+    true_subject,
+    wrong_quantity,
+)
+
+EFFECTS = effects_by_key()
+CONDITIONS = settings(preloads=(220.0,))
+SECOND_HALF = settings(preloads=(120.0, 300.0))
+
+
+def with_hidden(values, seed=0):
+    physics = true_subject(seed)
+    for key, of_effect in values.items():
+        physics = EFFECTS[key].added_to(physics, of_effect)
+    return physics
+
+
+def explained(physics, conditions=CONDITIONS, *, described=None, candidates=None, **measurement):
+    described = described or subject()
+    comparison = compared(measured(physics, conditions, **measurement))
+    return explain(comparison, described, candidates or described.candidates())
+
+
+def few(*others):
+    """Return some of the candidates, where a test is about others than the rest."""
+    chosen = ("added-mass", "far-bearing-stiffness", "series-compliance", "loss-factor", "guide-friction",
+              "torque-delay", "preload-exponent")  # fmt: skip
+    return [EFFECTS[key] for key in (*chosen, *others)]
+
+
+def keys(answer):
+    return [one.key for one in answer.effects]
+
+
+def covered(found, value, times=1.5):
+    """Tell whether the 95 % interval, somewhat widened since a single case may be the twentieth, holds a value."""
+    low, high = found.interval_95
+    return abs(value - found.estimate.value) <= times * 0.5 * (high - low)
+
+
+# --- nothing, one, two -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_healthy_axis_lacks_nothing(seed) -> None:
+    answer = explained(true_subject(seed), SECOND_HALF, seed=seed)
+    assert answer.outcome is Outcome.NONE
+    assert answer.effects == ()
+    assert answer.added == {}
+    assert answer.gap.after == answer.gap.before
+    assert answer.gap.before.held_out == pytest.approx(answer.gap.noise_floor, rel=0.1)
+
+
+@pytest.fixture(scope="module")
+def far_bearing():
+    return explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}}), SECOND_HALF)
+
+
+def test_a_far_bearing_is_named(far_bearing) -> None:
+    """With an interval that holds its stiffness, and a gap that is gone where nothing was fitted."""
+    assert far_bearing.outcome is Outcome.NAMED
+    (found,) = far_bearing.effects
+    assert (found.key, found.equivalent_to, found.plausible) == ("far-bearing-stiffness", (), True)
+    stiffness = found.parameters["stiffness_n_per_m"]
+    assert stiffness.unit == "N/m"
+    assert covered(stiffness, 2e7)
+    assert stiffness.estimate.standard_uncertainty < 0.05 * 2e7
+    assert found.held_out_log_likelihood_gain > 0.0
+    gap = far_bearing.gap
+    assert gap.before.held_out > 20.0 * gap.noise_floor
+    assert gap.after.held_out < 1.1 * gap.noise_floor
+    assert [one.effect for one in far_bearing.steps] == ["far-bearing-stiffness"]
+    assert far_bearing.steps[-1].gap == gap.after
+
+
+def test_the_augmented_model_is_the_axis(far_bearing) -> None:
+    """The description, moved by the ratios and with what was added, is as the true axis is."""
+    described = replace(
+        AXIS,
+        bearing_stiffness=AXIS.bearing_stiffness * math.exp(far_bearing.ln_ratios["bearing_stiffness_n_per_m"]),
+        bracket_stiffness=AXIS.bracket_stiffness * math.exp(far_bearing.ln_ratios["bracket_stiffness_n_per_m"]),
+        loss_factor=AXIS.loss_factor * math.exp(far_bearing.ln_ratios["loss_factor"]),
+    )
+    model = with_effects(ExtendedModel(described, physics_of(described)), far_bearing.added)
+    truth = with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}})
+    found, true = (compared(measured(one, SECOND_HALF, seed=99)) for one in (model.physics, truth))
+    assert np.sqrt(np.mean((found.misfit(truth) - true.misfit(truth)) ** 2)) < 0.01
+
+
+def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
+    assert far_bearing.localisation
+    assert far_bearing.remainder == ()
+    (misfit_map,) = far_bearing.maps
+    assert np.nanmax(misfit_map.before) > 20.0
+    assert np.nanmax(misfit_map.after) < 2.0
+
+
+def test_a_misfit_is_located_where_the_effect_acts() -> None:
+    """A weak far bearing is a stiffness, and is felt where the table is far from the fixed one."""
+    answer = explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 1e6}}), SECOND_HALF)
+    assert keys(answer) == ["far-bearing-stiffness"]
+    first = answer.localisation[0]
+    assert first.kind is MisfitKind.STIFFNESS
+    assert "position_mm" in first.where
+    assert "868.3" in first.where
+
+
+def test_pictures_show_both_models(far_bearing) -> None:
+    assert len(far_bearing.panels) == len(SECOND_HALF)
+    for panel in far_bearing.panels:
+        before, after = (
+            np.std(np.log(panel.models[name] / panel.measured)) for name in ("before", "after")
+        )  # fmt: skip
+        assert after < 0.01
+        assert before > after
+
+
+def test_pulls_are_those_of_a_healthy_axis(far_bearing) -> None:
+    assert set(far_bearing.pulls) == {"position", "preload", "gain 1", *TOLERANCES}
+    assert max(abs(one) for one in far_bearing.pulls.values()) < 3.0
+
+
+def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
+    """No payload, temperature and level were varied; a rotor that is not part of the path moves nothing."""
+    reasons = {one.key: one.untestable_because for one in far_bearing.candidates}
+    assert reasons["payload-mass"] == "payload does not vary"
+    assert reasons["thermal-preload"] == "temperature does not vary"
+    assert reasons["servo-stiffness"] == "nothing that was measured moves with it"
+    assert reasons["added-mass"] is None
+    assert "far-bearing-stiffness" not in reasons
+    limits = {one.key: one.detection_limit for one in far_bearing.candidates}
+    assert limits["payload-mass"] is None
+    assert 0.0 < limits["torque-delay"] < 5e-3
+
+
+def test_two_effects_are_both_named() -> None:
+    answer = explained(
+        with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}, "torque-delay": {"delay_s": 5e-5}}),
+        candidates=few(),
+    )
+    assert answer.outcome is Outcome.NAMED
+    assert set(keys(answer)) == {"far-bearing-stiffness", "torque-delay"}
+    found = {one.key: one.parameters for one in answer.effects}
+    assert covered(found["far-bearing-stiffness"]["stiffness_n_per_m"], 2e7)
+    assert covered(found["torque-delay"]["delay_s"], 5e-5)
+    assert answer.gap.after.held_out < 1.1 * answer.gap.noise_floor
+
+
+def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
+    """A bracket of twice the stated stiffness, fourteen of its tolerances off: no compliance more makes it stiffer."""
+    described = DriveSubject(AXIS, {"bracket_stiffness_n_per_m": 0.05, "loss_factor": 0.3}, {})
+    answer = explained(physics_of(replace(AXIS, bracket_stiffness=2.0 * AXIS.bracket_stiffness)), described=described)
+    assert answer.outcome is Outcome.NAMED
+    assert keys(answer) == [f"{PREFIX}bracket_stiffness_n_per_m"]
+    assert answer.added == {}
+    assert answer.ln_ratios["bracket_stiffness_n_per_m"] == pytest.approx(math.log(2.0), abs=0.1)
+
+
+# --- what is not to be believed --------------------------------------------------------------------------------------
+
+
+def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
+    """Were far bearings softer than 10 N/µm, one of 30 N/µm would stand for something that nobody has thought of."""
+    far = EFFECTS["far-bearing-stiffness"]
+    soft = replace(far, parameters=(replace(far.parameters[0], upper=1e7, scale=5e6),))
+    candidates = [soft if one is far else one for one in subject().candidates()]
+    answer = explained(with_hidden({far.key: {"stiffness_n_per_m": 3e7}}), candidates=candidates)
+    assert answer.outcome is Outcome.UNKNOWN
+    (found,) = answer.effects
+    assert not found.plausible
+    assert found.remarks[-1].startswith("a stand-in for something else: stiffness_n_per_m = 3.")
+
+
+WIPERS = """
+    from dataclasses import replace
+
+    from monitor_core.discrepancy.effect import Effect, EffectParameter
+
+
+    def _add(axis, values):
+        damping = axis.bodies.table_damping + values["damping_ns_per_m"]
+        return replace(axis, bodies=replace(axis.bodies, table_damping=damping))
+
+
+    EFFECTS = (
+        Effect(
+            key="wipers",
+            name="Wipers of the guides",
+            physics="They drag in proportion to the speed of the table.",
+            source="no source: a damper to ground",
+            parameters=(EffectParameter("damping_ns_per_m", "N·s/m", lower=0.0, upper=1e5, scale=200.0),),
+            add=_add,
+        ),
+    )
+"""
+
+
+def dragging():
+    physics = true_subject(0)
+    return replace(physics, bodies=replace(physics.bodies, table_damping=1500.0))
+
+
+def test_what_the_catalogue_lacks_stays_unknown() -> None:
+    answer = explained(dragging(), candidates=few())
+    assert answer.outcome is Outcome.UNKNOWN
+    assert answer.remainder
+    assert answer.gap.after.fit > 2.0 * answer.gap.noise_floor
+
+
+def test_an_effect_of_a_users_own_is_named(tmp_path) -> None:
+    """The same axis, with a file that has what the catalogue lacks."""
+    (tmp_path / "mine.py").write_text(dedent(WIPERS), encoding="utf-8")
+    own = read_effect_file(tmp_path / "mine.py")
+    described = DriveSubject(AXIS, TOLERANCES, {}, (*DRIVE_EFFECTS, *own))
+    answer = explained(dragging(), described=described)
+    assert (answer.outcome, keys(answer)) == (Outcome.NAMED, ["wipers"])
+    assert covered(answer.effects[0].parameters["damping_ns_per_m"], 1500.0)
+    assert list(answer.added) == ["wipers"]
+
+
+def test_held_out_positions_that_contradict_are_believed() -> None:
+    """A far bearing holds the screw while five positions are measured, and does not at the other two."""
+    held = with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e6}})
+    free = true_subject(0)
+    answer = explained(
+        lambda at: free if at.position in (POSITIONS[1], POSITIONS[-2]) else held,
+        candidates=few("screw-axial-stiffness"),
+    )
+    assert answer.outcome is Outcome.UNKNOWN
+    assert keys(answer) == []
+
+
+# --- a baseline of another family ------------------------------------------------------------------------------------
+
+
+def test_a_lumped_baseline_of_a_distributed_screw() -> None:
+    """Mass and inertia of the screw are spread along it: both are missing, and both are found to be all of it."""
+    diameter, density = AXIS.screw_minor_diameter, 7850.0
+    common = {
+        name: getattr(AXIS, name)
+        for name in ("table_mass", "nut_mass", "screw_length", "screw_lead", "youngs_modulus", "shear_modulus",
+                     "bearing_stiffness", "bracket_stiffness", "nut_stiffness", "dynamic_load_rating",
+                     "coupling_stiffness", "motor_inertia", "loss_factor")
+    }  # fmt: skip
+    true = physics_of(ReceptanceParameters(screw_diameter=diameter, density=density, **common))
+    described = subject(
+        screw_mass=density * math.pi / 4.0 * diameter**2 * AXIS.screw_length,
+        screw_inertia=density * math.pi / 32.0 * diameter**4 * AXIS.screw_length,
+    )
+    answer = explained(
+        true, described=described, candidates=few("screw-distributed-mass", "torsional-flexibility"),
+        excitation=ExcitationPoint.TORQUE_AT_MOTOR, lines=np.geomspace(40.0, 1500.0, 40),
+    )  # fmt: skip
+    assert answer.outcome is Outcome.NAMED
+    assert set(keys(answer)) == {"screw-distributed-mass", "torsional-flexibility"}
+    found = {one.key: one.parameters for one in answer.effects}
+    assert found["screw-distributed-mass"]["share"].estimate.value == pytest.approx(1.0, abs=0.01)
+    assert found["torsional-flexibility"]["inertia_share"].estimate.value == pytest.approx(1.0, abs=0.01)
+    assert found["torsional-flexibility"]["compliance_share"].estimate.value == pytest.approx(0.0, abs=0.01)
+    assert answer.gap.after.held_out < 1.1 * answer.gap.noise_floor
+
+
+# --- what the words say is what the numbers are ----------------------------------------------------------------------
+
+N = 160
+
+
+def linear(truth, *, columns=None, seed=1, held_out=()):
+    rng = np.random.default_rng(seed)
+    design = rng.standard_normal((N, len(truth))) if columns is None else columns
+    layout = layout_of((40,) * 4, 1.0, held_out=held_out)
+    layout = replace(
+        layout,
+        settings=tuple(Setting(one.name, {ConditionAxis.POSITION: 0.1 * i}) for i, one in enumerate(layout.settings)),
+    )
+    data = design @ truth + rng.standard_normal(N)
+    return LinearComparison(layout, design, data, np.zeros((0, N)), least_delta_bic=30.0)
+
+
+def test_an_effect_at_its_detection_limit_is_found() -> None:
+    """A quarter more is, a quarter less is not; the limit is stated where nothing is missing, in its unit."""
+    healthy = linear(np.zeros(2))
+    subject_, candidate = LinearSubject({}, 2), quantity(1, scale=0.02)
+    answer = explain(healthy, subject_, [candidate])
+    (stated,) = answer.candidates
+    assert (stated.key, stated.unit) == ("quantity-1", "-")
+    # least evidence and ln n against the square of the column: by hand
+    by_hand = math.sqrt((30.0 + math.log(N)) / np.sum(healthy.design[:, 1] ** 2))
+    assert stated.detection_limit == pytest.approx(by_hand, rel=0.15)  # residuals set the noise, too
+    noise = healthy.data - healthy.design[:, 1] * (healthy.design[:, 1] @ healthy.data) / np.sum(
+        healthy.design[:, 1] ** 2
+    )
+    for factor, outcome in ((1.25, ["quantity-1"]), (0.75, [])):
+        data = noise + factor * stated.detection_limit * healthy.design[:, 1]
+        assert keys(explain(replace(healthy, data=data), subject_, [candidate])) == outcome
+
+
+def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
+    """Where a wrong parameter and an effect say the same, the effect is named, and is what is added."""
+    rng = np.random.default_rng(2)
+    columns = rng.standard_normal((N, 3))
+    columns[:, 2] = columns[:, 1]
+    comparison = linear(np.array([0.0, 2.0, 0.0]), columns=columns)
+    answer = explain(comparison, LinearSubject({}, 3), [wrong_quantity(1, "b"), quantity(2)])
+    assert keys(answer) == ["quantity-2"]
+    assert list(answer.added) == ["quantity-2"]
+    assert answer.effects[0].remarks == ("the same finding as wrong-parameter:b",)
+
+
+def test_each_step_says_what_it_left() -> None:
+    truth = np.array([0.0, 3.0, 1.5])
+    answer = explain(linear(truth), LinearSubject({}, 3), [quantity(1), quantity(2)])
+    assert {one.effect for one in answer.steps} == {"quantity-1", "quantity-2"}
+    assert answer.gap.before.fit > answer.steps[0].gap.fit > answer.steps[1].gap.fit == answer.gap.after.fit
+    assert math.isnan(answer.gap.after.held_out)
+
+
+def test_an_axis_without_an_answer_is_refused() -> None:
+    comparison = compared(measured(true_subject(0), CONDITIONS))
+    with pytest.raises(OutsideValidityError, match="position must lie on the screw"):
+        explain(comparison, subject(screw_length=0.6), [wrong_parameter("bearing_stiffness_n_per_m", AXIS)])

@@ -1,0 +1,203 @@
+"""The search: against all subsets of a linear problem, what held-out data refute, physics that comes in pairs."""
+
+import math
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.evidence import delta_bic
+from monitor_core.discrepancy.search import Search, SearchSettings
+from tests.discrepancy.axes import LinearComparison, LinearSubject, covariance_of, layout_of, quantity, wrong_quantity
+
+N, SIZES = 160, (40,) * 4
+UNCERTAIN = {"a": 0.5}
+HELD_OUT = np.arange(N) >= 120
+
+
+def comparison_of(truth, rng, *, columns=None, held_out=()):
+    """Return linear data with noise and errors of settings; the first quantity is uncertain."""
+    design = rng.standard_normal((N, len(truth))) if columns is None else columns
+    directions = 0.3 * rng.standard_normal((1, N))
+    layout = layout_of(SIZES, 1.0, held_out=held_out)
+    of_settings = directions[0] * rng.standard_normal(4)[layout.setting]
+    return LinearComparison(layout, design, design @ truth + rng.standard_normal(N) + of_settings, directions)
+
+
+def found_in(comparison, candidates, **settings):
+    subject = LinearSubject(UNCERTAIN, comparison.design.shape[1])
+    return Search(comparison, subject, tuple(candidates), SearchSettings(**settings)).run()
+
+
+def keys(fitted):
+    return {effect.key for effect in fitted.hypothesis.effects}
+
+
+# --- against all subsets ---------------------------------------------------------------------------------------------
+
+
+def best_subset(comparison, candidates, most):
+    """Return the subset with the least χ² + k ln n of all, by dense least squares with the prior."""
+    dense = covariance_of(comparison)
+    weight = linalg.inv(dense)
+
+    def criterion(subset):
+        design = comparison.design[:, [0, *subset]]
+        normal = design.T @ weight @ design
+        normal[0, 0] += 0.5**-2
+        data = comparison.data
+        explained = data @ weight @ design @ linalg.solve(normal, design.T @ weight @ data)
+        return data @ weight @ data - explained + len(subset) * math.log(N)
+
+    return min((one for size in range(most + 1) for one in combinations(candidates, size)), key=criterion)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_finds_the_best_of_all_subsets(seed) -> None:
+    """Of eight quantities up to three are there, each several times what the evidence asks for."""
+    rng = np.random.default_rng([seed, 1])
+    present = rng.permutation(np.arange(1, 9))[: seed % 4]
+    truth = np.zeros(9)
+    truth[0] = 0.5 * rng.standard_normal()
+    truth[present] = rng.choice((-1.0, 1.0), present.size) * rng.uniform(0.8, 2.0, present.size)
+    comparison = comparison_of(truth, rng)
+    found = found_in(comparison, [quantity(index) for index in range(1, 9)])
+    expected = {f"quantity-{index}" for index in best_subset(comparison, range(1, 9), 4)}
+    assert keys(found.final) == expected == {f"quantity-{index}" for index in present}
+    assert {one.effect.key for one in found.accepted} == expected
+    assert all(one.delta_bic > comparison.least_delta_bic for one in found.accepted)
+
+
+def test_a_healthy_axis_lacks_nothing() -> None:
+    """In none of 40 draws: eight candidates at ΔBIC > 10 are claimed once in a thousand."""
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        comparison = comparison_of(np.r_[0.5 * rng.standard_normal(), np.zeros(8)], rng)
+        found = found_in(comparison, [quantity(index) for index in range(1, 9)])
+        assert found.accepted == ()
+        assert found.final is found.baseline
+        assert found.steps == ()
+
+
+def test_a_parameter_far_off_its_tolerance_is_found_wrong() -> None:
+    """Eight standard deviations; at two nothing is amiss."""
+    rng = np.random.default_rng(3)
+    for size, expected in ((4.0, {"wrong-parameter:a"}), (1.0, set())):
+        comparison = comparison_of(np.array([size, 0.0, 0.0]), rng)
+        assert keys(found_in(comparison, [wrong_quantity(0, "a"), quantity(1)]).final) == expected
+
+
+# --- one after the other ---------------------------------------------------------------------------------------------
+
+
+def test_what_stood_for_two_is_left_out_again() -> None:
+    """Two effects together look like a third one, which is found first."""
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((N, 4))
+    columns[:, 3] = columns[:, 1] + columns[:, 2] + rng.standard_normal(N)
+    comparison = comparison_of(np.array([0.0, 3.0, 3.0, 0.0]), rng, columns=columns)
+    found = found_in(comparison, [quantity(1), quantity(2), quantity(3)], n_first_steps=1)
+    assert keys(found.steps[0]) == {"quantity-3"}
+    assert keys(found.final) == {"quantity-1", "quantity-2"}
+    assert found.steps[-1] is found.final
+
+
+def test_no_more_effects_than_allowed() -> None:
+    rng = np.random.default_rng(5)
+    comparison = comparison_of(np.r_[0.0, np.full(4, 2.0)], rng)
+    found = found_in(comparison, [quantity(index) for index in range(1, 5)], most_effects=2)
+    assert len(found.final.hypothesis.effects) == 2
+
+
+def test_effects_are_tried_only_where_they_may_be_seen() -> None:
+    """One needs a payload that varies, another acts on what the axis lacks; both would explain all."""
+    rng = np.random.default_rng(6)
+    comparison = comparison_of(np.array([0.0, 3.0]), rng)
+    unseen = replace(quantity(1), needs=frozenset({ConditionAxis.PAYLOAD}))
+    absent = replace(quantity(1), applies=lambda theta: False)
+    assert found_in(comparison, [unseen, absent]).accepted == ()
+    assert keys(found_in(comparison, [replace(quantity(1), needs=frozenset({ConditionAxis.POSITION}))]).final)
+
+
+def test_what_would_do_in_the_place_of_an_effect_is_kept_beside_it() -> None:
+    """With its evidence against the fit without either."""
+    rng = np.random.default_rng(7)
+    columns = rng.standard_normal((N, 4))
+    columns[:, 2] = columns[:, 1] + 0.1 * rng.standard_normal(N)
+    comparison = comparison_of(np.array([0.0, 3.0, 0.0, 0.0]), rng, columns=columns)
+    found = found_in(comparison, [quantity(1), quantity(2), quantity(3)])
+    (accepted,) = found.accepted
+    (rival,) = [one for one in accepted.rivals if one.effect.key != "quantity-3"]
+    assert {accepted.effect.key, rival.effect.key} == {"quantity-1", "quantity-2"}
+    alone = found_in(comparison, [rival.effect]).final
+    assert rival.delta_bic == pytest.approx(delta_bic(found.baseline, alone, found.yardstick), abs=0.1)
+
+
+def test_a_user_is_told_what_is_being_tried() -> None:
+    rng = np.random.default_rng(8)
+    comparison = comparison_of(np.array([0.0, 3.0]), rng)
+    told = []
+    Search(comparison, LinearSubject(UNCERTAIN, 2), (quantity(1),), progress=told.append).run()
+    assert told[:2] == ["0 effects found", "refitting with quantity-1"]
+    assert "1 effects found" in told
+
+
+# --- held-out data ---------------------------------------------------------------------------------------------------
+
+
+def held_out_case(there):
+    """Return data in which a quantity of 2 is present where they are fitted, and as stated where they are not."""
+    rng = np.random.default_rng(9)
+    comparison = comparison_of(np.array([0.0, 2.0, 0.0]), rng, held_out=(HELD_OUT,))
+    change = (there - 2.0) * comparison.design[:, 1] * HELD_OUT
+    return replace(comparison, data=comparison.data + change)
+
+
+@pytest.mark.parametrize(("there", "accepted"), [(2.0, True), (1.5, True), (0.0, False), (-2.0, False)])
+def test_an_effect_that_held_out_data_contradict_is_refused(there, accepted) -> None:
+    """Where it is somewhat smaller it is no other effect."""
+    found = found_in(held_out_case(there), [quantity(1), quantity(2)])
+    assert keys(found.final) == ({"quantity-1"} if accepted else set())
+
+
+def test_gain_on_held_out_data_is_that_of_the_effect() -> None:
+    comparison = held_out_case(2.0)
+    (accepted,) = found_in(comparison, [quantity(1)]).accepted
+    # ½ Σ (A θ)² of what it explains there, but for the noise
+    assert accepted.held_out_gain == pytest.approx(0.5 * 4.0 * np.sum(comparison.design[HELD_OUT, 1] ** 2), rel=0.25)
+
+
+def test_a_rival_of_a_refused_effect_is_held_to_the_same() -> None:
+    """It acts almost as the refused one does, and the same data contradict it."""
+    comparison = held_out_case(-2.0)
+    rng = np.random.default_rng(10)
+    comparison.design[:, 2] = comparison.design[:, 1] + 0.2 * rng.standard_normal(N)
+    found = found_in(comparison, [quantity(1), quantity(2)])
+    assert found.accepted == ()
+
+
+# --- strong physics in pairs -----------------------------------------------------------------------------------------
+
+
+def pair(known):
+    """Return two effects that all but cancel; alone either makes things hardly better."""
+    rng = np.random.default_rng(11)
+    columns = rng.standard_normal((N, 4))
+    columns[:, 1] *= 30.0
+    columns[:, 2] = columns[:, 3] - columns[:, 1]
+    comparison = comparison_of(np.array([0.0, 1.0, 1.0, 0.0]), rng, columns=columns)
+    comparison = replace(comparison, least_delta_bic=30.0)
+    effects = [replace(quantity(index), textbook={"size": 1.0} if known else None) for index in (1, 2)]
+    return found_in(comparison, effects)
+
+
+def test_textbook_physics_is_switched_on_together() -> None:
+    """Where a greedy search finds nothing, since each of the two alone is worth next to nothing."""
+    assert keys(pair(known=False).final) == set()
+    found = pair(known=True)
+    assert keys(found.final) == {"quantity-1", "quantity-2"}
+    assert keys(found.steps[0]) == {"quantity-1", "quantity-2"}
+    np.testing.assert_allclose(found.final.coordinates[1:], 1.0, atol=0.2)
