@@ -21,16 +21,16 @@ from typing import Any
 
 import numpy as np
 
-from monitor_core.discrepancy.classes import covariance
-from monitor_core.discrepancy.conditions import default_folds
-from monitor_core.discrepancy.evidence import yardstick
+from monitor_core.discrepancy.comparing.conditions import default_folds
+from monitor_core.discrepancy.comparing.model_form import ModelFormError
+from monitor_core.discrepancy.comparing.responses import ResponsesComparison, compare_responses
 from monitor_core.discrepancy.explain import explain
-from monitor_core.discrepancy.fit import fit
-from monitor_core.discrepancy.form_learning import learn_form_error
-from monitor_core.discrepancy.holding_out import fitted_values
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.model_form import ModelFormError
-from monitor_core.discrepancy.responses_compared import ResponsesComparison, compare_responses
+from monitor_core.discrepancy.judging.classes import covariance
+from monitor_core.discrepancy.searching.evidence import yardstick
+from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.form_learning import learn_form_error
+from monitor_core.discrepancy.searching.holding_out import fitted_values
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.models.families import build_model
 from monitor_core.recordings.frf_set import read_frf_set

@@ -5,13 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from monitor_core.discrepancy.advice import next_measurement
-from monitor_core.discrepancy.classes import EquivalenceClass, equivalence_class, found_parameters
-from monitor_core.discrepancy.comparison import Comparison
-from monitor_core.discrepancy.conditions import varied_conditions
+from monitor_core.discrepancy.comparing.comparison import Comparison
+from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
-from monitor_core.discrepancy.evidence import Yardstick
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -23,14 +20,17 @@ from monitor_core.discrepancy.explanation import (
     Outcome,
     Step,
 )
-from monitor_core.discrepancy.fit import Fitted, fit
-from monitor_core.discrepancy.holding_out import HeldOut, gap_of, hold_out
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.localisation import HealthyScatter, localise, misfit_map
-from monitor_core.discrepancy.outcome import OutcomeSettings, mean_square_pulls, outcome_of
-from monitor_core.discrepancy.scan import Scanned
-from monitor_core.discrepancy.search import Found, Search, SearchSettings
-from monitor_core.discrepancy.signatures import signatures
+from monitor_core.discrepancy.judging.advice import next_measurement
+from monitor_core.discrepancy.judging.classes import EquivalenceClass, equivalence_class, found_parameters
+from monitor_core.discrepancy.judging.outcome import OutcomeSettings, variances_of_pulls, outcome_of
+from monitor_core.discrepancy.localising.localisation import HealthyScatter, localise, misfit_map
+from monitor_core.discrepancy.searching.signatures import signatures
+from monitor_core.discrepancy.searching.evidence import Yardstick
+from monitor_core.discrepancy.searching.fit import Fitted, fit
+from monitor_core.discrepancy.searching.holding_out import HeldOut, gap_of, hold_out
+from monitor_core.discrepancy.searching.scan import Scanned
+from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.subject import Subject
 
 Physics = TypeVar("Physics")
@@ -84,7 +84,7 @@ def explain(
         _gap_pair(found.baseline, before),
         _gap_pair(found.final, after),
     )
-    pulls = mean_square_pulls(found.final)
+    pulls = variances_of_pulls(found.final)
     outcome = outcome_of(classes, gap, pulls, settings.outcome)
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))

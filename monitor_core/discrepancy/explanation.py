@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from monitor_core.arrays import FloatArray, read_only
-from monitor_core.discrepancy.comparison import Panel
+from monitor_core.discrepancy.comparing.comparison import Panel
 from monitor_core.errors import OutsideValidityError
 from monitor_core.uncertainty import Estimate
 
@@ -142,7 +142,7 @@ class Explanation:
     gap: Gap
     steps: tuple[Step, ...]
     candidates: tuple[Candidate, ...]
-    pulls: Mapping[str, float]  # rms pull of each kind of setting error, and of each declared parameter [-]
+    pulls: Mapping[str, float]  # spread over settings by kind of error; of each declared parameter [-]
     next_measurement: str
     ln_ratios: Mapping[str, float]  # ln(refitted/stated) of the parameters of the model file, by names in files
     added: Mapping[str, Mapping[str, float]]  # effects of the augmented model, by key and name

@@ -4,16 +4,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from monitor_core.discrepancy.comparison import Comparison
-from monitor_core.discrepancy.conditions import default_folds
+from monitor_core.discrepancy.comparing.comparison import Comparison
+from monitor_core.discrepancy.comparing.conditions import default_folds
+from monitor_core.discrepancy.comparing.modes import compare_modes
+from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Explanation
-from monitor_core.discrepancy.modes_compared import compare_modes
-from monitor_core.discrepancy.motion_compared import MotionComparison
-from monitor_core.discrepancy.motion_subject import MotionSubject
-from monitor_core.discrepancy.responses_compared import compare_responses
+from monitor_core.discrepancy.motion.compared import MotionComparison
+from monitor_core.discrepancy.motion.subject import MotionSubject
 from monitor_core.discrepancy.subject import DriveSubject, Subject
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation

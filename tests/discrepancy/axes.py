@@ -9,12 +9,12 @@ from functools import cache
 
 import numpy as np
 
-from monitor_core.discrepancy.comparison import Layout, Setting
-from monitor_core.discrepancy.conditions import SettingTolerances, default_folds
+from monitor_core.discrepancy.comparing.comparison import Layout, Setting
+from monitor_core.discrepancy.comparing.conditions import SettingTolerances, default_folds
+from monitor_core.discrepancy.comparing.model_form import DEFAULT_SPECTRUM, ModelFormError
+from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX
-from monitor_core.discrepancy.model_form import DEFAULT_SPECTRUM, ModelFormError
-from monitor_core.discrepancy.responses_compared import compare_responses
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import ResponseCase, prepare_lines, responses

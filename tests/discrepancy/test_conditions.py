@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.conditions import default_folds, setting_of, varied_conditions
+from monitor_core.discrepancy.comparing.conditions import default_folds, setting_of, varied_conditions
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.models.protocol import DriveConditions
 from tests.discrepancy.axes import POSITIONS, layout_of, settings

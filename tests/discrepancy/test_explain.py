@@ -7,7 +7,7 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparison import Setting
+from monitor_core.discrepancy.comparing.comparison import Setting
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.discrepancy.explain import explain

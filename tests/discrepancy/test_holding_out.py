@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.evidence import Yardstick
-from monitor_core.discrepancy.fit import fit
-from monitor_core.discrepancy.holding_out import HeldOut, fitted_values, gain, gap_of, hold_out, promised_gain
 from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.searching.evidence import Yardstick
+from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.holding_out import HeldOut, fitted_values, gain, gap_of, hold_out, promised_gain
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 N = 24

@@ -13,12 +13,17 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from monitor_core.discrepancy.comparison import Layout, Setting
-from monitor_core.discrepancy.condition_groups import previous_in_series
+from monitor_core.discrepancy.comparing.comparison import Layout, Setting
+from monitor_core.discrepancy.comparing.condition_groups import previous_in_series
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.localisation import LEVEL, HealthyScatter, localise, misfit_map
-from monitor_core.discrepancy.misfit_tests import amount_trend_p_value, holm, order_p_values, size_trend_p_value
+from monitor_core.discrepancy.localising.localisation import LEVEL, HealthyScatter, localise, misfit_map
+from monitor_core.discrepancy.localising.misfit_tests import (
+    amount_trend_p_value,
+    holm,
+    order_p_values,
+    size_trend_p_value,
+)
 from monitor_core.errors import OutsideValidityError
 
 POSITION, PRELOAD, PAYLOAD, TEMPERATURE, EXCITATION, DIRECTION, RECORD = (

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from monitor_core.discrepancy.conditions import SettingTolerances
+from monitor_core.discrepancy.comparing.conditions import SettingTolerances
+from monitor_core.discrepancy.comparing.modes import compare_modes
 from monitor_core.discrepancy.effects import wrong_parameter
-from monitor_core.discrepancy.fit import fit
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.modes_compared import compare_modes
+from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import ModalObservation

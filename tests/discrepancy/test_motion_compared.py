@@ -8,9 +8,9 @@ from scipy import optimize
 
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.effects import MOTION_EFFECTS, with_motion_effects
-from monitor_core.discrepancy.motion_compared import MotionComparison
-from monitor_core.discrepancy.motion_noise import repetition_shift
-from monitor_core.discrepancy.motion_strokes import strokes_of
+from monitor_core.discrepancy.motion.compared import MotionComparison
+from monitor_core.discrepancy.motion.noise import repetition_shift
+from monitor_core.discrepancy.motion.strokes import strokes_of
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.motion import MotionRecord

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from monitor_core.discrepancy.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.explanation import Gap, GapPair, Outcome
-from monitor_core.discrepancy.fit import fit
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.outcome import OutcomeSettings, mean_square_pulls, outcome_of
+from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.judging.outcome import OutcomeSettings, variances_of_pulls, outcome_of
+from monitor_core.discrepancy.searching.fit import fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 SETTINGS = OutcomeSettings()
@@ -70,7 +70,7 @@ def test_share_explained_is_that_of_the_squares_over_the_floor(more, expected) -
     assert outcome_of((GOOD,), gap(LEFT, after), QUIET, SETTINGS) is expected
 
 
-def test_mean_square_pulls_are_one_where_all_is_right() -> None:
+def test_variances_of_pulls_are_one_where_all_is_right() -> None:
     """Over draws of 40 settings, about their mean: χ² of 39 degrees of freedom (Kolmogorov and Smirnov at 1e-4)."""
     rng = np.random.default_rng(1)
     n_settings, n = 40, 240
@@ -83,7 +83,7 @@ def test_mean_square_pulls_are_one_where_all_is_right() -> None:
         data = 0.5 * rng.standard_normal(n) + np.sum(directions * errors[layout.setting].T, axis=0)
         comparison = LinearComparison(layout, np.zeros((n, 1)), data, directions)
         fitted = fit(comparison, Hypothesis(subject), np.zeros(0))
-        drawn.append(mean_square_pulls(fitted))
+        drawn.append(variances_of_pulls(fitted))
     for name in ("error 1", "error 2"):
         values = n_settings * np.array([one[name] for one in drawn])
         assert stats.kstest(values, stats.chi2(n_settings - 1).cdf).pvalue > 1e-4
@@ -96,10 +96,10 @@ def test_settings_that_err_alike_are_no_drift() -> None:
     drifting = replace(alike, data=np.repeat(np.linspace(-5.0, 5.0, 10), 6))
     for comparison, left in ((alike, 0.0), (drifting, np.var(np.linspace(-5.0, 5.0, 10)))):
         fitted = fit(comparison, Hypothesis(LinearSubject({}, 1)), np.zeros(0))
-        assert mean_square_pulls(fitted)["error 1"] == pytest.approx(left, rel=0.02, abs=1e-9)
+        assert variances_of_pulls(fitted)["error 1"] == pytest.approx(left, rel=0.02, abs=1e-9)
 
 
 def test_errors_that_nothing_tells_of_are_not_judged() -> None:
     comparison = LinearComparison(layout_of([3], 1.0), np.zeros((3, 1)), np.ones(3), np.array([[1.0] * 3, [0.0] * 3]))
     fitted = fit(comparison, Hypothesis(LinearSubject({}, 1)), np.zeros(0))
-    assert list(mean_square_pulls(fitted)) == ["error 1"]
+    assert list(variances_of_pulls(fitted)) == ["error 1"]

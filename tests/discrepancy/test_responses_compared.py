@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from monitor_core.discrepancy.conditions import SettingTolerances
+from monitor_core.discrepancy.comparing.conditions import SettingTolerances
+from monitor_core.discrepancy.comparing.model_form import FormSpectrum, ModelFormError
+from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.effect import ConditionAxis
-from monitor_core.discrepancy.fit import linearise
-from monitor_core.discrepancy.model_form import FormSpectrum, ModelFormError
-from monitor_core.discrepancy.responses_compared import compare_responses
+from monitor_core.discrepancy.searching.fit import linearise
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import ResponseCase, physics_of, prepare_lines, responses

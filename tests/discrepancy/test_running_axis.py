@@ -16,11 +16,11 @@ from monitor_core.discrepancy.effects.preload_change import PRELOAD_CHANGE
 from monitor_core.discrepancy.effects.torque_delay import TORQUE_DELAY
 from monitor_core.discrepancy.effects.warming import MODULUS_PER_KELVIN, WARMING
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.places import log_responses, places_of
-from monitor_core.discrepancy.places_compared import RunningTolerances, compare_times
-from monitor_core.discrepancy.running_axis import ChangeExplanation, explain_change
-from monitor_core.discrepancy.running_changes import Cause
-from monitor_core.discrepancy.then_and_now import ThenAndNow
+from monitor_core.discrepancy.running.changes import Cause
+from monitor_core.discrepancy.running.places import log_responses, places_of
+from monitor_core.discrepancy.running.places_compared import RunningTolerances, compare_times
+from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
+from monitor_core.discrepancy.running.then_and_now import ThenAndNow
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import (

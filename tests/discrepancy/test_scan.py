@@ -7,9 +7,9 @@ import pytest
 from scipy import linalg
 
 from monitor_core.discrepancy.effect import Effect, EffectParameter
-from monitor_core.discrepancy.fit import fit
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.scan import scan
+from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.scan import scan
 from monitor_core.errors import OutsideValidityError
 from tests.discrepancy.axes import (
     LinearComparison,

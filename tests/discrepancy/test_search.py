@@ -9,8 +9,8 @@ import pytest
 from scipy import linalg
 
 from monitor_core.discrepancy.effect import ConditionAxis
-from monitor_core.discrepancy.evidence import delta_bic
-from monitor_core.discrepancy.search import Search, SearchSettings
+from monitor_core.discrepancy.searching.evidence import delta_bic
+from monitor_core.discrepancy.searching.search import Search, SearchSettings
 from tests.discrepancy.axes import LinearComparison, LinearSubject, covariance_of, layout_of, quantity, wrong_quantity
 
 N, SIZES = 160, (40,) * 4

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor_core.discrepancy.comparison import Panel
+from monitor_core.discrepancy.comparing.comparison import Panel
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,

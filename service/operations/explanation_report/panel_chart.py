@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.comparison import Panel
+from monitor_core.discrepancy.comparing.comparison import Panel
 from service.operations.explanation_report.rounding import tick
 from service.operations.explanation_report.svg import (
     Axis,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.running_axis import ChangeExplanation, explain_change
+from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects.running.sessions import (

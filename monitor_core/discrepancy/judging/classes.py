@@ -1,0 +1,124 @@
+"""Which effects the data cannot tell apart, and how well a found effect is known."""
+
+import math
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.effects import PREFIX
+from monitor_core.discrepancy.explanation import FoundParameter
+from monitor_core.discrepancy.searching.evidence import Yardstick
+from monitor_core.discrepancy.searching.fit import Fitted
+from monitor_core.discrepancy.searching.search import Accepted, Found
+from monitor_core.uncertainty import Estimate
+
+Physics = TypeVar("Physics")
+
+#: Two effects that leave the same residuals say one thing in two ways.
+_SAME_COST = 0.5
+_SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
+
+#: Beside 5 % of the gain of BIC, effects are held apart only if one leaves this much more of χ² than the other: the
+#: form of no model is known better.
+_MARGIN = 6.0
+_MARGIN_OF_GAIN = 0.05
+_MARGIN_OF_COST = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Member(Generic[Physics]):
+    """An effect that would do, with the fit that has it."""
+
+    effect: Effect[Physics]
+    fitted: Fitted[Physics]
+    delta_bic: float
+    plausible: bool
+
+
+@dataclass(frozen=True, eq=False)
+class EquivalenceClass(Generic[Physics]):
+    """Effects that the data cannot tell apart, the one to be named first in front."""
+
+    members: tuple[Member[Physics], ...]
+    twins: tuple[str, ...]  # keys that say what the first member says in another way
+    held_out_gain: float
+
+    @property
+    def leader(self) -> Member[Physics]:
+        """Return the member to be named first."""
+        return self.members[0]
+
+
+def equivalence_class(found: Found[Physics], accepted: Accepted[Physics]) -> EquivalenceClass[Physics]:
+    """Return an accepted effect with what would do in its place.
+
+    Among members that leave the same residuals the one of the catalogue leads, unless it takes a value that is not
+    plausible: an added mass and a wrong mass are then one finding, not two.
+    """
+    by = found.yardstick
+    own = _member(accepted.effect, found.final, accepted.delta_bic)
+    rivals = [_member(rival.effect, rival.fitted, rival.delta_bic) for rival in accepted.rivals]
+    n_effective = by.n_values * by.share
+    margin = max(_MARGIN, min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective))
+    best = max([own.delta_bic, *(one.delta_bic for one in rivals)])
+    inside = [own, *(one for one in rivals if one.delta_bic >= best - margin)]
+    ordered = sorted(inside, key=_precedence)
+    members: list[Member[Physics]] = []
+    twins: list[str] = []
+    for one in ordered:
+        if any(_are_twins(one, other) for other in members):
+            twins.append(one.effect.key)
+        else:
+            members.append(one)
+    members.sort(key=lambda one: (not one.plausible, -one.delta_bic))
+    return EquivalenceClass(tuple(members), tuple(twins), accepted.held_out_gain)
+
+
+def _precedence(one: Member[Physics]) -> tuple[bool, bool, float]:
+    return (not one.plausible, one.effect.key.startswith(PREFIX), -one.delta_bic)
+
+
+def _are_twins(one: Member[Physics], other: Member[Physics]) -> bool:
+    difference = one.fitted.standardised - other.fitted.standardised
+    same = float(np.sqrt(np.mean(difference**2))) < _SAME_RESIDUALS
+    return same and abs(one.fitted.cost - other.fitted.cost) < _SAME_COST
+
+
+def _member(effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float) -> Member[Physics]:
+    values = fitted.hypothesis.values(fitted.coordinates)[effect.key]
+    plausible = all(one.lower <= values[one.name] <= one.upper for one in effect.parameters)
+    return Member(effect, fitted, delta_bic, plausible)
+
+
+def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
+    r"""Return the covariance of the coordinates, :math:`(f J^T J + \Pi)^{-1}` with the priors' precision Π.
+
+    f is the yardstick's factor: residuals that hang together, or exceed their budget, say less.
+    """
+    n = fitted.hypothesis.n_coordinates
+    jacobian = fitted.jacobian[fitted.fitted]
+    precision = by.factor * jacobian.T @ jacobian
+    precision[np.diag_indices(fitted.hypothesis.n_uncertain)] += 1.0
+    scale = np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    correlation = precision / np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True) / np.outer(scale, scale)).reshape(n, n)
+
+
+def found_parameters(member: Member[Physics], by: Yardstick) -> dict[str, FoundParameter]:
+    """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals."""
+    fitted = member.fitted
+    values = fitted.hypothesis.values(fitted.coordinates)[member.effect.key]
+    variances = np.diag(covariance(fitted, by))
+    found = {}
+    for index, (effect, one) in enumerate(fitted.hypothesis.unknowns):
+        if effect.key != member.effect.key:
+            continue
+        value = values[one.name]
+        deviation = abs(one.scale) * math.sqrt(max(float(variances[fitted.hypothesis.n_uncertain + index]), 0.0))
+        interval = (value - 1.959964 * deviation, value + 1.959964 * deviation)
+        plausible = one.lower <= value <= one.upper
+        found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible)
+    return found

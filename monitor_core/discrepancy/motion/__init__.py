@@ -1,0 +1,1 @@
+"""Force records of a moving axis beside a rigid-body model of its motion."""

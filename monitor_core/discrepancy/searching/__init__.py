@@ -1,0 +1,1 @@
+"""Which effects bring model and measurement together: the fit, the cheap looks, the search and its evidence."""

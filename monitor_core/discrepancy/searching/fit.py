@@ -1,0 +1,300 @@
+r"""The fit of a hypothesis to a comparison: whitened least squares, reached through a tolerance that is taken away.
+
+.. math::
+
+    \chi^2(u) = \lVert V^{-1/2} m(u) \rVert^2 + \sum_i u_i^2
+
+over the coordinates u of a hypothesis, those of uncertain parameters in their prior standard deviations. Far from the
+data the logarithmic misfit is first fitted with an extra tolerance under which :math:`\chi^2/n \approx 4`; it shrinks
+as the fit improves and is gone at the end. The errors of the settings are linearised again until nothing moves.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, TypeVar
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.discrepancy.comparing.comparison import Comparison
+from monitor_core.discrepancy.comparing.setting_errors import Whitening, whitening
+from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.errors import OutsideValidityError
+
+Physics = TypeVar("Physics")
+
+#: χ² per value that the tolerance is chosen for, and below which none is needed.
+_TEMPERED = 4.0
+_MOST_STAGES = 8
+_SETTLED = 0.1  # of χ²: another stage would not change a decision
+_OFF_BOUNDS = 1e-3  # in coordinates
+_STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
+_LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
+_STEP = 1e-4  # of a coordinate, for derivatives
+_MOST_EVALUATIONS = 15
+_MOST_TEMPERED_EVALUATIONS = 5  # a stage on the way need not end at its minimum
+#: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
+_LARGEST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised(Generic[Physics]):
+    """A comparison around likely errors of its settings, in which its misfit is linear.
+
+    With the errors e that settings are taken to have, and the change S of the misfit by them, the misfit of a setting
+    whose errors were not known is that at e less S e; whitening then finds whatever errors are most likely.
+    """
+
+    comparison: Comparison[Physics]  # shifted by the errors
+    whitened_by: Whitening
+    offset: FloatArray  # −S e, shape (n_values,)
+
+    def misfit(self, physics: Physics) -> FloatArray:
+        """Return the misfit, shape (n_values,)."""
+        return self.comparison.misfit(physics) + self.offset
+
+    def residuals(self, physics: Physics) -> FloatArray:
+        """Return independent residuals, standard normal where the physics is right, shape (n_values,)."""
+        return self.whitened_by(self.misfit(physics))
+
+
+def linearise(
+    comparison: Comparison[Physics], physics: Physics, errors: FloatArray, deviation: FloatArray
+) -> Linearised[Physics]:
+    """Linearise a comparison around errors of its settings, shape (n_settings, n_errors)."""
+    shifted = comparison.shifted(errors)
+    whitened_by = whitening(
+        deviation, shifted.setting_errors(physics), comparison.layout.setting, comparison.layout.common
+    )
+    return Linearised(shifted, whitened_by, -whitened_by.share_of(errors))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted(Generic[Physics]):
+    """A hypothesis at its best coordinates."""
+
+    comparison: Comparison[Physics]
+    hypothesis: Hypothesis[Physics]
+    coordinates: FloatArray  # shape (n_coordinates,)
+    around: Linearised[Physics]
+    fitted: BoolArray  # which values took part
+
+    @cached_property
+    def misfit(self) -> FloatArray:
+        """Misfit of all values, held out or not, shape (n_values,)."""
+        return self.around.misfit(self.physics())
+
+    @cached_property
+    def standardised(self) -> FloatArray:
+        """Residuals of all values, standard normal and independent where the hypothesis is right, shape (n_values,)."""
+        return self.around.whitened_by(self.misfit)
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """Derivatives of the residuals of all values, shape (n_values, n_coordinates)."""
+        return _jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
+
+    @property
+    def prior_cost(self) -> float:
+        """Sum of squares of the uncertain parameters in their standard deviations."""
+        return float(np.sum(self.coordinates[: self.hypothesis.n_uncertain] ** 2))
+
+    @cached_property
+    def cost(self) -> float:
+        """Twice the negative logarithm of the posterior, but for a constant: χ², the priors, and ln det V.
+
+        V is the covariance with the errors of the settings, which a hypothesis may make larger or smaller.
+        """
+        chi_squared = float(np.sum(self.standardised[self.fitted] ** 2))
+        return chi_squared + self.prior_cost + self.around.whitened_by.log_determinant(self.fitted)
+
+    def physics(self) -> Physics:
+        """Return the axis as fitted."""
+        return self.hypothesis.physics(self.coordinates)
+
+
+def fit(
+    comparison: Comparison[Physics],
+    hypothesis: Hypothesis[Physics],
+    start: FloatArray,
+    fitted: BoolArray | None = None,
+) -> Fitted[Physics]:
+    """Fit a hypothesis from a start.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    hypothesis : Hypothesis
+    start : ndarray, shape (n_coordinates,)
+        Where the model has an answer.
+    fitted : ndarray of bool, shape (n_values,), optional
+        Which values take part; by default all.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the model has no answer at the start.
+    """
+    layout = comparison.layout
+    chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
+    at = _inside(start, *hypothesis.bounds)
+    errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
+    best: Fitted[Physics] | None = None
+    tolerance = math.inf
+    for _ in range(_MOST_STAGES):
+        physics = hypothesis.physics(at)
+        before = tolerance
+        errors = _answerable(comparison, physics, errors)
+        tolerance = _tolerance(comparison.shifted(errors).misfit(physics), layout.standard_deviation, chosen)
+        if tolerance > _STUCK * before:
+            break
+        around = linearise(comparison, physics, errors, np.hypot(layout.standard_deviation, tolerance))
+        if not tolerance:
+            here = Fitted(comparison, hypothesis, at, around, chosen)
+            if best is not None and best.cost - here.cost < _SETTLED:
+                return min(best, here, key=lambda one: one.cost)
+            best = here
+        if hypothesis.n_coordinates:
+            at = _least_squares(
+                around, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS if tolerance else _MOST_EVALUATIONS
+            )
+        errors = np.clip(around.whitened_by.errors(around.misfit(hypothesis.physics(at))), -_LIKELY, _LIKELY)
+    errors = _answerable(comparison, hypothesis.physics(at), errors)
+    around = linearise(comparison, hypothesis.physics(at), errors, layout.standard_deviation)
+    last = Fitted(comparison, hypothesis, at, around, chosen)
+    return last if best is None else min(best, last, key=lambda one: one.cost)
+
+
+def _inside(start: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return a start that is off the bounds: from a bound the trust region takes no step."""
+    room = np.minimum(_OFF_BOUNDS, 0.25 * (upper - lower))
+    return np.clip(start, lower + room, upper - room)
+
+
+def _answerable(comparison: Comparison[Physics], physics: Physics, errors: FloatArray) -> FloatArray:
+    """Return the errors, or none where the model has no answer at settings so moved."""
+    try:
+        shifted = comparison.shifted(errors)
+        shifted.misfit(physics)
+        shifted.setting_errors(physics)
+    except OutsideValidityError:
+        return np.zeros_like(errors)
+    return errors
+
+
+def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> float:
+    """Return the tolerance with which χ² per value is that of a tempered fit, 0 where it is below without one."""
+    square, variance = misfit[chosen] ** 2, deviation[chosen] ** 2
+    if np.mean(square / variance) <= _TEMPERED:
+        return 0.0
+    low, high = 0.0, float(np.sqrt(np.max(square)))
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.mean(square / (variance + middle**2)) > _TEMPERED else (low, middle)
+    return high
+
+
+def _least_squares(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    start: FloatArray,
+    chosen: BoolArray,
+    most_evaluations: int,
+) -> FloatArray:
+    n_uncertain = hypothesis.n_uncertain
+    prior = np.eye(n_uncertain, hypothesis.n_coordinates)
+    n_residuals = int(np.count_nonzero(chosen)) + n_uncertain
+
+    def residuals(coordinates: FloatArray) -> FloatArray:
+        try:
+            whitened = around.residuals(hypothesis.physics(coordinates))[chosen]
+        except OutsideValidityError:
+            return np.full(n_residuals, np.inf)  # the search shortens its step
+        if not np.max(np.abs(whitened)) < _LARGEST:
+            return np.full(n_residuals, np.inf)
+        return np.concatenate([whitened, coordinates[:n_uncertain]])
+
+    def jacobian(coordinates: FloatArray) -> FloatArray:
+        misfit = around.misfit(hypothesis.physics(coordinates))
+        return np.vstack([_jacobian(around, hypothesis, coordinates, misfit)[chosen], prior])
+
+    lower, upper = hypothesis.bounds
+    found = least_squares(
+        residuals,
+        _inside(start, lower, upper),
+        jac=jacobian,
+        bounds=(lower, upper),
+        x_scale="jac",
+        ftol=1e-5,
+        xtol=1e-6,
+        gtol=1e-8,
+        max_nfev=most_evaluations,
+    )
+    return np.asarray(found.x)
+
+
+def _jacobian(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    coordinates: FloatArray,
+    misfit: FloatArray,
+    *,
+    central: bool = False,
+) -> FloatArray:
+    """Return the derivatives of the residuals, shape (n_values, n_coordinates)."""
+    if not coordinates.size:
+        return np.zeros((misfit.size, 0))
+    take = derivative if central else _one_sided
+    columns = [take(around, hypothesis, coordinates, misfit, index) for index in range(coordinates.size)]
+    whitened: FloatArray = around.whitened_by(np.array(columns)).T
+    return whitened
+
+
+def derivative(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    coordinates: FloatArray,
+    misfit: FloatArray,
+    index: int,
+) -> FloatArray:
+    """Return the derivative of the misfit to one coordinate, shape (n_values,).
+
+    A central difference, so that what other coordinates can take up of it cancels to rounding; one-sided where the
+    model has no answer on the other side.
+    """
+    sides = []
+    for way in (_STEP, -_STEP):
+        try:
+            sides.append((way, _moved(around, hypothesis, coordinates, index, way)))
+        except OutsideValidityError:
+            sides.append((0.0, misfit))
+    (ahead, there), (behind, back) = sides
+    if ahead == behind:
+        return np.zeros_like(misfit)
+    return around.comparison.layout.difference(there, back) / (ahead - behind)
+
+
+def _one_sided(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    coordinates: FloatArray,
+    misfit: FloatArray,
+    index: int,
+) -> FloatArray:
+    """Return a cheaper derivative, good enough on the way to a minimum."""
+    way = _STEP if coordinates[index] + _STEP <= hypothesis.bounds[1][index] else -_STEP
+    try:
+        there = _moved(around, hypothesis, coordinates, index, way)
+    except OutsideValidityError:
+        return derivative(around, hypothesis, coordinates, misfit, index)
+    return around.comparison.layout.difference(there, misfit) / way
+
+
+def _moved(
+    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, index: int, way: float
+) -> FloatArray:
+    moved = coordinates.copy()
+    moved[index] += way
+    return around.misfit(hypothesis.physics(moved))
