@@ -23,14 +23,14 @@ from monitor_core.discrepancy.explanation import (
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.advice import next_measurement
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, equivalence_class, found_parameters
-from monitor_core.discrepancy.judging.outcome import OutcomeSettings, variances_of_pulls, outcome_of
+from monitor_core.discrepancy.judging.outcome import OutcomeSettings, outcome_of, variances_of_pulls
 from monitor_core.discrepancy.localising.localisation import HealthyScatter, localise, misfit_map
-from monitor_core.discrepancy.searching.signatures import signatures
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import HeldOut, gap_of, hold_out
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
+from monitor_core.discrepancy.searching.signatures import signatures
 from monitor_core.discrepancy.subject import Subject
 
 Physics = TypeVar("Physics")

@@ -10,7 +10,7 @@ from scipy import stats
 from monitor_core.discrepancy.explanation import Gap, GapPair, Outcome
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.judging.outcome import OutcomeSettings, variances_of_pulls, outcome_of
+from monitor_core.discrepancy.judging.outcome import OutcomeSettings, outcome_of, variances_of_pulls
 from monitor_core.discrepancy.searching.fit import fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
