@@ -25,7 +25,7 @@ test: setup      ## every test, with lint, types and import contracts
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: test      ## the same as `make test`
 

@@ -16,12 +16,15 @@ from service.api.observer import RequestObserver
 from service.api.openapi import describe
 from service.api.problems import PROBLEM_RESPONSES, install_problem_handlers
 from service.api.services import Services
-from service.jobs import JobRunner
+from service.jobs import JobRunner, Work
 from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
-from service.operations.discrepancies import KIND, Discrepancies
+from service.operations.change_of_axis import KIND as ALARM_EXPLANATION
+from service.operations.change_of_axis import AlarmExplanations
+from service.operations.discrepancies import KIND as DISCREPANCY
+from service.operations.discrepancies import Discrepancies
 from service.operations.identifications import Identifications
 from service.operations.ingest import Ingest
 from service.operations.lanes import Lanes
@@ -84,10 +87,19 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database.migrate()
     waveforms = WaveformStore(settings.data_dir)
     lanes = Lanes()
-    ingest = Ingest(database, waveforms, lanes, metrics)
+    work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
+    runner = JobRunner(database, work)
+    alarm_explanations = AlarmExplanations(database, waveforms, runner)
+    ingest = Ingest(database, waveforms, lanes, metrics, alarm_explanations.follow)
     replays = Replays(settings.replay_dir, ingest)
     identifications = Identifications(database, waveforms)
     discrepancies = Discrepancies(database, waveforms, ReportStore(settings.data_dir))
+    work |= {
+        "replay": replays.run,
+        "identification": identifications.run,
+        DISCREPANCY: discrepancies.run,
+        ALARM_EXPLANATION: alarm_explanations.run,
+    }
     return Services(
         database=database,
         waveforms=waveforms,
@@ -100,7 +112,6 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         replays=replays,
         identifications=identifications,
         discrepancies=discrepancies,
-        jobs=JobRunner(
-            database, {"replay": replays.run, "identification": identifications.run, KIND: discrepancies.run}
-        ),
+        alarm_explanations=alarm_explanations,
+        jobs=runner,
     )

@@ -58,8 +58,10 @@ class EffectParameter:
             raise OutsideValidityError(
                 f"{self.name} must be null within its plausible range; got {self.null} for {self.lower} to {self.upper}"
             )
-        if not (math.isfinite(self.scale) and self.lower <= self.null + self.scale <= self.upper):
-            raise OutsideValidityError(f"the scale of {self.name} must lie within its range; got {self.scale}")
+        if not (self.scale and math.isfinite(self.scale) and self.lower <= self.null + self.scale <= self.upper):
+            raise OutsideValidityError(
+                f"the scale of {self.name} must lie within its range and not be 0; got {self.scale}"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
+import numpy as np
+
 from monitor_core.discrepancy.comparing.comparison import Comparison
 from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
@@ -85,7 +87,8 @@ def explain(
         _gap_pair(found.final, after),
     )
     pulls = variances_of_pulls(found.final)
-    outcome = outcome_of(classes, gap, pulls, settings.outcome)
+    n_judged = int(np.count_nonzero(found.final.fitted if after is None else after.chosen))
+    outcome = outcome_of(classes, gap, pulls, settings.outcome, n_judged)
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
     models = {"before": found.baseline.physics(), "after": found.final.physics()}
@@ -110,6 +113,7 @@ def explain(
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
         panels=comparison.panels(models),
         maps=_maps(found),
+        gap_by_channel=_gap_by_channel(found),
     )
 
 
@@ -175,6 +179,17 @@ def _maps(found: Found[Physics]) -> tuple[MisfitMap, ...]:
     rows, columns, before = misfit_map(layout, found.baseline.standardised)
     _, _, after = misfit_map(layout, found.final.standardised)
     return (MisfitMap("Misfit in standard deviations", rows, columns, before, after),)
+
+
+def _gap_by_channel(found: Found[Physics]) -> dict[str, tuple[float, float]]:
+    comparison, both = found.final.comparison, (found.baseline, found.final)
+    gaps = {}
+    for channel, name in enumerate(comparison.layout.channels):
+        chosen = found.final.fitted & (comparison.layout.channel == channel)
+        if np.any(chosen):
+            before, after = (comparison.gap(one.misfit, one.standardised, chosen) for one in both)
+            gaps[name] = (before, after)
+    return gaps
 
 
 def _parameter_pulls(fitted: Fitted[Physics]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """What the discrepancy workflow answers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from monitor_core.arrays import FloatArray, read_only
@@ -148,3 +148,5 @@ class Explanation:
     added: Mapping[str, Mapping[str, float]]  # effects of the augmented model, by key and name
     panels: tuple[Panel, ...]
     maps: tuple[MisfitMap, ...] = ()  # one for each channel; none where the data have neither settings nor bands
+    #: Gap on the fitted data before and after: an effect may close that of one channel, and leave another one's.
+    gap_by_channel: Mapping[str, tuple[float, float]] = field(default_factory=dict)

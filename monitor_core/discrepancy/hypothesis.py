@@ -63,13 +63,9 @@ class Hypothesis(Generic[Physics]):
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Where the coordinates may lie."""
-        limits = [searched_range(effect, one) for effect, one in self.unknowns]
-        lower = [-math.inf] * self.n_uncertain + [
-            (low - one.null) / one.scale for (low, _), (_, one) in zip(limits, self.unknowns, strict=True)
-        ]
-        upper = [math.inf] * self.n_uncertain + [
-            (high - one.null) / one.scale for (_, high), (_, one) in zip(limits, self.unknowns, strict=True)
-        ]
+        limits = [searched_coordinates(effect, one) for effect, one in self.unknowns]
+        lower = [-math.inf] * self.n_uncertain + [low for low, _ in limits]
+        upper = [math.inf] * self.n_uncertain + [high for _, high in limits]
         return np.array(lower), np.array(upper)
 
     def ln_ratios(self, coordinates: FloatArray) -> dict[str, float]:
@@ -136,3 +132,9 @@ def searched_range(effect: Effect[Physics], one: EffectParameter) -> tuple[float
     lower = one.lower if one.lower == one.null else one.lower - _BEYOND_PLAUSIBLE * width
     upper = one.upper if one.upper == one.null else one.upper + _BEYOND_PLAUSIBLE * width
     return lower, upper
+
+
+def searched_coordinates(effect: Effect[Physics], one: EffectParameter) -> tuple[float, float]:
+    """Return where the coordinate of a parameter is sought; the scale of one that can only be less is negative."""
+    first, second = ((end - one.null) / one.scale for end in searched_range(effect, one))
+    return min(first, second), max(first, second)

@@ -21,18 +21,24 @@ class ModalObservation:
     amplitude: float | None = None  # |H| at the peak [m/N]
     amplitude_uncertainty: float | None = None  # standard uncertainty [m/N]
     order: int | None = None  # as the source counts it, from 1: a label, not the mode of a model
+    damping_ratio: float | None = None  # [-]
+    damping_ratio_uncertainty: float | None = None  # standard uncertainty [-]
 
     def __post_init__(self) -> None:
         for name, unit in (
             ("frequency", "Hz"), ("frequency_uncertainty", "Hz"), ("amplitude", "m/N"),
-            ("amplitude_uncertainty", "m/N"),
+            ("amplitude_uncertainty", "m/N"), ("damping_ratio", ""), ("damping_ratio_uncertainty", ""),
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise OutsideValidityError(f"{name} must be positive and finite; got {value} {unit}")
+                raise OutsideValidityError(f"{name} must be positive and finite; got {value} {unit}".rstrip())
         if self.amplitude is None and self.amplitude_uncertainty is not None:
             raise OutsideValidityError(
                 f"an amplitude must be stated with its uncertainty; got {self.amplitude_uncertainty} m/N without one"
+            )
+        if self.damping_ratio is None and self.damping_ratio_uncertainty is not None:
+            raise OutsideValidityError(
+                f"a damping ratio must be stated with its uncertainty; got {self.damping_ratio_uncertainty} without one"
             )
         if self.order is not None and self.order < 1:
             raise OutsideValidityError(f"order must count from 1; got {self.order}")

@@ -3,12 +3,14 @@
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.fields import AxisName, RowId, Text
+from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.alarms import AlarmView
+from service.operations.change_document import NotExamined
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
 
@@ -24,8 +26,56 @@ class AlarmEventOut(BaseModel):
     reason: str
 
 
+class MeasuredOut(BaseModel):
+    """Measurements that an explanation rests on."""
+
+    n_measurements: int
+    first_at: datetime
+    last_at: datetime
+
+
+class ChangeOut(BaseModel):
+    """One change that was tried: its size in `unit` as fitted, and how well it explains the measurements."""
+
+    cause: str
+    effect: str
+    probability: float
+    size: float | None
+    size_standard_uncertainty: float | None
+    unit: str
+    delta_bic: float
+    gap: float
+    sentence: str
+
+
+class ExaminedOut(BaseModel):
+    """Which change of the axis explains the alarm, with the probability that it is the cause."""
+
+    examined: Literal[True]
+    at: datetime
+    outcome: Literal["named", "equivalent", "none", "unknown"]
+    cause: Literal["preload", "payload", "bearing", "position", "sensor", "temperature", "none", "unknown"]
+    confidence: float
+    sentence: str
+    equivalent_to: list[str]
+    gap_before: float
+    gap_after: float
+    changes: list[ChangeOut]
+    reference: MeasuredOut
+    recent: MeasuredOut
+
+
+class NotExaminedOut(BaseModel):
+    """Why no cause was looked for."""
+
+    examined: Literal[False]
+    reason: NotExamined
+    sentence: str
+    recent: MeasuredOut | None
+
+
 class AlarmOut(BaseModel):
-    """An alarm with its evidence and history."""
+    """An alarm with its evidence, its cause as far as it was examined, and its history."""
 
     id: int
     axis: str
@@ -34,6 +84,7 @@ class AlarmOut(BaseModel):
     raised_at: datetime
     status: AlarmStatus
     evidence: dict[str, Any]
+    explanation: Annotated[ExaminedOut | NotExaminedOut, Field(discriminator="examined")]
     events: list[AlarmEventOut]
 
 
@@ -68,7 +119,7 @@ def alarm_out(view: AlarmView) -> AlarmOut:
     row = view.row
     return AlarmOut(
         id=row.id, axis=row.axis_id, measurement_id=row.measurement_id, kind=row.kind, raised_at=row.raised_at,
-        status=row.status, evidence=row.evidence,
+        status=row.status, evidence=row.evidence, explanation=row.explanation,
         events=[
             AlarmEventOut(at=e.at, old_status=e.old_status, new_status=e.new_status, reason=e.reason)
             for e in view.events
@@ -100,3 +151,11 @@ def acknowledge_alarm(alarm: RowId, body: CommentIn, on: Annotated[Services, Dep
 def clear_alarm(alarm: RowId, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
     return alarm_out(on.alarms.clear(alarm, body.comment))
+
+
+@router.post("/alarms/{alarm}/explanations", response_model=JobOut, status_code=202)
+def explain_alarm(alarm: RowId, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
+    """Ask in the background which change of the axis explains an open alarm, by its newest measurements."""
+    row = on.alarm_explanations.start(alarm)
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)

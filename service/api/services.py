@@ -10,6 +10,7 @@ from service.observability import Metrics
 from service.operations.alarms import Alarms
 from service.operations.axes import Axes
 from service.operations.calibrations import Calibrations
+from service.operations.change_of_axis import AlarmExplanations
 from service.operations.discrepancies import Discrepancies
 from service.operations.identifications import Identifications
 from service.operations.ingest import Ingest
@@ -34,6 +35,7 @@ class Services:
     replays: Replays
     identifications: Identifications
     discrepancies: Discrepancies
+    alarm_explanations: AlarmExplanations
     jobs: JobRunner
 
 

@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,14 @@ MONITORED = {
     "bad-windows": "trouble with the sensors",
 }
 #: Settings of the demonstration axis, as an operator would state them.
-CONFIGURATION = {"search_band_hz": [140.0, 230.0], "excitation_source": "sensor", "silent_after_hours": 1e6}
+CONFIGURATION = {
+    "search_band_hz": [140.0, 230.0],
+    "excitation_source": "sensor",
+    "silent_after_hours": 1e6,
+    "drive_model": (BUNDLED_SESSIONS / "models" / "replay-axis.toml").read_text(encoding="utf-8"),
+}
+#: The cause of an alarm is sought after the commit, by a job that takes some seconds.
+LONGEST_WAIT_S = 120.0
 
 
 @click.command()
@@ -65,10 +73,14 @@ def run_demo(client: Client, sessions: Path = BUNDLED_SESSIONS) -> dict[str, Any
         client.post(f"/v1/axes/{session}/calibrations/{own['id']}/activate", {"reason": "demo"})
         replayed = replay_bundled(client, sessions, session, description)
         counts = {name: counts[name] + replayed[name] for name in counts}
+        _wait_for_causes(client, session)
         points = client.get(f"/v1/axes/{session}/trend", limit=10_000)["points"]
         raised = client.get("/v1/alarms", axis=session, limit=200)["alarms"]
         estimates += [{"axis": session, **point} for point in points if point["preload_n"] is not None]
-        alarms += [{"axis": session, "kind": alarm["kind"], **alarm["evidence"]} for alarm in reversed(raised)]
+        alarms += [
+            {"axis": session, "kind": alarm["kind"], **alarm["evidence"], "explanation": alarm["explanation"]}
+            for alarm in reversed(raised)
+        ]
         axes.append(_summary(client, session, points, raised))
     return {**counts, "axes": axes, "estimates": estimates, "alarms": alarms, "calibration": calibration["document"]}
 
@@ -80,6 +92,15 @@ def replay_bundled(client: Client, sessions: Path, session: str, description: st
     click.echo(f"replaying {session} ({description})", err=True)
     with open_session(sessions / f"{session}{SUFFIX}") as reader:
         return post_session(reader, client, session)
+
+
+def _wait_for_causes(client: Client, axis: str) -> None:
+    until = time.monotonic() + LONGEST_WAIT_S
+    while time.monotonic() < until:
+        jobs = client.get("/v1/jobs", axis=axis)["jobs"]
+        if all(one["status"] not in ("queued", "running") for one in jobs):
+            return
+        time.sleep(0.2)
 
 
 def _summary(client: Client, session: str, points: list[dict[str, Any]], raised: list[Any]) -> dict[str, Any]:
@@ -123,6 +144,8 @@ def _print(document: dict[str, Any]) -> None:
             for alarm in document["alarms"]
         ],
     )  # fmt: skip
+    for alarm in document["alarms"]:
+        click.echo(f"{alarm['axis']}: {alarm['explanation']['sentence']}")
     silent = [axis["axis"] for axis in document["axes"] if not axis["alarms"]]
     click.echo(
         f"{document['windows_posted']} windows posted, {document['windows_refused']} refused; "

@@ -1,6 +1,6 @@
 """``preload explain DATA --baseline MODEL``: what a model lacks, and how far adding it closes the gap."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -8,7 +8,9 @@ import click
 
 from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, FoundParameter
 from monitor_core.errors import RecordingFormatError
+from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
+from monitor_core.motion import MotionRecord
 from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.frf_set import read_frf_set
@@ -62,6 +64,11 @@ _MOST_PLACES, _MOST_CANDIDATES = 3, 5
     help="Python file that defines EFFECTS, of your own beside those of the product. It is run.",
 )  # fmt: skip
 @click.option(
+    "--healthy", "healthy_paths", type=click.Path(path_type=Path, exists=True), multiple=True, metavar="DATA",
+    help="Responses of a machine of the same type that lacks nothing, a file, or a folder with one for each (*.h5): "
+    "what the model is wrong in on those is no finding. May be given several times.",
+)  # fmt: skip
+@click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MODEL",
     help="Write the augmented model: what was refitted, and the effects that were found.",
 )  # fmt: skip
@@ -73,6 +80,7 @@ def explain(
     report_dir: Path | None,
     hold_out_mm: tuple[float, ...],
     effects_path: Path | None,
+    healthy_paths: tuple[Path, ...],
     out: Path | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
@@ -88,6 +96,7 @@ def explain(
         measured=_measured(data, band_hz),
         hold_out=tuple(metres(one) for one in hold_out_mm),
         effects=() if effects_path is None else read_effect_file(effects_path),
+        healthy=tuple(_responses(path, band_hz) for path in _files(healthy_paths)),
     )
     with _watched(data.name) as progress:
         explanation, model_text = explain_measurements(request, progress)
@@ -121,6 +130,24 @@ def _measured(data: Path, band_hz: tuple[float, float] | None) -> Measured:
         f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
         f"motion record (time_s,position_m,force_n or torque_nm); got {'other columns' if kind == 'csv' else kind}"
     )
+
+
+def _files(paths: Iterable[Path]) -> Iterator[Path]:
+    for path in paths:
+        files = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        if not files:
+            raise RecordingFormatError(f"--healthy {path.name}: expected files of responses, *.h5; got none")
+        yield from files
+
+
+def _responses(path: Path, band_hz: tuple[float, float] | None) -> tuple[FrequencyResponseObservation, ...]:
+    """Return the responses of one machine."""
+    measured = _measured(path, band_hz)
+    several = () if isinstance(measured, MotionRecord) else measured
+    responses = tuple(one for one in several if isinstance(one, FrequencyResponseObservation))
+    if not responses:
+        raise RecordingFormatError(f"--healthy {path.name}: expected a set of frequency responses or a session")
+    return responses
 
 
 @contextmanager

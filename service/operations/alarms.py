@@ -15,6 +15,9 @@ from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
 
+#: What fits into a row of the history.
+LONGEST_REASON = 1000
+
 
 @dataclass(frozen=True, slots=True)
 class AlarmView:
@@ -25,19 +28,34 @@ class AlarmView:
 
 
 def raise_alarm(
-    connection: Connection, axis_id: str, measurement_id: int | None, kind: str, evidence: dict[str, Any]
+    connection: Connection,
+    axis_id: str,
+    measurement_id: int | None,
+    kind: str,
+    *,
+    evidence: dict[str, Any],
+    explanation: dict[str, Any],
 ) -> None:
     """Store a new alarm in the transaction that stores the measurement it rests on."""
     at = now()
     row = AlarmRow(
-        axis_id=axis_id, measurement_id=measurement_id, kind=kind, raised_at=at, status=alarms.ACTIVE, evidence=evidence
-    )
+        axis_id=axis_id, measurement_id=measurement_id, kind=kind, raised_at=at, status=alarms.ACTIVE,
+        evidence=evidence, explanation=explanation,
+    )  # fmt: skip
     with Session(connection) as session:
         session.add(row)
         session.flush()
         raised = "raised by measurement"
         session.add(AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
         session.commit()  # hands both to the connection
+
+
+def store_explanation(session: Session, row: AlarmRow, explanation: dict[str, Any]) -> None:
+    """Keep the latest answer with the alarm, and each answer of another sentence in its history."""
+    if explanation["sentence"] != row.explanation["sentence"]:
+        answer = f"explained: {explanation['sentence']}" if explanation["examined"] else explanation["sentence"]
+        _change(session, row, row.status, answer[:LONGEST_REASON])
+    row.explanation = explanation
 
 
 class Alarms:

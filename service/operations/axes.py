@@ -2,6 +2,7 @@
 
 from monitor_core.trend import DetectorDesign
 from service.clock import now
+from service.operations.drive_of_axis import drive_of_axis
 from service.operations.lanes import Lanes
 from service.operations.monitor_state import dump_design, load_design
 from service.operations.settings_of_axis import AxisConfiguration, detector_design, detector_settings
@@ -24,7 +25,11 @@ class Axes:
         ------
         OutsideValidityError
             If no limits of the charts give the wanted rate of false alarms.
+        RecordingFormatError, OutsideValidityError
+            If the drive model is none that an alarm could be explained with.
         """
+        if configuration.drive_model is not None:
+            drive_of_axis(configuration.drive_model)
         design = self._detector_design(axis_id, configuration)
         with self._lanes.of(axis_id), self._database.write() as session:
             row = session.get(AxisRow, axis_id)

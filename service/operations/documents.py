@@ -151,6 +151,8 @@ def alarm_evidence(
         "chart_value": alarm.value,
         "chart_limit": alarm.limit,
         "onset": alarm.onset.isoformat(),
+        "baseline_started_at": baseline.started_at.isoformat(),
+        "baseline_ended_at": baseline.ended_at.isoformat(),
         "mean_loss_since_onset_n": lost_since_onset,
         "sentence": (
             f"{str(alarm.chart).upper()} at {alarm.value:.1f}, limit {alarm.limit:.1f} standard deviations; since "

@@ -6,6 +6,7 @@ from typing import Any, Generic, TypeVar
 
 from monitor_core.discrepancy.comparing.comparison import Comparison
 from monitor_core.discrepancy.comparing.conditions import default_folds
+from monitor_core.discrepancy.comparing.model_form import ModelFormError
 from monitor_core.discrepancy.comparing.modes import compare_modes
 from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.effect import Effect
@@ -14,6 +15,7 @@ from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.discrepancy.motion.compared import MotionComparison
 from monitor_core.discrepancy.motion.subject import MotionSubject
+from monitor_core.discrepancy.searching.form_learning import learn_form_error
 from monitor_core.discrepancy.subject import DriveSubject, Subject
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
@@ -41,6 +43,7 @@ class ExplanationRequest:
     measured: Measured
     hold_out: tuple[float, ...] = ()  # positions; without any, as the data allow [m]
     effects: tuple[Effect[Any], ...] = ()  # of the user's own, beside those of the product
+    healthy: tuple[tuple[FrequencyResponseObservation, ...], ...] = ()  # of machines of this type that lack nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +97,8 @@ def require_explainable(request: ExplanationRequest) -> None:
 
 
 def _compared(request: ExplanationRequest) -> _Compared[AxisPhysics] | _Compared[MotionPhysics]:
+    if request.healthy:
+        _require_responses(request.measured)
     if isinstance(request.measured, MotionRecord):
         return _motion_compared(request.measured, request)
     return _drive_compared(request.measured, request)
@@ -116,22 +121,51 @@ def _drive_compared(
     measured: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...], request: ExplanationRequest
 ) -> _Compared[AxisPhysics]:
     table = _with_own_effects(DRIVE_EFFECTS, request)
-    request.baseline.build(table)  # so that its effects are sound
+    subject = described_drive(request.baseline, table)
     baseline = with_corrected_parameters(request.baseline)
-    stated = baseline.build(table).parameters
-    subject = DriveSubject(stated, baseline.uncertain, baseline.effects, table)
     peaks = _at_the_preload_of_the_nut([one for one in measured if isinstance(one, ModalObservation)], baseline)
     lines = _at_the_preload_of_the_nut(
         [one for one in measured if isinstance(one, FrequencyResponseObservation)], baseline
     )
     folds = _folds([*(one.conditions for one in peaks), *(one.conditions for one in lines)], request.hold_out)
-    end = paper_motor_end(stated)
+    end = paper_motor_end(subject.stated)
+    form = _form_learnt(request.healthy, baseline, subject)
     comparison: Comparison[AxisPhysics] = (
-        compare_responses(lines, held_out=folds, otherwise_held=end)
+        compare_responses(lines, held_out=folds, form=form, otherwise_held=end)
         if lines
         else compare_modes(peaks, end, held_out=folds)
     )
     return _Compared(baseline, table, comparison, subject, subject.candidates())
+
+
+def _require_responses(measured: Measured) -> None:
+    several = () if isinstance(measured, MotionRecord) else measured
+    if not any(isinstance(one, FrequencyResponseObservation) for one in several):
+        got = "peaks" if several else "a motion"
+        raise NotIdentifiableError(
+            f"what a model is wrong in on healthy machines is learnt for frequency responses; got {got} to explain"
+        )
+
+
+def _form_learnt(
+    healthy: Sequence[Sequence[FrequencyResponseObservation]], baseline: DriveModelFile, subject: DriveSubject
+) -> ModelFormError | None:
+    if not healthy:
+        return None
+    return learn_form_error([(_at_the_preload_of_the_nut(machine, baseline), subject) for machine in healthy])
+
+
+def described_drive(model: DriveModelFile, table: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveSubject:
+    """Return a drive as its model file describes it.
+
+    Raises
+    ------
+    OutsideValidityError, RecordingFormatError
+        If parameters or effects of the file are not sound.
+    """
+    model.build(table)  # so that its effects are sound
+    corrected = with_corrected_parameters(model)
+    return DriveSubject(corrected.build(table).parameters, corrected.uncertain, corrected.effects, table)
 
 
 def _with_own_effects(product: Sequence[Effect[Physics]], request: ExplanationRequest) -> tuple[Effect[Physics], ...]:

@@ -36,6 +36,10 @@ def explanation_document(explanation: Explanation, model_text: str) -> dict[str,
             "before": _pair(gap.before),
             "after": _pair(gap.after),
         },
+        "gap_by_channel": {
+            name: {"before": float(before), "after": float(after)}
+            for name, (before, after) in explanation.gap_by_channel.items()
+        },
         "steps": [
             {
                 "effect": one.effect,

@@ -1,6 +1,6 @@
 """Windows in: gated, judged when they complete a measurement, on disk and committed, then acknowledged."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,6 +10,7 @@ from typing import Any
 from monitor_core.pipeline import MeasurementOutcome, check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.errors import ConflictError, WaveformDamagedError
 from service.observability import Metrics
@@ -71,9 +72,17 @@ class Ingest:
     in between (another process) makes the writing fail, and the request is sent again.
     """
 
-    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes, metrics: Metrics) -> None:
+    def __init__(
+        self,
+        database: Database,
+        waveforms: WaveformStore,
+        lanes: Lanes,
+        metrics: Metrics,
+        follow_alarm: Callable[[str], None],
+    ) -> None:
         self._database = database
         self._waveforms = waveforms
+        self._follow_alarm = follow_alarm  # told the axis that a measurement left in alarm
         self._in_force = CalibrationsInForce()
         self._lanes = lanes
         self._metrics = metrics
@@ -100,6 +109,8 @@ class Ingest:
             admission, verdicts = self._take(known, new, names if complete else set())
         receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
         self._count(receipts, verdicts)
+        if known.configuration.drive_model is not None and _leave_in_alarm(verdicts):
+            self._follow_alarm(axis_id)
         return IngestReceipt(receipts, (*(verdict.document for verdict in verdicts), *judged_before))
 
     def _read(self, axis_id: str, windows: Iterable[Window], names: Iterable[str]) -> _Known:
@@ -164,6 +175,10 @@ class Ingest:
             self._metrics.measurements.labels(verdict.outcome).inc()
             if verdict.alarm is not None:
                 self._metrics.alarms.labels(verdict.alarm).inc()
+
+
+def _leave_in_alarm(verdicts: Sequence[Verdict]) -> bool:
+    return bool(verdicts) and verdicts[-1].document["state"] == TrendStatus.ALARM
 
 
 def _new_windows(axis_id: str, posted: Iterable[Window], stored: Mapping[datetime, str]) -> list[Window]:

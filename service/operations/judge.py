@@ -11,6 +11,7 @@ from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
 from service.clock import now
 from service.operations.alarms import raise_alarm
+from service.operations.change_document import not_examined_yet
 from service.operations.documents import alarm_evidence, measurement_document, response_document
 from service.operations.monitor_state import dump_state, load_design, load_state
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
@@ -88,7 +89,14 @@ def record(
     alarm = None
     if calibration is not None and after.detector.alarm is not None and before.detector.alarm is None:
         alarm = "preload-loss"
-        raise_alarm(connection, axis.id, row.id, alarm, alarm_evidence(row, outcome, after, calibration))
+        raise_alarm(
+            connection,
+            axis.id,
+            row.id,
+            alarm,
+            evidence=alarm_evidence(row, outcome, after, calibration),
+            explanation=not_examined_yet(axis.configuration),
+        )
     return Verdict(document, reason or row.status, alarm)
 
 

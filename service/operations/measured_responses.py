@@ -18,7 +18,10 @@ STRIDE: dict[Taper, int] = {"hann": 3, "rectangular": 1}
 
 
 def modal_observation(row: ModalRow) -> ModalObservation:
-    """Return a row of a modal table as a peak; its amplitude is the table's receptance, in m/N."""
+    """Return a row of a modal table as a peak; its amplitude is the table's receptance, in m/N.
+
+    The table states no uncertainty of a damping ratio.
+    """
     uncertainty = None if row.frequency_std is None else row.frequency_std / np.sqrt(row.n_readings or 1)
     return ModalObservation(
         DriveConditions(row.position, row.preload, row.payload_mass or 0.0),
@@ -26,10 +29,13 @@ def modal_observation(row: ModalRow) -> ModalObservation:
         None if uncertainty is None else float(uncertainty),
         amplitude=row.amplitude,
         order=row.mode,
+        damping_ratio=row.damping_ratio,
     )
 
 
-def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[FrequencyResponseObservation, ...]:
+def measured_responses(
+    measurements: Iterable[ModalMeasurement], *, usual_temperature: float | None = None
+) -> tuple[FrequencyResponseObservation, ...]:
     r"""Return the averaged responses of measurements with the noise of their lines.
 
     The standard deviation of real and of imaginary part of H1 is :math:`|H| \sqrt{(1 - \gamma^2)/(2 n \gamma^2)}`
@@ -41,13 +47,17 @@ def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[Freque
     measurements : iterable of ModalMeasurement
         As the product's own road judges them. A measured torque acts at the end of the screw, a drive's torque on the
         rotor.
+    usual_temperature : float, optional
+        From which stated temperatures are counted; without it they are not looked at. [°C]
 
     Raises
     ------
     NotIdentifiableError
         If there is none.
     """
-    observations = tuple(response for one in measurements if (response := _response(one)) is not None)
+    observations = tuple(
+        response for one in measurements if (response := _response(one, usual_temperature)) is not None
+    )
     if not observations:
         raise NotIdentifiableError(
             "expected measurements that can be judged and lines whose coherence is no chance; got none of both"
@@ -55,7 +65,7 @@ def measured_responses(measurements: Iterable[ModalMeasurement]) -> tuple[Freque
     return observations
 
 
-def _response(one: ModalMeasurement) -> FrequencyResponseObservation | None:
+def _response(one: ModalMeasurement, usual_temperature: float | None) -> FrequencyResponseObservation | None:
     frf = one.frequency_response
     if frf.coherence is None:
         return None
@@ -65,7 +75,7 @@ def _response(one: ModalMeasurement) -> FrequencyResponseObservation | None:
         return None
     error = random_error(coherence[seen], frf.n_averages)
     return FrequencyResponseObservation(
-        _conditions(one.conditions),
+        _conditions(one.conditions, usual_temperature),
         frf.frequency[seen],
         frf.response[seen],
         np.abs(frf.response[seen]) * error,
@@ -74,9 +84,13 @@ def _response(one: ModalMeasurement) -> FrequencyResponseObservation | None:
     )
 
 
-def _conditions(conditions: Conditions) -> DriveConditions:
+def _conditions(conditions: Conditions, usual_temperature: float | None) -> DriveConditions:
     # The mean of 15 windows at 600 mm is 599.9999999999999 mm: to the micrometre, a place is one and can be named.
-    return DriveConditions(round(conditions.position, 6), conditions.preload, conditions.payload_mass or 0.0)
+    position = round(conditions.position, 6)
+    deviation = 0.0
+    if usual_temperature is not None and conditions.temperature is not None:
+        deviation = conditions.temperature - usual_temperature
+    return DriveConditions(position, conditions.preload, conditions.payload_mass or 0.0, deviation)
 
 
 def _excitation_point(one: ModalMeasurement) -> ExcitationPoint:

@@ -40,6 +40,10 @@ class AxisConfiguration(BaseModel):
         default=168.0, le=1e7, description="without an accepted measurement for so long the state is unknown"
     )
 
+    drive_model: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="drive model as TOML: with it an alarm says which change of the axis explains it"
+    )
+
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.search_band_hz is not None and not self.search_band_hz[0] < self.search_band_hz[1]:

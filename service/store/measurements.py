@@ -67,6 +67,17 @@ def looked_at(
     return list(session.scalars(query.limit(limit + 1)))
 
 
+def newest_monitored(
+    session: Session, axis_id: str, start: datetime, end: datetime | None, limit: int
+) -> list[MeasurementRow]:
+    """Return the newest judged measurements whose preload was not set on purpose, in time order."""
+    query = _looked_at(axis_id, start, end).where(
+        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None)
+    )
+    newest_first = query.order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(limit)
+    return list(session.scalars(newest_first))[::-1]
+
+
 def preloads_under(session: Session, axis_id: str, calibration_id: int | None) -> list[float]:
     """Return the preloads judged under one calibration, in time order."""
     query = (

@@ -153,6 +153,7 @@ class AlarmRow(Base):
     raised_at: Mapped[datetime]
     status: Mapped[str] = mapped_column(String(16))  # active | acknowledged | cleared
     evidence: Mapped[dict[str, Any]]
+    explanation: Mapped[dict[str, Any]]  # which change of the axis explains it, or why that was not examined
 
 
 class AlarmEventRow(Base):

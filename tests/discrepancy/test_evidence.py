@@ -114,3 +114,19 @@ def test_a_constant_in_correlated_noise_is_rarely_claimed() -> None:
         naively += delta_bic(without, fuller, Yardstick(by.scale, 0.0, 400)) > 0.0
     assert claimed < 0.07 * 200
     assert naively > 0.15 * 200
+
+
+def test_parameters_within_tolerances_do_not_swell_the_scale() -> None:
+    """As many tolerances as two thirds of the values: the mean of s² over draws is still the noise's, here 4."""
+    rng = np.random.default_rng(9)
+    n, tolerances = 18, {f"quantity-{index}": 0.3 for index in range(12)}
+    hypothesis = Hypothesis(LinearSubject(tolerances, 13), (quantity(12),))
+    scales = []
+    for _ in range(300):
+        design = rng.standard_normal((n, 13))
+        # noise and quantities are twice what is stated of them
+        truth = 2.0 * np.r_[0.3 * rng.standard_normal(12), 1.0]
+        data = design @ truth + 2.0 * rng.standard_normal(n)
+        comparison = LinearComparison(layout_of([n], 1.0), design, data, np.zeros((0, n)))
+        scales.append(yardstick(fit(comparison, hypothesis, np.zeros(13))).scale)
+    assert np.mean(scales) == pytest.approx(4.0, abs=4.0 * 4.0 * math.sqrt(2.0 / (17 * 300)))

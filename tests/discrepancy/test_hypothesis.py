@@ -99,7 +99,6 @@ def test_textbook_values() -> None:
     assert physics.joints.bearing_stiffness == pytest.approx(1e8 * math.exp(0.1))
 
 
-@pytest.mark.xfail(reason="an effect whose range lies below its null value has a negative scale")
 def test_bounds_of_what_can_only_be_less() -> None:
     """As a user's own effect may be: a preload that was lost, say."""
     one = EffectParameter("size", "-", lower=-5.0, upper=0.0, scale=-0.5)

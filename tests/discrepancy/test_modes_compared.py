@@ -19,7 +19,7 @@ from monitor_core.discrepancy.effects import wrong_parameter
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.subject import DriveSubject
-from monitor_core.errors import NotIdentifiableError
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import ModalObservation
 from monitor_core.models.extended import natural_frequencies, physics_of
 from monitor_core.models.protocol import DriveConditions, MotorEnd
@@ -27,7 +27,7 @@ from monitor_core.recordings.modal_csv import read_modal_table
 from tests.discrepancy.axes import effects_by_key
 from tests.models.extended_axes import bundled
 
-MISSED = math.log(1.25)
+MISSED = -math.log(0.75)
 #: So well known that errors of settings play no part.
 EXACT = SettingTolerances(position=1e-9, preload_share=1e-9)
 
@@ -93,7 +93,7 @@ def test_a_mode_that_nobody_measured_costs_nothing() -> None:
 
 def test_a_frequency_near_no_mode_is_missed_by_a_quarter() -> None:
     between = math.sqrt(MODES[0] * MODES[1])
-    assert MODES[1] / MODES[0] > 1.25**2
+    assert MODES[1] / MODES[0] > 0.75**-2
     misfit = compare_modes(observed([MODES[0], between], THERE), MotorEnd.FREE).misfit(MANY)
     np.testing.assert_allclose(misfit, [0.0, -MISSED], atol=1e-9)
 
@@ -194,6 +194,98 @@ def test_folds_are_whole_settings() -> None:
 def test_an_empty_table_is_refused() -> None:
     with pytest.raises(NotIdentifiableError, match="at least one natural frequency; got none"):
         compare_modes([], MotorEnd.CLAMPED)
+
+
+# --- damping ratios --------------------------------------------------------------------------------------------------
+
+DAMPED = replace(physics_of(LUMPED), joints=replace(physics_of(LUMPED).joints, loss_factor=0.03))
+
+
+def with_damping_ratios(physics, places, share=1.0, **stated):
+    """Return the first mode at each place as the axis has it, its damping ratio multiplied."""
+    found = natural_frequencies(physics, places, [MotorEnd.CLAMPED] * len(places), 400.0)
+    undamped = replace(physics, joints=replace(physics.joints, loss_factor=0.0))
+    rest = natural_frequencies(undamped, places, [MotorEnd.CLAMPED] * len(places), 400.0)
+    return [
+        ModalObservation(at, there[0].frequency, damping_ratio=share * modes[0].damping_ratio, **stated)
+        for at, modes, there in zip(places, found, rest, strict=True)
+    ]
+
+
+def test_damping_ratios_follow_the_frequencies_of_their_setting() -> None:
+    table = with_damping_ratios(DAMPED, AT[:2]) + observed([150.0], AT[2])
+    layout = compare_modes(table, MotorEnd.CLAMPED).layout
+    assert layout.channels == ("mode 1", "mode 1, damping ratio")
+    np.testing.assert_array_equal(layout.setting, [0, 0, 1, 1, 2])
+    np.testing.assert_array_equal(layout.channel, [0, 1, 0, 1, 0])
+    np.testing.assert_array_equal(np.isnan(layout.frequency), [False, True, False, True, False])
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 4.0])
+def test_misfit_of_a_damping_ratio_is_relative(share) -> None:
+    comparison = compare_modes(with_damping_ratios(DAMPED, AT, share), MotorEnd.CLAMPED)
+    expected = [0.0, 1.0 / share - 1.0] * 3
+    np.testing.assert_allclose(comparison.misfit(DAMPED), expected, atol=1e-6)
+    # an axis without damping has a misfit, too
+    undamped = replace(DAMPED, joints=replace(DAMPED.joints, loss_factor=0.0))
+    np.testing.assert_allclose(comparison.misfit(undamped), [0.0, -1.0] * 3, atol=1e-6)
+
+
+def test_each_damping_ratio_is_that_of_its_own_mode() -> None:
+    """Whether or not those between are measured."""
+    found = [one for one in natural_frequencies(MANY, [THERE], [MotorEnd.FREE], 1500.0)[0] if one.frequency > 1.0]
+    table = [ModalObservation(THERE, MODES[k], damping_ratio=found[k].damping_ratio) for k in (0, 3)]
+    table += observed([MODES[1]], THERE)
+    comparison = compare_modes(table, MotorEnd.FREE)
+    np.testing.assert_allclose(comparison.misfit(MANY), 0.0, atol=1e-6)
+    assert comparison.layout.channels == (
+        "mode 1",
+        "mode 2",
+        "mode 3",
+        "mode 1, damping ratio",
+        "mode 3, damping ratio",
+    )
+
+
+def test_the_damping_ratio_of_a_missed_mode_is_missed_altogether() -> None:
+    between = math.sqrt(MODES[0] * MODES[1])
+    table = observed([MODES[0]], THERE) + observed([between], THERE, damping_ratio=0.01)
+    np.testing.assert_allclose(compare_modes(table, MotorEnd.FREE).misfit(MANY), [0.0, -MISSED, -1.0], atol=1e-9)
+
+
+def test_frequencies_and_damping_ratios_have_a_gap_in_standard_deviations() -> None:
+    """In per cent a damping ratio known to a fifth would hide a frequency."""
+    table = with_damping_ratios(DAMPED, AT[:1], damping_ratio_uncertainty=0.001)
+    table += with_damping_ratios(DAMPED, AT[1:2])
+    comparison = compare_modes(table, MotorEnd.CLAMPED)
+    assert (comparison.unit, comparison.noise_floor) == ("sigma", 1.0)
+    deviation = comparison.layout.standard_deviation
+    np.testing.assert_allclose(deviation, [0.015, 0.001 / table[0].damping_ratio, 0.015, 0.2])
+    assert comparison.gap(np.zeros(4), np.array([3.0, 4.0, 0.0, 0.0]), np.array([True, True, False, False])) == (
+        pytest.approx(math.sqrt(12.5))
+    )
+
+
+def test_panels_show_damping_ratios_beside_frequencies() -> None:
+    table = with_damping_ratios(DAMPED, AT[:2])
+    lossier = replace(DAMPED, joints=replace(DAMPED.joints, loss_factor=0.06))
+    frequency, damping = compare_modes(table, MotorEnd.CLAMPED).panels({"after": lossier})
+    assert (frequency.y_name, damping.y_name) == ("natural frequency [Hz]", "damping ratio [-]")
+    np.testing.assert_allclose(frequency.measured, [one.frequency for one in table])
+    np.testing.assert_allclose(damping.measured, [one.damping_ratio for one in table])
+    np.testing.assert_allclose(damping.models["after"], 2.0 * damping.measured, rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("stated", "sentence"),
+    [
+        ({"damping_ratio": 0.0}, "damping_ratio must be positive and finite; got 0.0$"),
+        ({"damping_ratio_uncertainty": 0.01}, "a damping ratio must be stated with its uncertainty; got 0.01 without"),
+    ],
+)
+def test_impossible_damping_ratios_are_refused(stated, sentence) -> None:
+    with pytest.raises(OutsideValidityError, match=sentence):
+        ModalObservation(THERE, 100.0, **stated)
 
 
 # --- Nguyen et al. (2018) --------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from monitor_core.discrepancy.searching.fit import fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 SETTINGS = OutcomeSettings()
+MANY = 100_000  # values: their rms does not scatter
 FLOOR = 2.0
 #: Just within and just beyond what counts as nothing left, in the unit of the gap.
 AT_FLOOR, LEFT = 0.999 * SETTINGS.remainder * FLOOR, 1.001 * SETTINGS.remainder * FLOOR
@@ -59,7 +60,7 @@ TABLE = {
 @pytest.mark.parametrize("what", TABLE)
 def test_outcome(what) -> None:
     classes, gap_, pulls, expected = TABLE[what]
-    assert outcome_of(classes, gap_, pulls, SETTINGS) is expected
+    assert outcome_of(classes, gap_, pulls, SETTINGS, MANY) is expected
 
 
 @pytest.mark.parametrize(("more", "expected"), [(0.01, Outcome.PARTIAL), (-0.01, Outcome.UNKNOWN)])
@@ -67,7 +68,7 @@ def test_share_explained_is_that_of_the_squares_over_the_floor(more, expected) -
     """Of (before² − floor²) so much is gone; here on held-out data, whatever was fitted."""
     share = SETTINGS.least_share + more * (1.0 - SETTINGS.least_share)
     after = math.sqrt(BEFORE**2 - share * (BEFORE**2 - FLOOR**2))
-    assert outcome_of((GOOD,), gap(LEFT, after), QUIET, SETTINGS) is expected
+    assert outcome_of((GOOD,), gap(LEFT, after), QUIET, SETTINGS, MANY) is expected
 
 
 def test_variances_of_pulls_are_one_where_all_is_right() -> None:

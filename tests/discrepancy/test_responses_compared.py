@@ -9,6 +9,7 @@ from scipy import stats
 from monitor_core.discrepancy.comparing.conditions import SettingTolerances
 from monitor_core.discrepancy.comparing.model_form import FormSpectrum, ModelFormError
 from monitor_core.discrepancy.comparing.responses import compare_responses
+from monitor_core.discrepancy.comparing.setting_errors import whitening
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.searching.fit import linearise
 from monitor_core.errors import NotIdentifiableError
@@ -134,8 +135,26 @@ def test_noise_of_a_line_scatters_both_parts_as_stated() -> None:
     comparison = compare_responses([clean], form=ModelFormError({ACCELERATION: spectrum}))
     np.testing.assert_allclose(comparison.layout.standard_deviation, np.hypot(0.05, 0.03))
     np.testing.assert_allclose(comparison.noise, 0.05)
-    # a form error that was learnt is common to all settings: healthy machines leave the noise alone
-    assert comparison.noise_floor == pytest.approx(0.05 / np.hypot(0.05, 0.03))
+
+
+@pytest.mark.parametrize("n_settings", [1, 3, 30])
+@pytest.mark.parametrize("noise", [0.002, 0.03])
+def test_floor_is_what_noise_and_a_learnt_form_error_leave(n_settings, noise) -> None:
+    """Over machines, each off by one error at each line in all its settings."""
+    spectrum = FormSpectrum((10.0, 2000.0), (0.01, 0.01), frequency_tolerance=0.0, learnt=True)
+    conditions = [DriveConditions(x, 150.0) for x in np.linspace(0.1, 0.8, n_settings)]
+    clean = [observed(one, noise=noise) for one in conditions]
+    comparison = compare_responses(clean, form=ModelFormError({ACCELERATION: spectrum}))
+    layout, rng = comparison.layout, np.random.default_rng(3)
+    none = np.zeros((0, layout.n_values))
+    squares = []
+    for _ in range(400):
+        of_form = 0.01 * rng.standard_normal(np.max(layout.common.group) + 1)
+        misfit = of_form[layout.common.group] + noise * rng.standard_normal(layout.n_values)
+        residuals = whitening(layout.standard_deviation, none, layout.setting, layout.common)(misfit)
+        squares.append(np.mean(residuals**2))
+    spread = np.std(squares) / np.sqrt(len(squares))
+    assert comparison.noise_floor**2 == pytest.approx(np.mean(squares), abs=4.0 * spread)
 
 
 def test_the_form_error_of_a_line_is_common_to_all_settings() -> None:

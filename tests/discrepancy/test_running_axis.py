@@ -17,10 +17,12 @@ from monitor_core.discrepancy.effects.torque_delay import TORQUE_DELAY
 from monitor_core.discrepancy.effects.warming import MODULUS_PER_KELVIN, WARMING
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.running.changes import Cause
+from monitor_core.discrepancy.running.place_errors import RunningTolerances
 from monitor_core.discrepancy.running.places import log_responses, places_of
-from monitor_core.discrepancy.running.places_compared import RunningTolerances, compare_times
+from monitor_core.discrepancy.running.places_compared import compare_times
 from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
 from monitor_core.discrepancy.running.then_and_now import ThenAndNow
+from monitor_core.discrepancy.searching.fit import linearise
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import (
@@ -161,10 +163,50 @@ def test_gain_of_the_sensors_adds_to_amplitudes_alone() -> None:
     np.testing.assert_allclose(misfit, np.where(comparison.layout.channel == 0, 0.1, 0.0), atol=1e-12)
 
 
-def test_standardised_differences_of_an_unchanged_axis_are_standard_normal() -> None:
+def test_errors_of_places_act_as_the_changes_they_are() -> None:
+    comparison = compare_times(*two_times(), RunningTolerances(), at_nut=True)
+    errors = np.zeros((len(POSITIONS), len(comparison.setting_error_names)))
+    now = {
+        "position": POSITION_OFFSET.added_to(axis(), {"offset_m": 4e-3}),
+        "preload": PRELOAD_CHANGE.added_to(axis(), {"preload_n": -20.0}),
+        "temperature": WARMING.added_to(axis(), {"temperature_k": 5.0}),
+        "delay": TORQUE_DELAY.added_to(axis(), {"delay_s": 2e-5}),
+    }
+    of_one = {"position": 4e-3 / 0.2e-3, "preload": -20.0 / (0.005 * PRELOAD), "temperature": 5.0 / 0.6, "delay": 40.0}
+    unchanged = comparison.misfit(ThenAndNow(then=axis(), now=axis()))
+    for name, physics in now.items():
+        column = comparison.setting_error_names.index(name)
+        moved = comparison.shifted(errors + of_one[name] * np.eye(errors.shape[1])[column] / comparison.spread[:, None])
+        expected = comparison.misfit(ThenAndNow(then=axis(), now=physics)) - unchanged
+        change = moved.misfit(ThenAndNow(then=axis(), now=axis())) - unchanged
+        # dampers are not of steel, and a place is tagged to the micrometre
+        np.testing.assert_allclose(change, expected, atol=2e-3 * np.max(np.abs(expected)))
+        row = comparison.setting_errors(ThenAndNow(then=axis(), now=axis()))[column]
+        small = 1e-3 * np.eye(errors.shape[1])[column]
+        by_small = comparison.shifted(errors + small).misfit(ThenAndNow(then=axis(), now=axis())) - unchanged
+        np.testing.assert_allclose(by_small / 1e-3, row, atol=2e-3 * np.max(np.abs(row)))
+
+
+def test_cost_of_a_change_is_the_same_around_whatever_errors_of_places() -> None:
+    comparison = compare_times(*two_times(), RunningTolerances(), at_nut=True)
+    physics = ThenAndNow(then=axis(), now=WARMING.added_to(axis(), {"temperature_k": 2.0}))
+    rng = np.random.default_rng(8)
+    shape = (len(POSITIONS), len(comparison.setting_error_names))
+    costs = []
+    for size in (0.0, 0.05, 0.1):
+        around = linearise(comparison, physics, size * rng.standard_normal(shape), comparison.layout.standard_deviation)
+        costs.append(float(np.sum(around.residuals(physics) ** 2)))
+    # errors this small act linearly; one that the comparison did not move would cost 1
+    np.testing.assert_allclose(costs, costs[0], atol=0.05)
+
+
+def two_times() -> tuple[tuple[FrequencyResponseObservation, ...], tuple[FrequencyResponseObservation, ...]]:
     rng = np.random.default_rng(7)
-    first, second = observed(axis(), rng), observed(axis(), rng)
-    comparison = compare_times(first, second, RunningTolerances(), at_nut=True)
+    return observed(axis(), rng), observed(axis(), rng)
+
+
+def test_standardised_differences_of_an_unchanged_axis_are_standard_normal() -> None:
+    comparison = compare_times(*two_times(), RunningTolerances(), at_nut=True)
     values = comparison.misfit(ThenAndNow(then=axis(), now=axis())) / comparison.layout.standard_deviation
     # the share of changes and σ_0 make deviations a little large: 0.9 of those of the noise alone
     assert 0.8 < np.std(values) < 1.05
@@ -242,8 +284,6 @@ def test_places_that_the_reference_lacks_are_left_out() -> None:
     recent = observed(axis(), rng, positions=(0.05, *POSITIONS[:2], 0.45, *POSITIONS[2:]))
     comparison = compare_times(reference, recent, RunningTolerances(), at_nut=True)
     assert [one.name for one in comparison.layout.settings] == ["150 mm", "350 mm", "550 mm", "750 mm"]
-    answer = explain_change(described_axis(), reference, recent, preload=PRELOAD)
-    assert answer.outcome is Outcome.NONE
 
 
 def test_two_places_are_too_few() -> None:
@@ -259,3 +299,11 @@ def test_model_that_does_not_describe_the_reference_is_refused() -> None:
     reference = observed(axis(), np.random.default_rng(4))
     with pytest.raises(NotIdentifiableError, match="must describe the reference of its axis to 10 % rms; got"):
         explain_change(wrong, reference, reference, preload=PRELOAD)
+
+
+def test_answer_that_is_not_sure_names_what_else_it_may_be() -> None:
+    # a frequency shift that 10 K make, too: less than a temperature that nobody told
+    answer = explained((ADDED_MASS, {"mass_kg": 0.06}))
+    assert answer.outcome is Outcome.EQUIVALENT
+    assert {answer.cause, *answer.equivalent_to} >= {Cause.PAYLOAD, Cause.TEMPERATURE}
+    assert "nearly alike: " in answer.sentence

@@ -168,9 +168,10 @@ def test_profile_intervals_cover_95_percent_where_linear_ones_cover_84() -> None
         estimate = math.sqrt(fit.coordinates.values[0])
         if not fit.at_lower:
             linear += abs(estimate**2 - 1.5**2) <= Z * fit.coordinates.standard_uncertainties[0]
-        profile = profile_interval(problem, bounds, fit, 0)
+        judged = judge(problem, bounds, fit, 0)
+        profile = judged.profile or profile_interval(problem, bounds, fit, 0)
         profiled += profile.interval.covers(1.5**2)
-        stated += judge(problem, bounds, fit, 0).interval.covers(1.5**2)
+        stated += judged.interval.covers(1.5**2)
     expected = 1.0 - norm.cdf(math.sqrt(Z**2 + 1.5**2) - Z - 1.5)
     assert linear / n_runs == pytest.approx(expected, abs=0.055)  # three standard deviations of 400 runs
     assert 0.92 <= profiled / n_runs <= 0.98

@@ -1,5 +1,6 @@
 """A service over real HTTP, and windows of an axis whose preload is known."""
 
+import multiprocessing
 import os
 import socket
 import subprocess
@@ -22,6 +23,7 @@ from monitor_core.recording import Conditions, Window
 from service.api.body import MSGPACK_TYPE
 from service.cli.client import window_document
 from service.cli.embedded import embedded_service
+from service.cli.main import main
 from service.settings import Settings
 
 SAMPLE_RATE = 1024.0
@@ -186,7 +188,7 @@ def free_port() -> int:
 class ServerProcess:
     """``preload serve`` as a process of its own, which can be killed."""
 
-    process: subprocess.Popen[bytes]
+    process: "subprocess.Popen[bytes] | ForkedServer"
     url: str
     log: Path
 
@@ -202,6 +204,52 @@ class ServerProcess:
             assert self.process.poll() is None, self.log.read_text()
             assert time.monotonic() < deadline, self.log.read_text()
             time.sleep(0.02)
+
+
+def serve_as(words: list[str], environment: dict[str, str], log: Path) -> None:
+    """Be ``preload serve`` with these words and variables, in a process that has imported it already."""
+    with log.open("wb") as output:
+        os.dup2(output.fileno(), sys.stdout.fileno())
+        os.dup2(output.fileno(), sys.stderr.fileno())
+    os.environ.update(environment)
+    sys.argv = ["preload", "serve", *words]
+    main()
+
+
+class ForkedServer:
+    """``preload serve`` forked from a process that has only imported it: for many starts, each without the imports."""
+
+    _forks = multiprocessing.get_context("forkserver")
+
+    def __init__(self, words: list[str], environment: dict[str, str], log: Path) -> None:
+        self._forks.set_forkserver_preload([__name__])
+        self._process = self._forks.Process(target=serve_as, args=(words, environment, log))
+        self._process.start()
+        self.kill, self.terminate = self._process.kill, self._process.terminate
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self) -> None:
+        self._process.join()
+
+
+@pytest.fixture
+def fork_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
+    """Start servers as ``start_server`` does, many and soon; they are gone after the test."""
+    started: list[ServerProcess] = []
+
+    def start(data_dir: Path, port: int, **environment: str) -> ServerProcess:
+        log = tmp_path / f"server-{len(started)}.log"
+        words = ["--data-dir", str(data_dir), "--port", str(port)]
+        server = ServerProcess(ForkedServer(words, environment, log), f"http://127.0.0.1:{port}", log)
+        started.append(server)
+        return server
+
+    yield start
+    for server in started:
+        server.process.kill()
+        server.process.wait()
 
 
 @pytest.fixture

@@ -36,19 +36,24 @@ class Answer:
         return json.loads(self.out)  # one document and nothing else
 
 
+def run_here(*words: str | Path | float) -> int:
+    """Run ``preload`` with some words in this process, and return its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["preload", *map(str, words)])
+        with pytest.raises(SystemExit) as exit_:
+            main()
+    return int(exit_.value.code or 0)
+
+
 @pytest.fixture
-def preload(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Any:
+def preload(capfd: pytest.CaptureFixture[str]) -> Any:
     """Run ``preload`` with some words and return its answer."""
 
     def run(*words: str | Path) -> Answer:
-        monkeypatch.setattr(sys, "argv", ["preload", *map(str, words)])
         capfd.readouterr()
-        try:
-            main()
-        except SystemExit as exit_:
-            code = exit_.code
+        code = run_here(*words)
         captured = capfd.readouterr()
-        return Answer(int(code or 0), captured.out, captured.err)
+        return Answer(code, captured.out, captured.err)
 
     return run
 

@@ -167,14 +167,14 @@ def test_people_read_verdict_values_gaps_and_candidates(preload: Any, responses:
 
 def test_nothing_is_named_where_nothing_is_missing(preload: Any, responses: Path, tmp_path: Path) -> None:
     sound = model_in(tmp_path / "sound.toml", replace(TIAN, uncertain=UNCERTAIN))
-    document = preload("explain", responses, "--baseline", sound, "--json").json()
+    answer = preload("explain", responses, "--baseline", sound, "--report", tmp_path / "report")
+    document = json.loads((tmp_path / "report" / "explanation.json").read_text(encoding="utf-8"))
     assert (document["outcome"], document["effects"], document["steps"]) == ("none", [], [])
     limits = {one["key"]: one["detection_limit"] for one in document["candidates"]}
     # what was found above would have been seen here
     assert 0.0 < limits["far-bearing-stiffness"] < MISSING
-    text = preload("explain", responses, "--baseline", sound).out
-    assert text.startswith("Nothing is missing that these data would show: ")
-    assert "What could still hide" in text
+    assert answer.out.startswith("Nothing is missing that these data would show: ")
+    assert "What could still hide" in answer.out
 
 
 def test_what_is_held_out_is_what_is_asked_for(preload: Any, responses: Path, tmp_path: Path) -> None:

@@ -227,8 +227,8 @@ def responses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_responses_give_the_axis_back(responses: Path) -> None:
-    document = identified(responses, "--model", MODEL, "--workers", 2)
+def test_responses_give_the_axis_back(preload: Any, responses: Path) -> None:
+    document = preload("identify", responses, "--model", MODEL, "--json").json()
     truth = read_model_file(MODEL).parameters
     joints = document["parameters"]
     assert joints["nut_stiffness_n_per_m"]["value"] == pytest.approx(truth["nut_stiffness_n_per_m"], rel=0.005)
@@ -247,9 +247,10 @@ def test_responses_give_the_axis_back(responses: Path) -> None:
     assert document["missing_modes"] == []
 
 
-def test_a_table_of_wrong_mass_is_called_a_lack_of_fit(responses: Path, tmp_path: Path) -> None:
+def test_a_table_of_wrong_mass_is_called_a_lack_of_fit(preload: Any, responses: Path, tmp_path: Path) -> None:
     heavy = model_file(tmp_path, "heavy.toml", "nut_stiffness_n_per_m", table_mass_kg=1.05 * 272)
-    objective = identified(responses, "--model", heavy, "--hold-out-mm", 1000)["objective"]
+    words = ("identify", responses, "--model", heavy, "--hold-out-mm", 1000, "--json")
+    objective = preload(*words).json()["objective"]
     assert objective["lack_of_fit"]
     assert objective["residual_standard_deviation"] > 1.2
 
@@ -260,7 +261,8 @@ def test_a_simulated_session_gives_its_stiffnesses_back(preload: Any, tmp_path: 
     assert preload(*words).exit_code == 0
     model = model_file(tmp_path, "stiff.toml", *STIFFNESSES, nut_stiffness_n_per_m=5e8, bearing_stiffness_n_per_m=6e7)
     # the mean of ten windows at 600 mm is not 600 mm to the last bit, and could not be held out once
-    document = identified(session, "--model", model, "--band-hz", 60, 250, "--hold-out-mm", 600)
+    words = ("identify", session, "--model", model, "--band-hz", 60, 250, "--hold-out-mm", 600, "--json")
+    document = preload(*words).json()
     truth = read_model_file(MODEL).parameters
     for name in STIFFNESSES:
         # 2 %: guide friction, which the record has and the model has not, raises the frequency by so much at most

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from monitor_core.preload import CoefficientPrior, ValidRange, calibration_from_prior
+from monitor_core.recording import Session
 from monitor_core.recordings.calibration_file import write_calibration
+from monitor_core.recordings.session_hdf5 import read_session, write_session
 from monitor_core.uncertainty import VectorEstimate
 from tests.service import test_cli
 from tests.service.test_cli import K_NAMES, assert_refused
@@ -18,6 +20,16 @@ SESSIONS = Path(__file__).resolve().parents[2] / "replay_data"
 preload = test_cli.preload  # a fixture
 #: Nguyen's k from the whole of Table 2, and standard uncertainties of 5 %, as of a prediction that is right.
 K = np.array([-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8])
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write every second measurement of the bundled calibration session: all preloads, payloads and temperatures."""
+    whole = read_session(SESSIONS / "calibration.session.h5")
+    path = tmp_path_factory.mktemp("session") / "short.session.h5"
+    windows = tuple(window for name in whole.measurements[::2] for window in whole.windows_of(name))
+    write_session(path, Session(whole.axis_id, windows))
+    return path
 
 
 @pytest.fixture
@@ -84,7 +96,9 @@ def test_a_prediction_alone_estimates_with_its_own_uncertainty(preload: Any, tab
     assert all(e["interval_95_n"][0] < 0.5 * f["interval_95_n"][0] for e, f in zip(alone, fitted, strict=True))
 
 
-def test_what_does_not_go_with_a_prior_is_refused(preload: Any, table_of: Any, predicted: Path, tmp_path: Path) -> None:
+def test_what_does_not_go_with_a_prior_is_refused(
+    preload: Any, table_of: Any, predicted: Path, session: Path, tmp_path: Path
+) -> None:
     two = table_of("two.csv", (1, 16))
     assert_refused(preload("calibrate", two, "--prior", tmp_path / "none.json"), "none.json")
     assert_refused(preload("calibrate", two, "--prior", two), "two.csv: expected a JSON document")
@@ -92,14 +106,12 @@ def test_what_does_not_go_with_a_prior_is_refused(preload: Any, table_of: Any, p
     assert_refused(
         preload("calibrate", faster, "--prior", predicted), "the readings contradict the prior (predicted.json)"
     )
-    of_another_axis = preload(
-        "calibrate", SESSIONS / "calibration.session.h5", "--band-hz", 140, 230, "--prior", predicted
-    )
+    of_another_axis = preload("calibrate", session, "--band-hz", 140, 230, "--prior", predicted)
     assert_refused(of_another_axis, "the readings contradict the prior (predicted.json)")
 
 
-def test_a_session_joins_its_own_calibration(preload: Any, tmp_path: Path) -> None:
-    session, first = SESSIONS / "calibration.session.h5", tmp_path / "first.json"
+def test_a_session_joins_its_own_calibration(preload: Any, session: Path, tmp_path: Path) -> None:
+    first = tmp_path / "first.json"
     once = preload("calibrate", session, "--band-hz", 140, 230, "--out", first, "--json").json()
     again = preload("calibrate", session, "--band-hz", 140, 230, "--prior", first, "--json").json()
     assert again["prior"] == "first.json"

@@ -3,8 +3,6 @@
 import json
 import multiprocessing
 import re
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -119,7 +117,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("session") / "axis.session.h5"
     words = ("simulate", MODEL, "--out", path, "--position-mm", 600, 1000, 1600, "--windows", N_WINDOWS)
     words += ("--friction-n", 0.0)
-    subprocess.run([sys.executable, "-m", "service.cli.main", *map(str, words)], check=True, capture_output=True)
+    assert test_cli.run_here(*words) == 0
     return path
 
 

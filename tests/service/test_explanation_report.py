@@ -125,6 +125,7 @@ def explanation(outcome: Outcome) -> Explanation:
         added={"far-bearing-stiffness": {"stiffness_n_per_m": 3.8e7}},
         panels=panels(),
         maps=(misfit_map(),),
+        gap_by_channel={"acceleration-at-table, amplitude": (9.1, 1.04), "acceleration-at-table, phase": (14.5, 0.998)},
     )
     match outcome:
         case Outcome.NAMED:
@@ -228,6 +229,7 @@ def hostile(one: Explanation) -> Explanation:
         pulls={HOSTILE: 1.0},
         next_measurement=HOSTILE,
         panels=(replace(panel, models={HOSTILE: panel.measured}),),
+        gap_by_channel={HOSTILE: (1.0, 1.0), f"{HOSTILE} twice": (1.0, 1.0)},
         maps=(MisfitMap(HOSTILE, (HOSTILE,), (HOSTILE,), np.array([[1.0]]), np.array([[np.nan]])),),
     )
 
@@ -263,6 +265,7 @@ def test_document_says_what_the_record_says() -> None:
     }  # fmt: skip
     assert (stiffness["plausible"], mass["plausible"]) == (True, False)
     assert document["gap"]["after"] == {"fit": 2.7, "held_out": 3.4}
+    assert document["gap_by_channel"]["acceleration-at-table, phase"] == {"before": 14.5, "after": 0.998}
     assert document["steps"][0] == {"effect": "far-bearing-stiffness", "gap_held_out": 8.1, "gap_fit": 7.27}
     assert document["localisation"][0]["kind"] == "stiffness"
     assert document["model"] == MODEL
@@ -306,6 +309,7 @@ def test_pictures_say_what_they_show(outcome) -> None:
 def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
     one = EXAMPLES[outcome]
     expected = [place.size for place in (*one.localisation, *(one.remainder if one.effects else ()))]
+    expected += [gap for before_and_after in one.gap_by_channel.values() for gap in before_and_after]
     for effect in one.effects:
         expected += [found.estimate.value for found in effect.parameters.values()]
         expected += [effect.delta_bic, effect.held_out_log_likelihood_gain]
@@ -381,7 +385,7 @@ def test_hostile_names_keep_the_columns_of_markdown() -> None:
     text = explanation_markdown(hostile(EXAMPLES[Outcome.EQUIVALENT]), "a = '````'\n", SUBJECT)
     assert not re.search(r"(?<!\\)<script", text.replace(f"`{HOSTILE.replace('`', chr(39))}`", ""))
     tables = re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE)
-    assert len(tables) == 5
+    assert len(tables) == 6
     for table in tables:
         assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
     assert "`````toml\na = '````'\n`````" in text

@@ -1,7 +1,5 @@
 """Identification of joints as a job: from posted peaks and from stored measurements, progress, cancel, refusals."""
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -109,7 +107,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulate a session of Tian's axis at three positions."""
     path = tmp_path_factory.mktemp("session") / "axis.session.h5"
     words = ("simulate", MODEL, "--out", path, "--position-mm", 600, 1000, 1600, "--windows", N_WINDOWS)
-    subprocess.run([sys.executable, "-m", "service.cli.main", *map(str, words)], check=True, capture_output=True)
+    assert test_cli.run_here(*words) == 0
     return path
 
 

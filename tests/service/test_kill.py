@@ -115,7 +115,7 @@ def errors_in_logs(folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_kills_lose_nothing_acknowledged(tmp_path: Path, start_server: Callable[..., ServerProcess]) -> None:
+def test_kills_lose_nothing_acknowledged(tmp_path: Path, fork_server: Callable[..., ServerProcess]) -> None:
     measurements = recorded_session()
     sessions = tmp_path / "sessions"
     sessions.mkdir()
@@ -132,7 +132,7 @@ def test_kills_lose_nothing_acknowledged(tmp_path: Path, start_server: Callable[
     data_dir, port = tmp_path / "var", free_port()
 
     def start() -> ServerProcess:
-        server = start_server(data_dir, port, PRELOAD_REPLAY_DIR=str(sessions))
+        server = fork_server(data_dir, port, PRELOAD_REPLAY_DIR=str(sessions))
         server.wait_until_up()
         return server
 

@@ -3,6 +3,9 @@ r"""Natural frequencies against an axis: the misfit is the logarithm of predicte
 Each measured frequency belongs to one mode of the model, in order of frequency, by the assignment with the smallest
 sum of misfits; a mode of the model that nobody measured costs nothing. A measured frequency that no mode comes near
 counts as missed by a quarter.
+
+A damping ratio that is stated with a frequency is compared with that of the same mode; its misfit is relative,
+:math:`\zeta / \zeta_{measured} - 1`, which an axis without damping has, too.
 """
 
 import math
@@ -12,8 +15,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.discrepancy.comparing.comparison import Layout, Panel
+from monitor_core.discrepancy.comparing.condition_groups import Indices
 from monitor_core.discrepancy.comparing.conditions import KNOWN_MASS, SettingTolerances, setting_of
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import ModalObservation, conditions_in_order
@@ -21,10 +25,12 @@ from monitor_core.models.extended import AxisPhysics
 from monitor_core.models.extended.modes import drive_modes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
-#: Misfit of a frequency that no mode of the model comes near.
-_MISSED = math.log(1.25)
+#: Misfit of a frequency that no mode of the model comes near: as of one a quarter too low.
+_MISSED = -math.log(0.75)
 #: Standard deviation of a frequency that is stated without one: what two modal tests of one machine differ by.
 _UNSTATED = 0.015
+#: The same of a damping ratio, which the same tests tell to a fifth.
+_UNSTATED_DAMPING = 0.2
 #: By how much a model of an axis is off in a frequency even where nothing is missing.
 _FORM = 0.001
 _HIGHEST = 2.0  # modes are sought up to so many times the highest measured frequency
@@ -34,13 +40,14 @@ _STEP = 0.1  # of the standard deviation of position and preload
 
 @dataclass(frozen=True, eq=False)
 class ModesComparison:
-    """Measured natural frequencies of one axis; build it with :func:`compare_modes`."""
+    """Measured natural frequencies of one axis, some with damping ratios; build it with :func:`compare_modes`."""
 
     layout: Layout
     conditions: tuple[DriveConditions, ...]  # of the settings
     motor_end: MotorEnd
-    measured: FloatArray  # ln f in the order of the values, shape (n_values,)
-    unit: str
+    measured: FloatArray  # ln f or ζ in the order of the values, shape (n_values,)
+    frequency_of: Indices  # which value is the frequency of the mode of each value: of a frequency itself, (n_values,)
+    unit: str  # sigma where there are damping ratios: a gap of them in % would hide that of the frequencies
     tolerances: SettingTolerances
 
     least_delta_bic = 10.0  # few and independent values: very strong evidence by Kass and Raftery (1995)
@@ -54,15 +61,24 @@ class ModesComparison:
     def noise_floor(self) -> float:
         """Return the gap that the stated uncertainties leave, in the unit of the gap."""
         deviation = self.layout.standard_deviation
-        return self.gap(deviation, deviation, np.ones(deviation.size, dtype=np.bool_))
+        return self.gap(deviation, np.ones_like(deviation), np.ones(deviation.size, dtype=np.bool_))
+
+    @property
+    def damping(self) -> BoolArray:
+        """Tell which values are damping ratios, shape (n_values,)."""
+        return np.asarray(self.frequency_of != np.arange(self.measured.size))
+
+    @property
+    def _one_order(self) -> bool:
+        """Tell whether all frequencies are of one mode, which then is the nearest one however far."""
+        return np.unique(self.layout.channel[~self.damping]).size == 1
 
     def misfit(self, physics: AxisPhysics) -> FloatArray:
-        """Return ln(predicted/measured), shape (n_values,)."""
-        return self._misfit(physics, self.conditions)
+        """Return ln(predicted/measured) of frequencies, predicted/measured − 1 of damping ratios, shape (n_values,)."""
+        return np.asarray(self._misfits(physics, self.conditions)[0])
 
     def setting_errors(self, physics: AxisPhysics) -> FloatArray:
         """Return the change of the misfit by errors of position and preload, shape (2, n_values)."""
-        here = self._misfit(physics, self.conditions)
         position = [replace(one, position=one.position - _STEP * self.tolerances.position) for one in self.conditions]
         preload = [
             one
@@ -70,7 +86,8 @@ class ModesComparison:
             else replace(one, preload=one.preload * (1.0 - _STEP * self.tolerances.preload_share))
             for one in self.conditions
         ]
-        return np.array([(here - self._misfit(physics, moved)) / _STEP for moved in (position, preload)])
+        here, *moved = self._misfits(physics, self.conditions, position, preload)
+        return np.asarray((here - np.array(moved)) / _STEP)
 
     def shifted(self, errors: FloatArray) -> "ModesComparison":
         """Return the comparison with positions and preloads moved by errors in standard deviations."""
@@ -96,16 +113,18 @@ class ModesComparison:
         }
 
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
-        """Return the rms error of the frequencies over the chosen values, in Hz or in %."""
-        del standardised
+        """Return the rms error over the chosen values: of frequencies in Hz or %, with damping ratios in sigma."""
+        if self.unit == "sigma":
+            return float(np.sqrt(np.mean(standardised[chosen] ** 2)))
         relative = np.expm1(misfit[chosen])
         if self.unit == "%":
             return 100.0 * float(np.sqrt(np.mean(relative**2)))
         return float(np.sqrt(np.mean((relative * np.exp(self.measured[chosen])) ** 2)))
 
     def panels(self, models: Mapping[str, AxisPhysics]) -> tuple[Panel, ...]:
-        """Return the frequencies over the position, one picture for each mode and preload."""
-        predicted = {name: np.exp(self.misfit(physics) + self.measured) for name, physics in models.items()}
+        """Return frequencies and damping ratios over the position, one picture for each mode and preload."""
+        measured = self._values(np.zeros_like(self.measured))
+        predicted = {name: self._values(self.misfit(physics)) for name, physics in models.items()}
         position = np.array([one.position for one in self.conditions])[self.layout.setting]
         series = [
             (self.layout.channel[value], self.conditions[self.layout.setting[value]].preload)
@@ -119,25 +138,42 @@ class ModesComparison:
                 Panel(
                     title=title,
                     x_name="position [mm]",
-                    y_name="natural frequency [Hz]",
+                    y_name="damping ratio [-]" if np.any(at & self.damping) else "natural frequency [Hz]",
                     x=1e3 * position[at],
-                    measured=np.exp(self.measured[at]),
+                    measured=measured[at],
                     models={name: values[at] for name, values in predicted.items()},
                 )
             )
         return tuple(pictures)
 
-    def _misfit(self, physics: AxisPhysics, conditions: Sequence[DriveConditions]) -> FloatArray:
-        highest = _HIGHEST * float(np.exp(np.max(self.measured)))
-        modes = drive_modes(with_damping(physics, 0.0), conditions, [self.motor_end] * len(conditions), highest)
-        frequency = modes.undamped_omega / (2.0 * np.pi)
-        misfit = np.empty_like(self.measured)
-        single = len(self.layout.channels) == 1
-        for number in range(len(conditions)):
-            at = self.layout.setting == number
-            predicted = np.log(frequency[(modes.condition == number) & (frequency > _LOWEST)])
-            misfit[at] = _assigned(predicted, self.measured[at], math.inf if single and predicted.size else _MISSED)
-        return misfit
+    def _values(self, misfit: FloatArray) -> FloatArray:
+        """Return the frequencies and damping ratios that have a misfit."""
+        with np.errstate(over="ignore"):  # of values of the other kind
+            return np.where(self.damping, self.measured * (1.0 + misfit), np.exp(self.measured + misfit))
+
+    def _misfits(self, physics: AxisPhysics, *conditions: Sequence[DriveConditions]) -> FloatArray:
+        """Return the misfit under several conditions of each setting, all asked at once, shape (n_asked, n_values)."""
+        highest = _HIGHEST * float(np.exp(np.max(self.measured[~self.damping])))
+        damped = physics if np.any(self.damping) else with_damping(physics, 0.0)
+        every = [one for of_settings in conditions for one in of_settings]
+        modes = drive_modes(damped, every, [self.motor_end] * len(every), highest)
+        elastic = modes.undamped_omega > 2.0 * np.pi * _LOWEST
+        misfits = np.empty((len(conditions), self.measured.size))
+        for number in range(len(every)):
+            asked, setting = divmod(number, len(self.conditions))
+            here = np.flatnonzero(self.layout.setting == setting)
+            chosen = (modes.condition == number) & elastic
+            misfits[asked, here] = self._misfit_of(here, modes.undamped_omega[chosen], modes.pole[chosen])
+        return misfits
+
+    def _misfit_of(self, here: Indices, omega: FloatArray, pole: ComplexArray) -> FloatArray:
+        """Return the misfit of the values of one setting, from its modes in order of frequency."""
+        damping, measured = self.damping[here], self.measured[here]
+        missed = math.inf if self._one_order and omega.size else _MISSED
+        misfit, mode = _assigned(np.log(omega / (2.0 * np.pi)), measured[~damping], missed)
+        ratio = np.append(-pole.real / np.abs(pole), 0.0)[mode]  # none of a mode that is missed, which is −1
+        of_frequency = np.searchsorted(here[~damping], self.frequency_of[here[damping]])
+        return np.concatenate([misfit, ratio[of_frequency] / measured[damping] - 1.0])
 
 
 def compare_modes(
@@ -147,12 +183,12 @@ def compare_modes(
     held_out: Sequence[frozenset[DriveConditions]] = (),
     tolerances: SettingTolerances | None = None,
 ) -> ModesComparison:
-    """Put measured natural frequencies into the form that the workflow compares.
+    """Put measured natural frequencies, and damping ratios where they are stated, into the form to be compared.
 
     Parameters
     ----------
     observations : sequence of ModalObservation
-        A frequency without stated uncertainty is taken to be known to 1.5 %.
+        A frequency without stated uncertainty is taken to be known to 1.5 %, a damping ratio to 20 %.
     motor_end : MotorEnd
         What held the motor end.
     held_out : sequence of sets of DriveConditions
@@ -173,35 +209,62 @@ def compare_modes(
     ranks = np.concatenate([np.arange(count) for count in np.bincount(setting)])
     orders = [rank + 1 if one.order is None else one.order for one, rank in zip(ordered, ranks.tolist(), strict=True)]
     distinct = sorted(set(orders))
-    frequency = np.array([one.frequency for one in ordered])
-    relative = [
-        _UNSTATED if one.frequency_uncertainty is None else math.hypot(one.frequency_uncertainty / one.frequency, _FORM)
-        for one in ordered
-    ]
+    rows = _rows(ordered, orders)
+    # of one setting one after the other, frequencies first
+    rows = sorted(rows, key=lambda one: (setting[one.observation], one.is_damping, one.observation))
+    at = {one.observation: index for index, one in enumerate(rows) if not one.is_damping}
+    channels = sorted({(one.is_damping, one.order) for one in rows})
+    of_value = setting[[one.observation for one in rows]]
+    with_damping_ratios = any(one.is_damping for one in rows)
     return ModesComparison(
         layout=Layout(
             settings=tuple(setting_of(one) for one in conditions),
-            setting=setting,
-            channel=np.array([distinct.index(order) for order in orders]),
-            channels=tuple(f"mode {order}" for order in distinct),
-            frequency=frequency,
-            standard_deviation=np.array(relative),
-            period=np.full(frequency.size, np.inf),
-            held_out=tuple(np.array([one in fold for one in conditions])[setting] for fold in held_out),
+            setting=of_value,
+            channel=np.array([channels.index((one.is_damping, one.order)) for one in rows]),
+            channels=tuple(f"mode {order}{', damping ratio' * is_damping}" for is_damping, order in channels),
+            frequency=np.array([math.nan if one.is_damping else math.exp(one.measured) for one in rows]),
+            standard_deviation=np.array([one.deviation for one in rows]),
+            period=np.full(len(rows), np.inf),
+            held_out=tuple(np.array([one in fold for one in conditions])[of_value] for fold in held_out),
         ),
         conditions=conditions,
         motor_end=motor_end,
-        measured=np.log(frequency),
-        unit="Hz" if len(distinct) == 1 else "%",
+        measured=np.array([one.measured for one in rows]),
+        frequency_of=np.array([at[one.observation] for one in rows]),
+        unit="sigma" if with_damping_ratios else "Hz" if len(distinct) == 1 else "%",
         tolerances=tolerances or SettingTolerances(),
     )
 
 
-def _assigned(predicted: FloatArray, measured: FloatArray, missed: float) -> FloatArray:
-    """Return predicted less measured for rising values, each measured one with its own predicted one.
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One value: the frequency of an observation, or its damping ratio."""
 
-    Dynamic programming over both in order: a predicted value may be passed over for nothing, a measured one for the
-    price of being missed.
+    observation: int
+    order: int
+    is_damping: bool
+    measured: float  # ln f or ζ
+    deviation: float  # of the misfit
+
+
+def _rows(observations: Sequence[ModalObservation], orders: Sequence[int]) -> list[_Row]:
+    rows = []
+    for number, (one, order) in enumerate(zip(observations, orders, strict=True)):
+        error = one.frequency_uncertainty
+        deviation = _UNSTATED if error is None else math.hypot(error / one.frequency, _FORM)
+        rows.append(_Row(number, order, False, math.log(one.frequency), deviation))
+        if one.damping_ratio is not None:
+            error = one.damping_ratio_uncertainty
+            deviation = _UNSTATED_DAMPING if error is None else error / one.damping_ratio
+            rows.append(_Row(number, order, True, one.damping_ratio, deviation))
+    return rows
+
+
+def _assigned(predicted: FloatArray, measured: FloatArray, missed: float) -> tuple[FloatArray, Indices]:
+    """Return predicted less measured for rising values, each measured one with its own predicted one, and which.
+
+    That is −1 for one that is missed. Dynamic programming over both in order: a predicted value may be passed over for
+    nothing, a measured one for the price of being missed.
     """
     n, m = measured.size, predicted.size
     cost = np.full((n + 1, m + 1), np.inf)
@@ -215,13 +278,16 @@ def _assigned(predicted: FloatArray, measured: FloatArray, missed: float) -> Flo
                 (cost[i - 1, j] + missed, 2),
             ]
             cost[i, j], came_from[i, j] = min(choices)
-    misfit = np.empty(n)
+    misfit, whose = np.empty(n), np.full(n, -1, dtype=np.intp)
     i, j = n, m
     while i:
         step = came_from[i, j]
         if step == 0:
             j -= 1
             continue
-        misfit[i - 1] = predicted[j - 1] - measured[i - 1] if step == 1 else -missed
-        i, j = i - 1, j - (step == 1)
-    return misfit
+        misfit[i - 1] = -missed
+        if step == 1:
+            j -= 1
+            misfit[i - 1], whose[i - 1] = predicted[j] - measured[i - 1], j
+        i -= 1
+    return misfit, whose

@@ -217,6 +217,7 @@ def compare_responses(
     channel = 2 * point_of_line[line_of_value] + imaginary
     held = np.any([fold[setting] for fold in in_fold], axis=0) if in_fold else np.zeros(setting.size, dtype=np.bool_)
     shared = np.column_stack([channel, frequency[line_of_value], held])
+    group = np.unique(shared, axis=0, return_inverse=True)[1].reshape(-1)
     return ResponsesComparison(
         layout=Layout(
             settings=tuple(setting_of(conditions[number]) for number in distinct),
@@ -226,7 +227,7 @@ def compare_responses(
             frequency=frequency[line_of_value],
             standard_deviation=deviation[line_of_value],
             period=np.where(imaginary, 2.0 * np.pi, np.inf),
-            common=CommonErrors(np.unique(shared, axis=0, return_inverse=True)[1].reshape(-1), of_form[line_of_value]),
+            common=CommonErrors(group, of_form[line_of_value]),
             held_out=tuple(fold[setting] for fold in in_fold),
         ),
         lines=lines,
@@ -238,7 +239,7 @@ def compare_responses(
         gain_column=np.array([gain for _, gain, _, _ in kept]),
         tolerances=tolerances,
         noise=noise[line_of_value],
-        noise_floor=float(np.sqrt(np.mean(np.where(unlearnt, 1.0, (noise / deviation) ** 2)))),
+        noise_floor=_floor(group, ((of_form / deviation) ** 2)[line_of_value], unlearnt[line_of_value]),
         titles=tuple(f"{setting_of(one.conditions).name}, {one.response_point}" for _, _, one, _ in kept),
     )
 
@@ -263,6 +264,17 @@ def _by_setting(
         gains[number] = gain + 1
         found.append((number, gain, one))
     return sorted(found, key=lambda entry: entry[:2])
+
+
+def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) -> float:
+    r"""Return the rms that a healthy machine leaves.
+
+    A learnt form error is the same in all settings, so of its share p of the variance of a value whitening leaves only
+    :math:`p^2/(1 + P)`, with P the sum of the shares of all values that share the error. What is not learnt may differ
+    from setting to setting.
+    """
+    of_group = np.bincount(group, weights=share)[group]
+    return float(np.sqrt(np.mean(np.where(unlearnt, 1.0, 1.0 - share + share**2 / (1.0 + of_group)))))
 
 
 def _clear_lines(one: FrequencyResponseObservation) -> BoolArray:

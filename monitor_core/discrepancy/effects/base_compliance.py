@@ -30,7 +30,8 @@ BASE_COMPLIANCE = Effect(
     source="no source: a mass on a spring",
     parameters=(
         EffectParameter("compliance_m_per_n", "m/N", lower=0.0, upper=1e-7, scale=1e-9),
-        EffectParameter("frequency_hz", "Hz", lower=5.0, upper=1000.0, scale=20.0, null=60.0),
+        # beds rock on their mounts and bend as a whole below it; what resonates above is a part, and moves with one
+        EffectParameter("frequency_hz", "Hz", lower=5.0, upper=200.0, scale=20.0, null=60.0),
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
     add=_add,

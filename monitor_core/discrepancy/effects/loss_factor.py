@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.effects.changes import changed_joints
 from monitor_core.models.extended import AxisPhysics
 
@@ -21,5 +21,4 @@ LOSS_FACTOR = Effect(
     source="Sun et al. (2022), section 3: k (1 + jη); Kjartansson (1979) for what causality adds",
     parameters=(EffectParameter("loss_factor", "-", lower=0.0, upper=0.5, scale=0.02),),
     add=_add,
-    needs=frozenset({ConditionAxis.FREQUENCY}),
 )

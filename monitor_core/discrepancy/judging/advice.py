@@ -11,6 +11,7 @@ from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.judging.classes import EquivalenceClass
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.search import Found
+from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
 
@@ -37,11 +38,7 @@ def next_measurement(
     candidates : sequence of Effect
         Everything the axis may lack.
     """
-    advice = [
-        _to_part(one.leader.fitted, other.fitted, one.leader.effect.key, other.effect.key)
-        for one in classes
-        for other in one.members[1:2]
-    ]
+    advice = [words for one in classes for words in _to_part(one)]
     if outcome is not Outcome.NAMED:
         advice += _to_see_more(found, candidates)
     return "; ".join(advice)
@@ -50,24 +47,36 @@ def next_measurement(
 def separations(one: Fitted[Physics], other: Fitted[Physics]) -> dict[str, float]:
     """Return by how much two fits would differ if all settings were measured again under other conditions.
 
-    In standard deviations, by what a sentence calls the change.
+    In standard deviations, by what a sentence calls the change; without those under which one of them has no answer.
     """
     first, second = one.physics(), other.physics()
     found = {}
     for words, imagined in one.comparison.imagined().items():
-        difference = one.comparison.layout.difference(imagined.misfit(first), imagined.misfit(second))
-        found[words] = float(np.linalg.norm(one.around.whitened_by(difference)))
+        try:
+            there = imagined.misfit(first), imagined.misfit(second)
+        except OutsideValidityError:
+            continue
+        found[words] = float(np.linalg.norm(one.around.whitened_by(one.comparison.layout.difference(*there))))
     return found
 
 
-def _to_part(one: Fitted[Physics], other: Fitted[Physics], key: str, other_key: str) -> str:
-    apart = separations(one, other)
-    best = max(apart, key=lambda words: apart[words], default=None)
-    if best is None or apart[best] < _WORTH_MEASURING:
-        return f"nothing that could be varied parts {key} from {other_key}"
-    return (
-        f"measure all settings {best}: {key} and {other_key} would then differ by {apart[best]:.0f} standard deviations"
-    )
+def _to_part(one: EquivalenceClass[Physics]) -> Iterator[str]:
+    """Yield the change that parts the most members from the first one, and which of them nothing does."""
+    key = one.leader.effect.key
+    apart = {other.effect.key: separations(one.leader.fitted, other.fitted) for other in one.members[1:]}
+    changes = dict.fromkeys(words for of_other in apart.values() for words in of_other)
+
+    def parted_by(words: str) -> dict[str, float]:
+        return {other: found[words] for other, found in apart.items() if found[words] >= _WORTH_MEASURING}
+
+    best = max(changes, key=lambda words: (len(parted_by(words)), sum(parted_by(words).values())), default="")
+    parted = parted_by(best) if best else {}
+    if parted:
+        listed = " and from ".join(f"{other} by {distance:.0f}" for other, distance in parted.items())
+        yield f"measure all settings {best}: {key} would then differ from {listed} standard deviations"
+    never = [other for other, found in apart.items() if max(found.values(), default=0.0) < _WORTH_MEASURING]
+    if never:
+        yield f"nothing that could be varied parts {key} from {' or '.join(never)}"
 
 
 def _to_see_more(found: Found[Physics], candidates: Sequence[Effect[Physics]]) -> Iterator[str]:

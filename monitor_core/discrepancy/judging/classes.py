@@ -20,6 +20,7 @@ Physics = TypeVar("Physics")
 #: Two effects that leave the same residuals say one thing in two ways.
 _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
+_AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
 #: Beside 5 % of the gain of BIC, effects are held apart only if one leaves this much more of χ² than the other: the
 #: form of no model is known better.
@@ -59,8 +60,8 @@ def equivalence_class(found: Found[Physics], accepted: Accepted[Physics]) -> Equ
     plausible: an added mass and a wrong mass are then one finding, not two.
     """
     by = found.yardstick
-    own = _member(accepted.effect, found.final, accepted.delta_bic)
-    rivals = [_member(rival.effect, rival.fitted, rival.delta_bic) for rival in accepted.rivals]
+    own = _member(accepted.effect, found.final, accepted.delta_bic, by)
+    rivals = [_member(rival.effect, rival.fitted, rival.delta_bic, by) for rival in accepted.rivals]
     n_effective = by.n_values * by.share
     margin = max(_MARGIN, min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective))
     best = max([own.delta_bic, *(one.delta_bic for one in rivals)])
@@ -87,10 +88,23 @@ def _are_twins(one: Member[Physics], other: Member[Physics]) -> bool:
     return same and abs(one.fitted.cost - other.fitted.cost) < _SAME_COST
 
 
-def _member(effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float) -> Member[Physics]:
-    values = fitted.hypothesis.values(fitted.coordinates)[effect.key]
-    plausible = all(one.lower <= values[one.name] <= one.upper for one in effect.parameters)
-    return Member(effect, fitted, delta_bic, plausible)
+def _member(effect: Effect[Physics], fitted: Fitted[Physics], delta_bic: float, by: Yardstick) -> Member[Physics]:
+    own = [index for index, (other, _) in enumerate(fitted.hypothesis.unknowns) if other.key == effect.key]
+    return Member(effect, fitted, delta_bic, all(_is_plausible(fitted, index, by) for index in own))
+
+
+def _is_plausible(fitted: Fitted[Physics], index: int, by: Yardstick) -> bool:
+    """Tell whether an unknown lies within its plausible range, and not at an end that the data want it to leave."""
+    effect, one = fitted.hypothesis.unknowns[index]
+    value = fitted.hypothesis.values(fitted.coordinates)[effect.key][one.name]
+    room = min(value - one.lower, one.upper - value) / (one.upper - one.lower)
+    if one.beyond or not 0.0 <= room < _AT_THE_END:
+        return room >= 0.0
+    at = fitted.hypothesis.n_uncertain + index
+    slope = float(fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted]) / one.scale
+    outward = slope < 0.0 if one.upper - value < value - one.lower else slope > 0.0
+    promised = by.factor**2 * (slope * one.scale) ** 2 * float(covariance(fitted, by)[at, at])
+    return not (outward and promised > _MARGIN)
 
 
 def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
@@ -119,6 +133,6 @@ def found_parameters(member: Member[Physics], by: Yardstick) -> dict[str, FoundP
         value = values[one.name]
         deviation = abs(one.scale) * math.sqrt(max(float(variances[fitted.hypothesis.n_uncertain + index]), 0.0))
         interval = (value - 1.959964 * deviation, value + 1.959964 * deviation)
-        plausible = one.lower <= value <= one.upper
+        plausible = _is_plausible(fitted, index, by)
         found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible)
     return found

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from scipy.stats import chi2
 
 from monitor_core.discrepancy.explanation import Gap, Outcome
 from monitor_core.discrepancy.judging.classes import EquivalenceClass
@@ -20,6 +21,7 @@ class OutcomeSettings:
 
     #: Gap in floors. Healthy cases stay within 1 % of one floor where the form error was learnt.
     remainder: float = 1.08
+    healthy_share: float = 0.99  # of healthy axes whose gap on independent values is taken for no more than scatter
     #: Where something is left, what was found must explain this share of the excess over the floor, or it explains
     #: nothing: it may stand for the true effect as well.
     least_share: float = 0.95
@@ -42,7 +44,11 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
 
 
 def outcome_of(
-    classes: Sequence[EquivalenceClass[Physics]], gap: Gap, pulls: Mapping[str, float], settings: OutcomeSettings
+    classes: Sequence[EquivalenceClass[Physics]],
+    gap: Gap,
+    pulls: Mapping[str, float],
+    settings: OutcomeSettings,
+    n_judged: int,
 ) -> Outcome:
     """Return the outcome.
 
@@ -55,10 +61,13 @@ def outcome_of(
     pulls : mapping of str to float
         From :func:`variances_of_pulls`.
     settings : OutcomeSettings
+    n_judged : int
+        Values that the gap after all is of, held-out ones where there are any: the rms of few scatters by itself.
     """
     ratio = np.nanmax([gap.after.fit, gap.after.held_out]) / gap.noise_floor
     pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
-    left = ratio > settings.remainder or pulled
+    scatter = math.sqrt(float(chi2.ppf(settings.healthy_share, n_judged)) / n_judged)
+    left = ratio > max(settings.remainder, scatter) or pulled
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]

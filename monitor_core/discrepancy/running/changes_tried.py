@@ -97,20 +97,19 @@ def tried_changes(
 
 def _trials(comparison: PlacesComparison, axis: ReferenceAxis, changes: Sequence[Change]) -> list[_Trial]:
     """Return the fits of no change and of each change."""
-    unchanged = Hypothesis(replace(axis.as_fitted(), warming_told=0.0))
+    unchanged = Hypothesis(replace(axis, warming_told=0.0).as_fitted())
     none = _Trial(None, fit(comparison, unchanged, unchanged.null))
     return [none, *(trial for change in changes if (trial := _fitted(comparison, axis, change)) is not None)]
 
 
-def _hypothesis(axis: ReferenceAxis, change: Change) -> Hypothesis[ThenAndNow]:
-    """Return the axis with a change; one of the temperature is sought in full, beside any other one it is as told."""
-    told = 0.0 if change.cause is Cause.TEMPERATURE else axis.warming_told
-    return Hypothesis(replace(axis, warming_told=told), (change.effect,))
+def _beside(axis: ReferenceAxis, change: Change) -> ReferenceAxis:
+    """Return the axis beside a change; one of the temperature is sought in full, beside any other one it is as told."""
+    return replace(axis, warming_told=0.0) if change.cause is Cause.TEMPERATURE else axis
 
 
 def _fitted(comparison: PlacesComparison, axis: ReferenceAxis, change: Change) -> _Trial | None:
     """Return the fit of a change from the best of several sizes; None where the model has an answer for none."""
-    hypothesis = _hypothesis(axis.as_fitted(), change)
+    hypothesis = Hypothesis(_beside(axis, change).as_fitted(), (change.effect,))
     lower, upper = hypothesis.bounds
     sizes = (change.usual + change.spread * np.array(_SIZES)) / change.effect.parameters[0].scale
     deviation, best, start = comparison.layout.standard_deviation, math.inf, None
@@ -140,7 +139,7 @@ def _size(trial: _Trial, change: Change, axis: ReferenceAxis, by: Yardstick) -> 
     over the directions i, each with a standard deviation of one, and the coefficient c that the size rests on.
     """
     fitted, one = trial.fitted, change.effect.parameters[0]
-    with_directions = _hypothesis(axis, change)
+    with_directions = Hypothesis(_beside(axis, change), (change.effect,))
     at = np.r_[with_directions.null[:-1], fitted.coordinates[-1]]
     jacobian = replace(fitted, hypothesis=with_directions, coordinates=at).jacobian[fitted.fitted]
     of_size, of_axis = jacobian[:, -1], jacobian[:, :-1]

@@ -18,13 +18,14 @@ own lines, and only misfits are put together.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.comparing.comparison import Layout, Panel, Setting
 from monitor_core.discrepancy.effect import ConditionAxis
-from monitor_core.discrepancy.effects.warming import WARMING
+from monitor_core.discrepancy.running.place_errors import PLACE_ERRORS, RunningTolerances, moved
 from monitor_core.discrepancy.running.places import (
     CellMeans,
     ComplexValues,
@@ -41,26 +42,13 @@ from monitor_core.discrepancy.running.places import (
 from monitor_core.discrepancy.running.then_and_now import ThenAndNow
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.models.extended import AxisPhysics
 
 _STEP = 0.1  # of a standard deviation, for the errors of the settings
 #: Share of the cells of wide bands that narrow ones must keep.
 _ENOUGH_LINES = 0.5
 #: Below it a comparison of positions tells nothing of what differs over them.
 _FEWEST_PLACES = 3
-
-
-@dataclass(frozen=True, slots=True)
-class RunningTolerances:
-    """By how much two measurements of an unchanged axis differ, and what a model adds; standard deviations."""
-
-    position: float = 0.2e-3  # homing, mounting of the encoder [m]
-    preload_share: float = 0.005  # from day to day [-]
-    temperature: float = 0.6  # sensor against screw, and what lubrication does to the stiffness alike [K]
-    gain_share: float = 0.003  # [-]
-    delay: float = 0.5e-6  # of one channel against the other, and what lubrication does to the phase alike [s]
-    relative: float = 0.002  # σ_0: lubrication, leakage of the spectra [-]
-    share_of_change: float = 0.05  # ε [-]
-    form: float = 0.02  # of a model against one time alone, relative [-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +68,11 @@ class PlacesComparison:
     unit = "sigma"
     noise_floor = 1.0
     least_delta_bic = 50.0  # thousands of lines
-    setting_error_names = ("position", "preload", "temperature", "gain", "delay")
+    setting_error_names = PLACE_ERRORS
 
     def misfit(self, physics: ThenAndNow) -> FloatArray:
         """Return Re and Im of the misfit of every cell, shape (n_values,)."""
-        misfit = self.then_means(self.then.misfit(physics.then, at_nut=self.at_nut))
+        misfit = _of_reference(self.then, self.then_means, physics.then, self.at_nut)
         if self.now is not None and self.now_means is not None:
             misfit = self.now_means(self.now.misfit(physics.now, at_nut=self.at_nut)) + physics.log_gain - misfit
         return self._values(misfit)
@@ -93,33 +81,20 @@ class PlacesComparison:
         """Return the change of the misfit by position, preload, temperature, gain and delay of a place."""
         here = self.misfit(physics)
         rows = []
-        for column in range(2):
+        for column in range(PLACE_ERRORS.index("gain")):
             errors = np.zeros((self.spread.size, len(self.setting_error_names)))
             errors[:, column] = _STEP
             rows.append(self.layout.difference(self.shifted(errors).misfit(physics), here) / _STEP)
-        kelvin = {"temperature_k": _STEP * self.tolerances.temperature}
-        if self.now is None:
-            warmer = replace(physics, then=WARMING.added_to(physics.then, kelvin))
-        else:
-            warmer = replace(physics, now=WARMING.added_to(physics.now, kelvin))
-        spread = self.spread[self.layout.setting]
-        rows.append(self.layout.difference(self.misfit(warmer), here) / _STEP * spread)
-        rows.append(np.where(self.layout.channel == 0, self.tolerances.gain_share * spread, 0.0))
+        spread, amplitude = self.spread[self.layout.setting], self.layout.channel == 0
+        rows.append(np.where(amplitude, self.tolerances.gain_share * spread, 0.0))
         turned = -2.0 * np.pi * self.layout.frequency * self.tolerances.delay
-        rows.append(np.where(self.layout.channel == 1, turned * spread, 0.0))
+        rows.append(np.where(amplitude, 0.0, turned * spread))
         return np.array(rows)
 
     def shifted(self, errors: FloatArray) -> "PlacesComparison":
-        """Return the comparison with positions and preloads moved; what is left acts linearly."""
+        """Return the comparison with all errors of its places taken to be these, shape (n_places, n_errors)."""
         side = self.then if self.now is None else self.now
-        conditions = side.lines.conditions
-        of_case = (errors * self.spread[:, None])[side.place_of_case]
-        moved = replace(
-            conditions,
-            position=conditions.position + self.tolerances.position * of_case[:, 0],
-            preload=conditions.preload * (1.0 + self.tolerances.preload_share * of_case[:, 1]),
-        )
-        side = replace(side, lines=replace(side.lines, conditions=moved))
+        side = moved(side, errors * self.spread[:, None], self.tolerances)
         return replace(self, then=side) if self.now is None else replace(self, now=side)
 
     def imagined(self) -> Mapping[str, "PlacesComparison"]:
@@ -162,6 +137,14 @@ class PlacesComparison:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
         phase = of_cells.imag - 2.0 * np.pi * np.round(of_cells.imag / (2.0 * np.pi))
         return np.concatenate([of_cells.real, phase])[self.order]
+
+
+@lru_cache(maxsize=2)
+def _of_reference(then: Side, means: CellMeans, axis: AxisPhysics, at_nut: bool) -> ComplexValues:
+    """Return the misfit of every cell at the time of the reference, which all changes share, shape (n_cells,)."""
+    misfit = means(then.misfit(axis, at_nut=at_nut))
+    misfit.setflags(write=False)
+    return misfit
 
 
 def compare_reference(

@@ -1,7 +1,7 @@
 """The axis as its reference measurements show it: what its description leaves open, fitted, with its covariance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.effects.warming import WARMING
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.classes import covariance
-from monitor_core.discrepancy.running.places_compared import RunningTolerances, compare_reference
+from monitor_core.discrepancy.running.place_errors import RunningTolerances
+from monitor_core.discrepancy.running.places_compared import compare_reference
 from monitor_core.discrepancy.running.then_and_now import ThenAndNow
 from monitor_core.discrepancy.searching.evidence import yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
@@ -40,6 +41,23 @@ class Unchanged:
         return ThenAndNow(then=axis, now=axis)
 
 
+@dataclass(frozen=True, slots=True)
+class SettledAxis:
+    """An axis at two times that leaves nothing open: a subject without uncertain parameters."""
+
+    axis: ThenAndNow
+
+    @property
+    def uncertain(self) -> Mapping[str, float]:
+        """Return nothing."""
+        return {}
+
+    def physics(self, ln_ratios: Mapping[str, float]) -> ThenAndNow:
+        """Return the axis."""
+        del ln_ratios
+        return self.axis
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceAxis:
     """A drive about its reference: a subject whose uncertain parameters are independent and standard normal.
@@ -55,9 +73,9 @@ class ReferenceAxis:
     gap: float  # rms misfit of the reference after the fit, in standard deviations
     warming_told: float = 0.0  # by the windows, now less then [K]
 
-    def as_fitted(self) -> "ReferenceAxis":
+    def as_fitted(self) -> "SettledAxis":
         """Return the axis with nothing left open."""
-        return replace(self, root=self.root[:, :0])
+        return SettledAxis(self.physics({}))
 
     @property
     def uncertain(self) -> Mapping[str, float]:

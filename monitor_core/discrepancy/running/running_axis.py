@@ -13,8 +13,7 @@ an offset of the position move the frequency at one end of the screw more than a
 alone. Warming softens all by one share; it looks like a little mass on the table, and often only the usual size of
 either, or a thermometer, decides between them.
 
-At least three places at both times are needed. Five, measured twice for the reference and once again, named all six
-causes of the tests; what was measured is in benchmarks/running_axis.py.
+At least three places at both times are needed; what five and seven are worth was measured, see docs/running-axis.md.
 """
 
 from collections.abc import Sequence
@@ -25,7 +24,8 @@ import numpy as np
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.running.changes import Cause
 from monitor_core.discrepancy.running.changes_tried import TriedChange, tried_changes
-from monitor_core.discrepancy.running.places_compared import RunningTolerances, compare_times
+from monitor_core.discrepancy.running.place_errors import RunningTolerances
+from monitor_core.discrepancy.running.places_compared import compare_times
 from monitor_core.discrepancy.running.reference_axis import fit_reference
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.identification.observations import FrequencyResponseObservation
@@ -37,7 +37,8 @@ class RunningSettings:
 
     tolerances: RunningTolerances = field(default_factory=RunningTolerances)
     least_confidence: float = 0.9  # below it the likeliest causes are equivalent
-    look_alike: float = 10.0  # of BIC, within which another cause is mentioned
+    look_alike: float = 10.0  # of BIC, within which another cause is mentioned,
+    least_share: float = 0.05  # and so is one that is at least so probable [-]
     remainder: float = 1.5  # times the noise: what an unknown cause is taken to leave
 
 
@@ -49,7 +50,7 @@ class ChangeExplanation:
     cause: Cause
     confidence: float  # posterior probability of the cause [-]
     changes: tuple[TriedChange, ...]  # likeliest first
-    equivalent_to: tuple[Cause, ...]  # that fit nearly as well
+    equivalent_to: tuple[Cause, ...]  # that fit nearly as well or are hardly less probable; none and unknown may be
     gap_before: float  # rms of what no change leaves, in standard deviations
     gap_after: float
     sentence: str  # for the alarm
@@ -112,7 +113,7 @@ def _mean_temperature(observations: Sequence[FrequencyResponseObservation]) -> f
 def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: RunningSettings) -> ChangeExplanation:
     first = changes[0]
     before = next(one.gap for one in changes if one.cause is Cause.NONE)
-    alike: list[TriedChange] = []
+    equivalent: list[Cause] = []
     if of_unknown > first.probability:
         outcome, cause, confidence = Outcome.UNKNOWN, Cause.UNKNOWN, of_unknown
         sentence = (
@@ -125,19 +126,27 @@ def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: Runni
     else:
         cause, confidence = first.cause, sum(one.probability for one in changes if one.cause is first.cause)
         outcome = Outcome.NAMED if confidence >= settings.least_confidence else Outcome.EQUIVALENT
-        others = [one for one in changes if one.size is not None and one.plausible and one.cause is not cause]
-        alike = [one for one in others if first.delta_bic - one.delta_bic < settings.look_alike]
+        others = [one for one in changes if one.plausible and one.cause is not cause]
+        alike = [one for one in others if _is_alike(one, first, settings)]
+        equivalent = [one.cause for one in alike]
         sentence = _sentence(first, confidence, alike, others)
+        if of_unknown > settings.least_share:
+            equivalent.append(Cause.UNKNOWN)
+            sentence += f"; none of these: {_percent(of_unknown)}"
     return ChangeExplanation(
         outcome=outcome,
         cause=cause,
         confidence=confidence,
         changes=changes,
-        equivalent_to=tuple(dict.fromkeys(one.cause for one in alike)),
+        equivalent_to=tuple(dict.fromkeys(equivalent)),
         gap_before=before,
         gap_after=first.gap,
         sentence=sentence,
     )
+
+
+def _is_alike(one: TriedChange, first: TriedChange, settings: RunningSettings) -> bool:
+    return first.delta_bic - one.delta_bic < settings.look_alike or one.probability > settings.least_share
 
 
 def _sentence(
@@ -147,7 +156,7 @@ def _sentence(
     if alike:
         parts.append("nearly alike: " + ", or ".join(one.words for one in alike))
     known = {one.cause for one in alike}
-    rest = [one for one in others if one.cause not in known]
+    rest = [one for one in others if one.size is not None and one.cause not in known]
     if rest:
         causes = ", ".join(dict.fromkeys(str(one.cause) for one in rest))
         least = min(first.delta_bic - one.delta_bic for one in rest)

@@ -29,7 +29,6 @@ Physics = TypeVar("Physics")
 _TEMPERED = 4.0
 _MOST_STAGES = 8
 _SETTLED = 0.1  # of χ²: another stage would not change a decision
-_OFF_BOUNDS = 1e-3  # in coordinates
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
 _STEP = 1e-4  # of a coordinate, for derivatives
@@ -139,7 +138,7 @@ def fit(
     """
     layout = comparison.layout
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
-    at = _inside(start, *hypothesis.bounds)
+    at = np.clip(start, *hypothesis.bounds)
     errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
     best: Fitted[Physics] | None = None
     tolerance = math.inf
@@ -165,12 +164,6 @@ def fit(
     around = linearise(comparison, hypothesis.physics(at), errors, layout.standard_deviation)
     last = Fitted(comparison, hypothesis, at, around, chosen)
     return last if best is None else min(best, last, key=lambda one: one.cost)
-
-
-def _inside(start: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return a start that is off the bounds: from a bound the trust region takes no step."""
-    room = np.minimum(_OFF_BOUNDS, 0.25 * (upper - lower))
-    return np.clip(start, lower + room, upper - room)
 
 
 def _answerable(comparison: Comparison[Physics], physics: Physics, errors: FloatArray) -> FloatArray:
@@ -220,12 +213,12 @@ def _least_squares(
         misfit = around.misfit(hypothesis.physics(coordinates))
         return np.vstack([_jacobian(around, hypothesis, coordinates, misfit)[chosen], prior])
 
-    lower, upper = hypothesis.bounds
     found = least_squares(
         residuals,
-        _inside(start, lower, upper),
+        start,
         jac=jacobian,
-        bounds=(lower, upper),
+        bounds=hypothesis.bounds,
+        method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
         x_scale="jac",
         ftol=1e-5,
         xtol=1e-6,

@@ -18,9 +18,10 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.comparing.condition_groups import has_lines
+from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.effects import PREFIX
-from monitor_core.discrepancy.hypothesis import Hypothesis, is_size, searched_range
+from monitor_core.discrepancy.hypothesis import Hypothesis, is_size, searched_coordinates
 from monitor_core.discrepancy.searching.fit import Fitted, derivative
 from monitor_core.errors import OutsideValidityError
 
@@ -28,6 +29,10 @@ Physics = TypeVar("Physics")
 
 #: Sizes in scales of the parameter.
 _SIZES = (0.1, 0.4, 1.5, 6.0, 25.0, 100.0)
+#: Natural frequencies tell of a mode only from nearby, and go with the root of a stiffness: closer sizes.
+_SIZES_FOR_MODES = tuple(0.1 * 2.0**n for n in range(11))
+#: Steps of ln ratio: one of them brings a mode into the reach of its measured frequency.
+_RATIO_STEP = 0.5
 _FREQUENCIES = 12  # of something that resonates, over the measured band
 _STARTS = 2  # kept of all sizes and shapes that were tried
 _FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, what looks promising may lead into a false minimum
@@ -115,10 +120,29 @@ def _look(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physic
 def _freed(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physics], index: int) -> Scanned[Physics]:
     """Look at an uncertain parameter without the tolerance that holds it: the residuals stay, its prior goes."""
     decrease, leverage = projection.freed(index)
-    start = fitted.hypothesis.with_effect(effect).carried_over(fitted.hypothesis, fitted.coordinates)
-    spread = fitted.hypothesis.subject.uncertain[fitted.hypothesis.uncertain[index]]
-    information = leverage * (effect.parameters[0].scale / spread) ** 2
-    return Scanned(effect, (start,), decrease, decrease, information)
+    one, hypothesis = effect.parameters[0], fitted.hypothesis
+    spread = hypothesis.subject.uncertain[hypothesis.uncertain[index]]
+    information = leverage * (one.scale / spread) ** 2
+    here = projection.residuals(fitted.standardised)
+    tried = [(decrease, fitted.coordinates)]
+    for ratio in _ratios(one) if not has_lines(fitted.comparison.layout) else ():
+        trial = fitted.coordinates.copy()
+        trial[index] = ratio / spread
+        try:
+            left = projection.residuals(fitted.around.residuals(hypothesis.physics(trial)))
+        except OutsideValidityError:
+            continue
+        tried.append((float(here @ here - left @ left), trial))
+    tried.sort(key=lambda pair: pair[0], reverse=True)
+    with_effect = hypothesis.with_effect(effect)
+    starts = tuple(with_effect.carried_over(hypothesis, coordinates) for _, coordinates in tried[:_STARTS])
+    return Scanned(effect, starts, tried[0][0], decrease, information)
+
+
+def _ratios(one: EffectParameter) -> Iterator[float]:
+    """Yield logarithms of ratios over the range of a parameter."""
+    for ratio in np.arange(_RATIO_STEP, max(-one.lower, one.upper) + _RATIO_STEP / 2.0, _RATIO_STEP).tolist():
+        yield from (sign * ratio for sign in (1.0, -1.0) if one.lower <= sign * ratio <= one.upper)
 
 
 class _Look(Generic[Physics]):
@@ -172,13 +196,15 @@ class _Look(Generic[Physics]):
         return size, -size * (2.0 * along + size * square)
 
     def _range(self, index: int) -> tuple[float, float]:
-        one = self.effect.parameters[index]
-        low, high = searched_range(self.effect, one)
-        return low / one.scale, high / one.scale
+        return searched_coordinates(self.effect, self.effect.parameters[index])
 
     def _sizes(self, index: int) -> Iterator[float]:
         low, high = self._range(index)
-        for size in _SIZES:
+        one = self.effect.parameters[index]
+        lines = has_lines(self.fitted.comparison.layout)
+        if self.effect.key.startswith(PREFIX) and not lines:
+            yield from (ratio / one.scale for ratio in _ratios(one))
+        for size in _SIZES if lines else _SIZES_FOR_MODES:
             if size <= high:
                 yield size
             if -size >= low:

@@ -40,8 +40,10 @@ class SearchSettings:
     least_promise: float = 12.0  # of χ², by a look, for an effect to be refitted
     n_refitted: int = 6  # by what they promise at the best size tried
     n_refitted_by_slope: int = 1
-    #: Once a refit is down at the floor, only looks that promise this share of the best one are refitted beside it.
-    least_share_of_promise: float = 0.3
+    #: Of what a refit has gained: what promises less is not refitted beside it, where looks can be relied upon.
+    least_share_of_gain: float = 0.3
+    #: Misfit that all but 2 % of the values stay within, for looks to foretell what refits find.
+    small_misfit: float = 0.15
     one_minimum: float = 1.5  # in floors: from a smaller gap a fit that improves is taken for the best one
     most_effects: int = 4
     n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
@@ -100,8 +102,10 @@ class Search(Generic[Physics]):
         first = self._with_textbook_physics(baseline)
         steps = self._from(first, [first] if first is not baseline else [])
         current = steps[-1] if steps else baseline
-        for rival in self._rivals(first)[1 : self.settings.n_first_steps] if self._gap(current) > 1.0 else ():
-            if rival.delta_bic < self.comparison.least_delta_bic:
+        rivals = self._rivals(first) if self._gap(current) > 1.0 else ()
+        for rival in rivals[1 : self.settings.n_first_steps]:
+            least = self.settings.least_share_of_gain * rivals[0].delta_bic
+            if rival.delta_bic < max(least, self.comparison.least_delta_bic):
                 break
             if not self._holds(first, rival.fitted, yardstick(rival.fitted)):
                 continue
@@ -187,19 +191,21 @@ class Search(Generic[Physics]):
 
     def _refitted(self, current: Fitted[Physics]) -> tuple[Rival[Physics], ...]:
         refitted: list[tuple[Effect[Physics], Fitted[Physics]]] = []
-        looks = self._promising(current)
-        for look in looks:
+        best = current
+        for look in self._promising(current):
             promise = max(look.decrease, look.score)
-            if promise < self.settings.least_share_of_promise * looks[0].decrease and self._at_noise(refitted):
+            surpassed = promise < self.settings.least_share_of_gain * (current.cost - best.cost)
+            if surpassed and (self._is_near(current) or self._gap(best) < 1.0):
                 continue
             self.progress(f"refitting with {look.effect.key}")
             trial = self._from_best_start(current, look)
             if trial is not None:
                 refitted.append((look.effect, trial))
+                best = min(best, trial, key=lambda one: one.cost)
         if not refitted:
             return ()
-        best_by = yardstick(min((trial for _, trial in refitted), key=lambda one: one.cost))
-        rivals = [Rival(effect, trial, delta_bic(current, trial, best_by)) for effect, trial in refitted]
+        by = yardstick(min((trial for _, trial in refitted), key=lambda one: one.cost))
+        rivals = [Rival(effect, trial, delta_bic(current, trial, by)) for effect, trial in refitted]
         return tuple(sorted(rivals, key=lambda one: one.delta_bic, reverse=True))
 
     def _promising(self, current: Fitted[Physics]) -> list[Scanned[Physics]]:
@@ -208,10 +214,6 @@ class Search(Generic[Physics]):
         chosen = sorted(looks, key=lambda one: one.decrease, reverse=True)[: self.settings.n_refitted]
         by_slope = sorted(looks, key=lambda one: one.score, reverse=True)
         return chosen + [one for one in by_slope[: self.settings.n_refitted_by_slope] if one not in chosen]
-
-    def _at_noise(self, refitted: Sequence[tuple[Effect[Physics], Fitted[Physics]]]) -> bool:
-        """Tell whether one of the refits leaves no more than a healthy axis would."""
-        return min((self._gap(trial) for _, trial in refitted), default=math.inf) < 1.0
 
     def _looks(self, current: Fitted[Physics]) -> tuple[Scanned[Physics], ...]:
         """Return a look at everything that could still be added; at one fit once only."""
@@ -223,18 +225,29 @@ class Search(Generic[Physics]):
     def _from_best_start(self, current: Fitted[Physics], look: Scanned[Physics]) -> Fitted[Physics] | None:
         """Return the best fit from where a look leads, and from where the effect is absent.
 
-        One start is enough if it ends at the floor; and from a small gap, where there is but one minimum.
+        One start is enough if it ends at the floor, where there is but one minimum, and where it gains what the look
+        has promised, if looks can be relied upon.
         """
+        near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
         absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
         best: Fitted[Physics] | None = None
-        for start in (*look.starts, absent):
+        for start in (*(look.starts[:1] if near else look.starts), absent):
             trial = self._try(hypothesis, start)
             if trial is not None and (best is None or trial.cost < best.cost):
                 best = trial
-            if best is not None and best.cost < current.cost and self._has_one_minimum(best):
+            gained = current.cost - best.cost if best is not None else 0.0
+            if (
+                best is not None
+                and gained > 0.0
+                and (self._has_one_minimum(best) or (near and 2.0 * gained > look.decrease))
+            ):
                 break
         return best
+
+    def _is_near(self, fitted: Fitted[Physics]) -> bool:
+        """Tell whether misfits are so small that the model is nearly linear in what may be added."""
+        return float(np.quantile(np.abs(fitted.misfit[fitted.fitted]), 0.98)) < self.settings.small_misfit
 
     def _has_one_minimum(self, fitted: Fitted[Physics]) -> bool:
         """Tell whether a fit that improves is the best one: false minima come from phases, far from the data."""

@@ -91,7 +91,12 @@ def _gap(explanation: Explanation) -> list[str]:
         [words, quantity(pair.fit, gap.unit), quantity(pair.held_out, gap.unit), quantity(gap.noise_floor, gap.unit)]
         for words, pair in (("before", gap.before), ("after", gap.after))
     ]
-    return _table(["", "fitted data", "held-out data", "noise floor"], rows)
+    by_channel = [
+        [name, quantity(before, gap.unit), quantity(after, gap.unit)]
+        for name, (before, after) in explanation.gap_by_channel.items()
+    ]
+    channels = ["", *_table(["fitted data by channel", "before", "after"], by_channel)] if len(by_channel) > 1 else []
+    return [*_table(["", "fitted data", "held-out data", "noise floor"], rows), *channels]
 
 
 def _steps(explanation: Explanation) -> list[str]:

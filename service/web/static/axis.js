@@ -99,8 +99,19 @@ function listRefusals() {
   }));
 }
 
+// A cause is found some seconds after its alarm was raised, and anew while more is measured.
+async function lookForCauses() {
+  if (!document.querySelector("[data-alarm]")) return;
+  const response = await fetch(`/v1/alarms?axis=${encodeURIComponent(axis)}`, { cache: "no-store" });
+  for (const alarm of (await response.json()).alarms) {
+    const cell = document.querySelector(`[data-alarm="${alarm.id}"]`);
+    if (cell && cell.textContent !== alarm.explanation.sentence) location.reload();
+  }
+}
+
 async function refresh() {
   try {
+    await lookForCauses();
     if (await fetchTrend()) {
       const t = seconds();
       preload.setData([t, values("preload_n"), bound(0), bound(1)]);

@@ -20,6 +20,7 @@ BUNDLED = Path(__file__).parents[3] / "replay_data"
 USUAL_TEMPERATURE = 22.0  # of the bundled sessions [°C]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", ["none", "preload"])
 def test_worn_nut_is_named_and_a_healthy_axis_is_left_alone(truth: str) -> None:
     few = trials(100, {truth: HAPPENINGS[truth]}, positions=(0.15, 0.30, 0.45, 0.60, 0.75), days=(2, 1))
@@ -36,7 +37,9 @@ def test_worn_nut_is_named_and_a_healthy_axis_is_left_alone(truth: str) -> None:
     ("session", "outcome", "cause", "size"),
     [
         ("healthy-month", Outcome.NONE, Cause.NONE, None),
-        ("slow-wear", Outcome.NAMED, Cause.PRELOAD, -105.0),  # 4.3 N a day: the mean of days 21 to 28 of the wear
+        pytest.param(  # 4.3 N a day: the mean of days 21 to 28 of the wear
+            "slow-wear", Outcome.NAMED, Cause.PRELOAD, -105.0, marks=pytest.mark.slow
+        ),
         ("sudden-loss", Outcome.NAMED, Cause.PRELOAD, -100.0),
     ],
 )

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.running.place_errors import RunningTolerances
+from monitor_core.discrepancy.running.places_compared import compare_times
 from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.recordings.model_file import parse_model
@@ -29,6 +31,7 @@ class Trial:
     truth: str  # the cause that is to be named
     happened: Happened
     explanation: ChangeExplanation
+    n_values: int  # compared: real and imaginary parts of all cells
     seconds: float  # of the explanation alone
 
     @property
@@ -61,4 +64,6 @@ def trials(
         recent = measured(machine, happened, rng, positions=positions, days=days[1])
         began = time.perf_counter()
         explanation = explain_change(drive, reference, recent, preload=PRELOAD)
-        yield Trial(truth, happened, explanation, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        comparison = compare_times(reference, recent, RunningTolerances(), at_nut=True)
+        yield Trial(truth, happened, explanation, comparison.layout.n_values, seconds)

@@ -1,0 +1,304 @@
+"""Natural frequencies only: what the workflow says of hidden effects where no response was measured.
+
+``python -m benchmarks.frequencies_only [--workers 2] [--share 1.0] [--first-seed 7000] [--out FILE]`` draws machines,
+each with a modal table of the finite-element or the transmission-line plant; answers each from its table and model file
+alone; and prints the score card. Many effects move frequencies alike, so that a class of several is a right answer
+here, and none is one where the answer itself says that the effect could not have been seen. A wrong name never is.
+"""
+
+import argparse
+import json
+import math
+import statistics
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from monitor_core.discrepancy.comparing.conditions import default_folds
+from monitor_core.discrepancy.comparing.modes import compare_modes
+from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explanation import Candidate, Outcome
+from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.models.families import build_model
+from monitor_core.recordings.model_file import parse_model
+from tests.hidden_effects.frequencies import (
+    DESIGNS,
+    PLANTS,
+    ModalCase,
+    draw_modal_case,
+    with_known_mass,
+    with_positions_between,
+)
+
+OUTSIDE = "outside:"
+UNCERTAINTIES = (0.001, 0.003)
+#: What moves natural frequencies whatever is varied.
+_MOVING = (
+    "added-mass", "series-compliance", "far-bearing-stiffness", "screw-axial-stiffness", "torsional-flexibility",
+    "guide-stiffness", "preload-exponent", "position-offset", "servo-stiffness", "periodic-preload",
+    "wrong-parameter:bearing_stiffness_n_per_m", "wrong-parameter:bracket_stiffness_n_per_m",
+    "wrong-parameter:nut_stiffness_n_per_m", "wrong-parameter:coupling_stiffness_nm_per_rad",
+    "wrong-parameter:table_mass_kg", "wrong-parameter:motor_inertia_kg_m2",
+)  # fmt: skip
+#: What moves them under some conditions.
+_MOVING_WITH_CONDITIONS = ("payload-mass", "thermal-preload")
+#: What moves none, or makes a frequency that the drive has not.
+_BEYOND_FREQUENCIES = ("loss-factor", "torque-delay", "sensor-mounting-resonance", "second-mode", "base-compliance")
+_OUTSIDE = ("outside:absorber", "outside:wandering-absorber", "outside:preload-drift")
+_PAIRS = (
+    "added-mass+far-bearing-stiffness", "series-compliance+guide-stiffness", "torsional-flexibility+preload-exponent",
+    "added-mass+payload-mass", "thermal-preload+periodic-preload",
+)  # fmt: skip
+#: What an answer advises, by words of its sentence, and the test with that besides.
+_ADVISED = {"more on the table": with_known_mass, "positions in between": with_positions_between}
+_HEALTHY = 4  # of each design
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One case to be drawn."""
+
+    number: int
+    kind: str
+    size: str
+    design: str
+    uncertainty: float
+    plant: str
+
+    def case(self, first_seed: int) -> ModalCase:
+        """Draw the machine and its modal table."""
+        base, _, more = self.design.partition(" + ")
+        design = DESIGNS[base]()
+        if more:
+            design = _ADVISED[more](design)
+        seed = first_seed + self.number
+        return draw_modal_case(self.kind, self.size, design, self.uncertainty, seed, accelerances=PLANTS[self.plant])
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """One case with what was said of it."""
+
+    job: Job
+    true_keys: frozenset[str]  # of the catalogue
+    outcome: Outcome
+    classes: tuple[frozenset[str], ...]  # what each finding may be: its key, what says the same, what it may be as well
+    leaders: tuple[str, ...]
+    admitted: bool  # whether the answer lists each true effect as untestable or below its detection limit
+    advice: str
+    gap: tuple[float, float]  # before and after, over the floor [-]
+    evidence: tuple[float, ...]
+    seconds: float
+
+    @property
+    def claims(self) -> bool:
+        """Whether the answer claims to know."""
+        return self.outcome in (Outcome.NAMED, Outcome.EQUIVALENT, Outcome.PARTIAL)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a finding that is claimed holds no true effect."""
+        return self.claims and any(not one & self.true_keys for one in self.classes)
+
+    @property
+    def right(self) -> bool:
+        """Whether each finding may be a true effect, and at least one true effect is found."""
+        return self.claims and not self.wrong
+
+    @property
+    def alone(self) -> bool:
+        """Whether all that is true was named and nothing beside it."""
+        named = self.outcome is Outcome.NAMED
+        return named and self.right and all(any(key in one for one in self.classes) for key in self.true_keys)
+
+    @property
+    def advised(self) -> Job | None:
+        """The same machine with the measurement that is to part what was not told apart; None where none is known."""
+        if self.outcome is not Outcome.EQUIVALENT:
+            return None
+        words = next((one for one in _ADVISED if one in self.advice), None)
+        return None if words is None else replace(self.job, design=f"{self.job.design} + {words}")
+
+    @property
+    def said(self) -> str:
+        """In which of the groups of the score card the answer is."""
+        if self.wrong:
+            return "wrong"
+        if self.right:
+            return "alone" if self.alone else "in class"
+        if self.outcome is Outcome.UNKNOWN:
+            return "unknown"
+        return "none, admitted" if self.admitted else "none, not admitted"
+
+
+def composition() -> list[Job]:
+    """Return all cases."""
+    drawn = [(kind, "medium", "full") for kind in _MOVING]
+    drawn += [(kind, "large", design) for kind in _MOVING for design in ("plain", "short")]
+    drawn += [(kind, size, "full") for kind in _MOVING_WITH_CONDITIONS for size in ("medium", "large")]
+    drawn += [(kind, "large", "plain") for kind in _BEYOND_FREQUENCIES]
+    drawn += [(kind, "large", "full") for kind in (*_OUTSIDE, *_PAIRS)]
+    drawn += [("none", "medium", design) for design in DESIGNS for _ in range(_HEALTHY)]
+    plants = tuple(PLANTS)
+    return [
+        Job(number, kind, size, design, UNCERTAINTIES[number % 2], plants[number // 2 % 2])
+        for number, (kind, size, design) in enumerate(drawn)
+    ]
+
+
+def answer(job: Job, first_seed: int) -> Answered:
+    """Draw a case and answer it from its table and model file."""
+    case = job.case(first_seed)
+    file = parse_model(case.baseline, "description")
+    subject = DriveSubject(build_model(file.family, file.parameters).parameters, file.uncertain, file.effects)
+    folds = default_folds(one.conditions for one in case.table)
+    comparison = compare_modes(case.table, case.motor_end, held_out=folds)
+    began = time.process_time()
+    found = explain(comparison, subject, subject.candidates())
+    true_keys = frozenset(key for key in case.truth if not key.startswith(OUTSIDE))
+    same_as = [
+        [remark.rpartition(" ")[2] for remark in one.remarks if remark.startswith("the same")] for one in found.effects
+    ]
+    return Answered(
+        job,
+        true_keys,
+        found.outcome,
+        tuple(frozenset((one.key, *same, *one.equivalent_to))
+              for one, same in zip(found.effects, same_as, strict=True)),
+        tuple(one.key for one in found.effects),
+        admits(found.candidates, case),
+        found.next_measurement,
+        (found.gap.before.fit / found.gap.noise_floor, found.gap.after.fit / found.gap.noise_floor),
+        tuple(one.delta_bic for one in found.effects),
+        time.process_time() - began,
+    )  # fmt: skip
+
+
+def admits(candidates: Sequence[Candidate], case: ModalCase) -> bool:
+    """Tell whether an answer lists each true effect as untestable, or as too small to be seen."""
+    listed = {one.key: one for one in candidates}
+    for key, values in case.truth.items():
+        size = math.hypot(*values.values()) if key == "periodic-preload" else abs(next(iter(values.values())))
+        one = listed.get(key)
+        if one is None or (one.untestable_because is None and (one.detection_limit or 0.0) < size):
+            return False
+    return True
+
+
+def score_card(answers: Sequence[Answered], followed: Sequence[tuple[Answered, Answered]]) -> str:
+    """Return the score card as Markdown.
+
+    ``followed`` has answers that were not told apart with those after the measurement they advise.
+    """
+    groups = ("alone", "in class", "none, admitted", "none, not admitted", "unknown", "wrong")
+    lines = [
+        f"{len(answers)} modal tables, {sum(one.job.plant == 'transmission line' for one in answers)} of them of the "
+        "transmission-line plant.",
+        "",
+        "| cases | n | " + " | ".join(groups) + " |",
+        "|---|---" + "|---" * len(groups) + "|",
+    ]
+    singles = [one for one in answers if one.job.kind in (*_MOVING, *_MOVING_WITH_CONDITIONS)]
+    rows: dict[str, list[Answered]] = {
+        f"{design}, {size}": [one for one in singles if one.job.design == design and one.job.size == size]
+        for design in DESIGNS
+        for size in ("small", "medium", "large")
+    }
+    rows["moves no frequency, or adds one"] = [one for one in answers if one.job.kind in _BEYOND_FREQUENCIES]
+    rows["outside the catalogue"] = [one for one in answers if one.job.kind.startswith(OUTSIDE)]
+    rows["two effects"] = [one for one in answers if one.job.kind in _PAIRS]
+    rows["healthy"] = [one for one in answers if one.job.kind == "none"]
+    rows["all"] = list(answers)
+    for name, of_row in rows.items():
+        if of_row:
+            counts = [str(sum(one.said == group for one in of_row)) for group in groups]
+            lines.append(f"| {name} | {len(of_row)} | " + " | ".join(counts) + " |")
+    classes = [len(one) for item in answers if item.said == "in class" for one in item.classes if one & item.true_keys]
+    equivalent = [one for one in answers if one.outcome is Outcome.EQUIVALENT]
+    seconds = sorted(one.seconds for one in answers)
+    lines += [
+        "",
+        "| what | asked | measured |",
+        "|---|---|---|",
+        _row("a wrong name, all cases", "≤ 2 %", answers, lambda one: one.said == "wrong"),
+        _row("healthy: none", "–", rows["healthy"], lambda one: one.outcome is Outcome.NONE),
+        _row("a measurement that would decide beside *equivalent*", "all", equivalent, lambda one: bool(one.advice)),
+        f"| effects in a class that holds the truth: median, largest | – | {_ends(classes)} |",
+        f"| after the measurement advised: alone, or fewer in the class | – | "
+        f"{sum(fewer(*pair) for pair in followed)} of {len(followed)} |",
+        _row("after the measurement advised: a wrong name", "≤ 2 %", [after for _, after in followed],
+             lambda one: one.wrong),
+        f"| seconds a case, one core: median, longest | – | {statistics.median(seconds):.1f}, {seconds[-1]:.1f} |",
+        "",
+        "What was wrong:",
+        "",
+        *[_complaint(one) for one in (*answers, *(after for _, after in followed)) if one.said == "wrong"],
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def fewer(before: Answered, after: Answered) -> bool:
+    """Tell whether a second answer is right and leaves less open than the first."""
+    return after.right and (after.alone or sum(map(len, after.classes)) < sum(map(len, before.classes)))
+
+
+def _row(what: str, asked: str, among: Sequence[Answered], test: Callable[[Answered], bool]) -> str:
+    n = sum(1 for one in among if test(one))
+    share = f"{100.0 * n / len(among):.1f} %" if among else "–"
+    return f"| {what} | {asked} | {n} of {len(among)} ({share}) |"
+
+
+def _ends(sizes: Sequence[int]) -> str:
+    return f"{statistics.median(sizes):g}, {max(sizes)}" if sizes else "–"
+
+
+def _complaint(one: Answered) -> str:
+    found = "; ".join(
+        f"{leader} = {', '.join(sorted(of_class - {leader})) or 'nothing else'} (ΔBIC {evidence:.0f})"
+        for leader, of_class, evidence in zip(one.leaders, one.classes, one.evidence, strict=True)
+    )
+    job = one.job
+    return (
+        f"- {job.number}: {job.kind}, {job.size}, {job.design}, {100 * job.uncertainty:g} %, {job.plant} → "
+        f"*{one.outcome}* {found}; gap {one.gap[0]:.2f} → {one.gap[1]:.2f} floors"
+    )
+
+
+def _as_json(one: Answered) -> str:
+    job = one.job
+    return json.dumps({
+        "case": [job.number, job.kind, job.size, job.design, job.uncertainty, job.plant], "said": one.said,
+        "outcome": str(one.outcome), "leaders": one.leaders, "classes": [sorted(item) for item in one.classes],
+        "delta_bic": one.evidence, "gap": one.gap, "advice": one.advice, "seconds": one.seconds,
+    })  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--share", type=float, default=1.0)
+    parser.add_argument("--first-seed", type=int, default=7000)
+    parser.add_argument("--out", type=Path, help="what was said of each case, one JSON object a line")
+    options = parser.parse_args()
+    jobs = [job for job in composition() if zlib.crc32(b"%d" % job.number) % 1000 < 1000 * options.share]
+    answers = []
+    with ProcessPoolExecutor(options.workers) as pool:
+        for one in pool.map(answer, jobs, [options.first_seed] * len(jobs)):
+            answers.append(one)
+            print(f"{len(answers)} of {len(jobs)}: {one.job.kind} {one.job.size} {one.job.design} → {one.said}",
+                  flush=True)  # fmt: skip
+            if options.out:
+                with options.out.open("a", encoding="utf-8") as file:
+                    file.write(_as_json(one) + "\n")
+        not_told_apart = [one for one in answers if one.advised is not None]
+        after = list(
+            pool.map(answer, [one.advised for one in not_told_apart], [options.first_seed] * len(not_told_apart))
+        )
+    print(score_card(answers, list(zip(not_told_apart, after, strict=True))))
+
+
+if __name__ == "__main__":
+    main()
