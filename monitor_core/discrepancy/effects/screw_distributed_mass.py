@@ -24,7 +24,7 @@ SCREW_DISTRIBUTED_MASS = Effect(
         "first mode rises and the screw has axial modes of its own."
     ),
     source="Tian et al., Eq. (1)",
-    parameters=(EffectParameter("share", "-", lower=0.0, upper=1.0, scale=1.0),),
+    parameters=(EffectParameter("share", "-", lower=0.0, upper=1.0, scale=1.0, beyond=False),),
     add=_add,
     applies=_applies,
     textbook={"share": 1.0},

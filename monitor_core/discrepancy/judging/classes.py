@@ -98,7 +98,8 @@ def _is_plausible(fitted: Fitted[Physics], index: int, by: Yardstick) -> bool:
     effect, one = fitted.hypothesis.unknowns[index]
     value = fitted.hypothesis.values(fitted.coordinates)[effect.key][one.name]
     room = min(value - one.lower, one.upper - value) / (one.upper - one.lower)
-    if one.beyond or not 0.0 <= room < _AT_THE_END:
+    known = effect.textbook is not None and abs(value - effect.textbook[one.name]) < _AT_THE_END
+    if one.beyond or known or not 0.0 <= room < _AT_THE_END:
         return room >= 0.0
     at = fitted.hypothesis.n_uncertain + index
     slope = float(fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted]) / one.scale
