@@ -7,6 +7,7 @@ here, and none is one where the answer itself says that the effect could not hav
 """
 
 import argparse
+import itertools
 import json
 import math
 import statistics
@@ -54,6 +55,7 @@ _PAIRS = (
 )  # fmt: skip
 #: What an answer advises, by words of its sentence, and the test with that besides.
 _ADVISED = {"more on the table": with_known_mass, "positions in between": with_positions_between}
+_NEXT_MACHINE = 1000  # to the seed of another machine of the same case, out of the way of the other cases
 _HEALTHY = 4  # of each design
 
 
@@ -69,13 +71,18 @@ class Job:
     plant: str
 
     def case(self, first_seed: int) -> ModalCase:
-        """Draw the machine and its modal table."""
+        """Draw the machine and its modal table; the next machine where every mode is damped too much to show."""
         base, _, more = self.design.partition(" + ")
         design = DESIGNS[base]()
         if more:
             design = _ADVISED[more](design)
-        seed = first_seed + self.number
-        return draw_modal_case(self.kind, self.size, design, self.uncertainty, seed, accelerances=PLANTS[self.plant])
+        for seed in itertools.count(first_seed + self.number, _NEXT_MACHINE):
+            case = draw_modal_case(
+                self.kind, self.size, design, self.uncertainty, seed, accelerances=PLANTS[self.plant]
+            )
+            if case.table:
+                return case
+        raise AssertionError
 
 
 @dataclass(frozen=True, slots=True)
