@@ -92,7 +92,7 @@ def _to_see_more(found: Found[Physics], candidates: Sequence[Effect[Physics]]) -
         yield "measure with and without a known added mass"
     waiting: dict[ConditionAxis, list[str]] = {}
     for effect in candidates:
-        for axis in effect.needs - varied:
+        for axis in sorted(effect.needs - varied):
             waiting.setdefault(axis, []).append(effect.key)
     for axis, keys in waiting.items():
         if axis is ConditionAxis.FREQUENCY:
