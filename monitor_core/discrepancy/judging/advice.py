@@ -67,7 +67,7 @@ def _to_part(one: EquivalenceClass[Physics]) -> Iterator[str]:
     changes = dict.fromkeys(words for of_other in apart.values() for words in of_other)
 
     def parted_by(words: str) -> dict[str, float]:
-        return {other: found[words] for other, found in apart.items() if found[words] >= _WORTH_MEASURING}
+        return {other: found[words] for other, found in apart.items() if found.get(words, 0.0) >= _WORTH_MEASURING}
 
     best = max(changes, key=lambda words: (len(parted_by(words)), sum(parted_by(words).values())), default="")
     parted = parted_by(best) if best else {}
