@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from monitor_core.arrays import BoolArray
 from monitor_core.discrepancy.comparing.comparison import Comparison
 from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
@@ -29,7 +30,7 @@ from monitor_core.discrepancy.judging.outcome import OutcomeSettings, outcome_of
 from monitor_core.discrepancy.localising.localisation import HealthyScatter, localise, misfit_map
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import HeldOut, gap_of, hold_out
+from monitor_core.discrepancy.searching.holding_out import gap_of
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.searching.signatures import signatures
@@ -79,15 +80,9 @@ def explain(
     tell("judging what was found")
     classes = tuple(equivalence_class(found, one) for one in found.accepted)
     found = replace(found, final=_with_leaders(found, classes))
-    before, after = hold_out(found.baseline), hold_out(found.final)
-    gap = Gap(
-        comparison.unit,
-        comparison.noise_floor,
-        _gap_pair(found.baseline, before),
-        _gap_pair(found.final, after),
-    )
+    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
-    n_judged = int(np.count_nonzero(found.final.fitted if after is None else after.chosen))
+    n_judged = int(np.count_nonzero(_judged_values(found.final)))
     outcome = outcome_of(classes, gap, pulls, settings.outcome, n_judged)
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
@@ -133,15 +128,20 @@ def _with_leaders(found: Found[Physics], classes: Sequence[EquivalenceClass[Phys
     return fit(found.final.comparison, hypothesis, start, found.final.fitted)
 
 
-def _gap_pair(fitted: Fitted[Physics], held_out: HeldOut | None) -> GapPair:
+def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
     comparison = fitted.comparison
-    return GapPair(comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted), gap_of(comparison, held_out))
+    of_fit = comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)
+    return GapPair(of_fit, gap_of(comparison, fitted.held_out))
+
+
+def _judged_values(fitted: Fitted[Physics]) -> BoolArray:
+    return fitted.fitted if fitted.held_out is None else fitted.held_out.chosen
 
 
 def _step(earlier: Fitted[Physics], later: Fitted[Physics]) -> Step:
     known = {effect.key for effect in earlier.hypothesis.effects}
     added = [effect.key for effect in later.hypothesis.effects if effect.key not in known]
-    return Step(" + ".join(added), _gap_pair(later, hold_out(later)))
+    return Step(" + ".join(added), _gap_pair(later))
 
 
 def _found_effect(one: EquivalenceClass[Physics], by: Yardstick) -> FoundEffect:

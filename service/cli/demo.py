@@ -14,7 +14,7 @@ from service.cli.embedded import embedded_service
 from service.cli.output import json_option, print_json, print_table
 from service.cli.replay import post_session
 from service.operations.replay import SUFFIX
-from service.settings import BUNDLED_SESSIONS, Settings
+from service.settings import Settings
 
 #: The calibration session comes first: the axes of all other sessions are of the machine it was taken on.
 CALIBRATION = "calibration"
@@ -27,13 +27,8 @@ MONITORED = {
     "temperature-drift": "the machine warms up",
     "bad-windows": "trouble with the sensors",
 }
-#: Settings of the demonstration axis, as an operator would state them.
-CONFIGURATION = {
-    "search_band_hz": [140.0, 230.0],
-    "excitation_source": "sensor",
-    "silent_after_hours": 1e6,
-    "drive_model": (BUNDLED_SESSIONS / "models" / "replay-axis.toml").read_text(encoding="utf-8"),
-}
+#: The machine of all bundled sessions.
+DRIVE_MODEL = Path("models") / "replay-axis.toml"
 #: The cause of an alarm is sought after the commit, by a job that takes some seconds.
 LONGEST_WAIT_S = 120.0
 
@@ -48,7 +43,7 @@ def demo(stay: bool | None, as_json: bool) -> None:
         settings = Settings(data_dir=Path(folder), port=0, host="127.0.0.1", database_url=None)
         with embedded_service(settings) as url, Client(url) as client:
             click.echo(f"dashboard: {url}/", err=True)
-            document = run_demo(client)
+            document = run_demo(client, settings.replay_dir)
             if as_json:
                 print_json(document)
             else:
@@ -58,15 +53,17 @@ def demo(stay: bool | None, as_json: bool) -> None:
                 _wait()
 
 
-def run_demo(client: Client, sessions: Path = BUNDLED_SESSIONS) -> dict[str, Any]:
+def run_demo(client: Client, sessions: Path) -> dict[str, Any]:
     """Calibrate on the calibration session, replay the others as axes of the same machine, collect what came of it."""
+    configuration = demonstration_axis(sessions)
+    client.put(f"/v1/axes/{CALIBRATION}", {"name": "calibration of the machine", "configuration": configuration})
     counts = replay_bundled(client, sessions, CALIBRATION, "calibration of the machine")
     calibration = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": "demo"})
     estimates: list[dict[str, Any]] = []
     alarms: list[dict[str, Any]] = []
     axes: list[dict[str, Any]] = []
     for session, description in MONITORED.items():
-        client.put(f"/v1/axes/{session}", {"name": f"{session}: {description}", "configuration": CONFIGURATION})
+        client.put(f"/v1/axes/{session}", {"name": f"{session}: {description}", "configuration": configuration})
         own = client.post(
             f"/v1/axes/{session}/calibrations", {"document": calibration["document"], "comment": "of the machine"}
         )
@@ -85,10 +82,18 @@ def run_demo(client: Client, sessions: Path = BUNDLED_SESSIONS) -> dict[str, Any
     return {**counts, "axes": axes, "estimates": estimates, "alarms": alarms, "calibration": calibration["document"]}
 
 
+def demonstration_axis(sessions: Path) -> dict[str, Any]:
+    """Return the settings of the demonstration axis, as an operator would state them."""
+    return {
+        "search_band_hz": [140.0, 230.0],
+        "excitation_source": "sensor",
+        "silent_after_hours": 1e6,
+        "drive_model": (sessions / DRIVE_MODEL).read_text(encoding="utf-8"),
+    }
+
+
 def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> dict[str, int]:
-    """Post one bundled session; the axis of the calibration is registered on the way."""
-    if session == CALIBRATION:
-        client.put(f"/v1/axes/{session}", {"name": description, "configuration": CONFIGURATION})
+    """Post one bundled session to the axis of its name, which is registered."""
     click.echo(f"replaying {session} ({description})", err=True)
     with open_session(sessions / f"{session}{SUFFIX}") as reader:
         return post_session(reader, client, session)

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from monitor_core.discrepancy.running.places import places_of
+from monitor_core.discrepancy.running.places_compared import FEWEST_PLACES
 from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
@@ -39,8 +40,6 @@ from service.store.waveforms import WaveformStore
 log = logging.getLogger(__name__)
 
 KIND = "alarm-explanation"
-#: Fewer do not tell causes apart.
-FEWEST_PLACES = 3
 #: So many named the causes of the tests; older ones may be of a smaller change.
 MOST_RECENT = 8
 #: Of a longer baseline the newest: what more would add is less than the time that they take.

@@ -8,7 +8,8 @@ from scipy import linalg, optimize
 
 from monitor_core.discrepancy.effects import wrong_parameter
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit, linearise
+from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.linearised import linearise
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import physics_of

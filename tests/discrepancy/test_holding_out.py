@@ -9,8 +9,8 @@ from scipy import linalg
 
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.evidence import Yardstick
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.holding_out import HeldOut, fitted_values, gain, gap_of, hold_out, promised_gain
+from monitor_core.discrepancy.searching.fit import HeldOut, fit
+from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, gap_of, promised_gain
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 N = 24
@@ -36,7 +36,7 @@ def singly():
 def test_leaving_out_one_after_the_other_is_known_in_closed_form() -> None:
     """The residual of a value that the fit did not see is r/(1 − h) (Allen, 1974)."""
     fitted, hat = regression(singly())
-    held = hold_out(fitted)
+    held = fitted.held_out
     assert np.all(held.chosen)
     expected = fitted.standardised / (1.0 - np.diag(hat))
     np.testing.assert_allclose(held.standardised, expected, atol=2e-3)
@@ -47,7 +47,7 @@ def test_folds_of_several_values() -> None:
     """(I − H)⁻¹ r of each fold; a value that no fold leaves out is not judged."""
     folds = tuple((np.arange(N) // 6 == one) for one in range(3))
     fitted, hat = regression(folds)
-    held = hold_out(fitted)
+    held = fitted.held_out
     np.testing.assert_array_equal(held.chosen, np.arange(N) < 18)
     for fold in folds:
         expected = linalg.solve((np.eye(N) - hat)[np.ix_(fold, fold)], fitted.standardised[fold])
@@ -62,7 +62,7 @@ def test_a_single_fold_is_never_fitted() -> None:
     comparison = replace(fitted.comparison, data=np.where(fold, 100.0, fitted.comparison.data))
     other = fit(comparison, fitted.hypothesis, np.full(3, 0.5), ~fold)
     np.testing.assert_array_equal(other.coordinates, fitted.coordinates)
-    held = hold_out(other)
+    held = other.held_out
     np.testing.assert_array_equal(held.chosen, fold)
     deviation = comparison.layout.standard_deviation
     expected = (comparison.design @ other.coordinates - comparison.data) / deviation
@@ -77,13 +77,13 @@ def test_folds_in_turn_are_all_fitted() -> None:
 def test_without_folds_nothing_is_held_out() -> None:
     fitted, _ = regression(())
     assert np.all(fitted_values(fitted.comparison.layout))
-    assert hold_out(fitted) is None
+    assert fitted.held_out is None
     assert math.isnan(gap_of(fitted.comparison, None))
 
 
 def test_gap_is_that_of_the_held_out_values_alone() -> None:
     fitted, _ = regression((np.arange(N) >= 18,))
-    found = gap_of(fitted.comparison, hold_out(fitted))
+    found = gap_of(fitted.comparison, fitted.held_out)
     assert found == pytest.approx(np.sqrt(np.mean(fitted.standardised[18:] ** 2)))
 
 

@@ -11,7 +11,7 @@ from monitor_core.discrepancy.comparing.model_form import FormSpectrum, ModelFor
 from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.comparing.setting_errors import whitening
 from monitor_core.discrepancy.effect import ConditionAxis
-from monitor_core.discrepancy.searching.fit import linearise
+from monitor_core.discrepancy.searching.linearised import linearise
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import ResponseCase, physics_of, prepare_lines, responses

@@ -22,7 +22,7 @@ from monitor_core.discrepancy.running.places import log_responses, places_of
 from monitor_core.discrepancy.running.places_compared import compare_times
 from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
 from monitor_core.discrepancy.running.then_and_now import ThenAndNow
-from monitor_core.discrepancy.searching.fit import linearise
+from monitor_core.discrepancy.searching.linearised import linearise
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import (

@@ -4,7 +4,7 @@ import httpx
 
 from monitor_core.recordings import open_session
 from service.cli.client import Client
-from service.cli.demo import CALIBRATION, CONFIGURATION, replay_bundled
+from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.embedded import embedded_service
 from service.settings import BUNDLED_SESSIONS, Settings
 
@@ -12,9 +12,11 @@ from service.settings import BUNDLED_SESSIONS, Settings
 def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> None:
     settings = Settings(data_dir=tmp_path, port=0)
     with embedded_service(settings) as url, Client(url) as client:
+        configuration = demonstration_axis(BUNDLED_SESSIONS)
+        client.put(f"/v1/axes/{CALIBRATION}", {"name": "calibration", "configuration": configuration})
         replay_bundled(client, BUNDLED_SESSIONS, CALIBRATION, "calibration")
         fitted = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": ""})
-        client.put("/v1/axes/x", {"name": "Axis X", "configuration": CONFIGURATION})
+        client.put("/v1/axes/x", {"name": "Axis X", "configuration": configuration})
         own = client.post("/v1/axes/x/calibrations", {"document": fitted["document"], "comment": ""})
         client.post(f"/v1/axes/x/calibrations/{own['id']}/activate", {"reason": "test"})
         with open_session(BUNDLED_SESSIONS / "sudden-loss.session.h5") as session:

@@ -18,13 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.discrepancy.comparing.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
 from monitor_core.discrepancy.comparing.comparison import CommonErrors, Layout, Panel
 from monitor_core.discrepancy.comparing.conditions import KNOWN_MASS, WARMER, SettingTolerances, setting_of
 from monitor_core.discrepancy.comparing.model_form import ModelFormError
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
-from monitor_core.models.extended import AxisPhysics, PreparedLines, ResponseCase, prepare_lines, responses
-from monitor_core.models.protocol import DriveConditions, MotorEnd, motor_end_of
+from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
+from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 8.0
@@ -142,9 +143,8 @@ class ResponsesComparison:
 
     def _values(self, per_line: npt.NDArray[np.complex128]) -> FloatArray:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
-        of_values = per_line[self.line_of_value]
-        phase = of_values.imag - 2.0 * np.pi * np.round(of_values.imag / (2.0 * np.pi))
-        return np.where(self.imaginary, phase, of_values.real)
+        of_values = with_phase_within_half_a_turn(per_line)[self.line_of_value]
+        return np.where(self.imaginary, of_values.imag, of_values.real)
 
 
 def compare_responses(
@@ -177,22 +177,13 @@ def compare_responses(
     """
     tolerances, form = tolerances or SettingTolerances(), form or ModelFormError()
     ordered = _by_setting(observations)
-    kept = [(number, gain, one, _clear_lines(one)) for number, gain, one in ordered]
+    kept = [(number, gain, one, clear_lines(one, _LEAST_SIGNAL_TO_NOISE)) for number, gain, one in ordered]
     kept = [entry for entry in kept if np.any(entry[3])]
     if not kept:
         raise NotIdentifiableError(
             f"a comparison needs lines that stand {_LEAST_SIGNAL_TO_NOISE:g} times above their noise; got none"
         )
-    cases = [
-        ResponseCase(
-            one.frequency[clear],
-            one.conditions,
-            one.excitation,
-            one.response_point,
-            motor_end_of(one.excitation, otherwise_held),
-        )
-        for _, _, one, clear in kept
-    ]
+    cases = [case_of(one, clear, otherwise_held) for _, _, one, clear in kept]
     lines = prepare_lines(cases)
     sizes = [case.frequency.size for case in cases]
     starts = np.r_[0, np.cumsum(sizes)[:-1]]
@@ -275,10 +266,6 @@ def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) 
     """
     of_group = np.bincount(group, weights=share)[group]
     return float(np.sqrt(np.mean(np.where(unlearnt, 1.0, 1.0 - share + share**2 / (1.0 + of_group)))))
-
-
-def _clear_lines(one: FrequencyResponseObservation) -> BoolArray:
-    return np.asarray(np.abs(one.response) >= _LEAST_SIGNAL_TO_NOISE * one.standard_deviation)
 
 
 def _form_deviation(one: FrequencyResponseObservation, clear: BoolArray, form: ModelFormError) -> FloatArray:

@@ -102,9 +102,11 @@ def _is_plausible(fitted: Fitted[Physics], index: int, by: Yardstick) -> bool:
     if one.beyond or known or not 0.0 <= room < _AT_THE_END:
         return room >= 0.0
     at = fitted.hypothesis.n_uncertain + index
-    slope = float(fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted]) / one.scale
-    outward = slope < 0.0 if one.upper - value < value - one.lower else slope > 0.0
-    promised = by.factor**2 * (slope * one.scale) ** 2 * float(covariance(fitted, by)[at, at])
+    slope = float(
+        fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted]
+    )  # per scale, whose sign it has
+    outward = slope * one.scale < 0.0 if one.upper - value < value - one.lower else slope * one.scale > 0.0
+    promised = by.factor**2 * slope**2 * float(covariance(fitted, by)[at, at])
     return not (outward and promised > _MARGIN)
 
 

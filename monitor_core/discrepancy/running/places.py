@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.comparing.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
-from monitor_core.models.extended import AxisPhysics, PreparedLines, ResponseCase, prepare_lines, responses
+from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
 from monitor_core.models.extended.closed_form import entire_parts, path_of
 from monitor_core.models.extended.conditions import axis_states
-from monitor_core.models.protocol import MotorEnd, motor_end_of
 
 ComplexValues = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
@@ -43,8 +43,7 @@ class Side:
 
     def misfit(self, axis: AxisPhysics, *, at_nut: bool) -> ComplexValues:
         """Return ln H − ln Y of every line, phases within ±π, shape (n_lines,)."""
-        of_lines = log_responses(axis, self.lines, at_nut=at_nut) - self.measured
-        return of_lines - 2j * np.pi * np.round(of_lines.imag / (2.0 * np.pi))
+        return with_phase_within_half_a_turn(log_responses(axis, self.lines, at_nut=at_nut) - self.measured)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +121,7 @@ def side_of(observations: Sequence[FrequencyResponseObservation], places: FloatA
     kept = []
     for one in observations:
         place = int(np.argmin(np.abs(places - one.conditions.position)))
-        clear = np.abs(one.response) >= _LEAST_SIGNAL_TO_NOISE * one.standard_deviation
+        clear = clear_lines(one, _LEAST_SIGNAL_TO_NOISE)
         if abs(places[place] - one.conditions.position) <= _REACH and np.any(clear):
             kept.append((one, place, clear))
     if not kept:
@@ -130,18 +129,7 @@ def side_of(observations: Sequence[FrequencyResponseObservation], places: FloatA
             f"expected responses within {1e3 * _REACH:g} mm of the places compared, with lines that stand "
             f"{_LEAST_SIGNAL_TO_NOISE:g} times above their noise; got none"
         )
-    lines = prepare_lines(
-        [
-            ResponseCase(
-                one.frequency[clear],
-                one.conditions,
-                one.excitation,
-                one.response_point,
-                motor_end_of(one.excitation, MotorEnd.FREE),
-            )
-            for one, _, clear in kept
-        ]
-    )
+    lines = prepare_lines([case_of(one, clear) for one, _, clear in kept])
     response = np.concatenate([one.response[clear] for one, _, clear in kept])
     deviation = np.concatenate([one.standard_deviation[clear] for one, _, clear in kept])
     return Side(

@@ -23,6 +23,7 @@ from functools import lru_cache
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.discrepancy.comparing.clear_lines import with_phase_within_half_a_turn
 from monitor_core.discrepancy.comparing.comparison import Layout, Panel, Setting
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.running.place_errors import PLACE_ERRORS, RunningTolerances, moved
@@ -48,7 +49,7 @@ _STEP = 0.1  # of a standard deviation, for the errors of the settings
 #: Share of the cells of wide bands that narrow ones must keep.
 _ENOUGH_LINES = 0.5
 #: Below it a comparison of positions tells nothing of what differs over them.
-_FEWEST_PLACES = 3
+FEWEST_PLACES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +136,8 @@ class PlacesComparison:
 
     def _values(self, of_cells: ComplexValues) -> FloatArray:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
-        phase = of_cells.imag - 2.0 * np.pi * np.round(of_cells.imag / (2.0 * np.pi))
-        return np.concatenate([of_cells.real, phase])[self.order]
+        wrapped = with_phase_within_half_a_turn(of_cells)
+        return np.concatenate([wrapped.real, wrapped.imag])[self.order]
 
 
 @lru_cache(maxsize=2)
@@ -162,7 +163,7 @@ def compare_reference(
     Raises
     ------
     NotIdentifiableError
-        If it was taken at fewer than three places, or no line stands above its noise.
+        If no line stands above its noise.
     """
     places = places_of(np.array([one.conditions.position for one in reference]))
     width = max(spacings(reference))
@@ -247,9 +248,9 @@ def _in_common(
 
 
 def _require_places(n_places: int) -> None:
-    if n_places < _FEWEST_PLACES:
+    if n_places < FEWEST_PLACES:
         raise NotIdentifiableError(
-            f"a change is told apart by how it differs over positions: expected {_FEWEST_PLACES} places or more at "
+            f"a change is told apart by how it differs over positions: expected {FEWEST_PLACES} places or more at "
             f"both times; got {n_places}"
         )
 

@@ -19,8 +19,8 @@ from scipy.optimize import least_squares
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.comparing.comparison import Comparison
-from monitor_core.discrepancy.comparing.setting_errors import Whitening, whitening
 from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.searching.linearised import Linearised, linearise
 from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
@@ -39,35 +39,12 @@ _LARGEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised(Generic[Physics]):
-    """A comparison around likely errors of its settings, in which its misfit is linear.
+class HeldOut:
+    """Residuals of values from fits that did not see them."""
 
-    With the errors e that settings are taken to have, and the change S of the misfit by them, the misfit of a setting
-    whose errors were not known is that at e less S e; whitening then finds whatever errors are most likely.
-    """
-
-    comparison: Comparison[Physics]  # shifted by the errors
-    whitened_by: Whitening
-    offset: FloatArray  # −S e, shape (n_values,)
-
-    def misfit(self, physics: Physics) -> FloatArray:
-        """Return the misfit, shape (n_values,)."""
-        return self.comparison.misfit(physics) + self.offset
-
-    def residuals(self, physics: Physics) -> FloatArray:
-        """Return independent residuals, standard normal where the physics is right, shape (n_values,)."""
-        return self.whitened_by(self.misfit(physics))
-
-
-def linearise(
-    comparison: Comparison[Physics], physics: Physics, errors: FloatArray, deviation: FloatArray
-) -> Linearised[Physics]:
-    """Linearise a comparison around errors of its settings, shape (n_settings, n_errors)."""
-    shifted = comparison.shifted(errors)
-    whitened_by = whitening(
-        deviation, shifted.setting_errors(physics), comparison.layout.setting, comparison.layout.common
-    )
-    return Linearised(shifted, whitened_by, -whitened_by.share_of(errors))
+    chosen: BoolArray  # which values were held out, shape (n_values,)
+    misfit: FloatArray  # shape (n_values,); meaningful where chosen
+    standardised: FloatArray  # shape (n_values,); meaningful where chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +72,20 @@ class Fitted(Generic[Physics]):
         """Derivatives of the residuals of all values, shape (n_values, n_coordinates)."""
         return _jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
 
+    @cached_property
+    def held_out(self) -> HeldOut | None:
+        """Residuals of held-out values; each of several folds is left out of a fit of its own. None without any."""
+        folds = self.comparison.layout.held_out
+        if not folds:
+            return None
+        if len(folds) == 1:
+            return HeldOut(folds[0], self.misfit, self.standardised)
+        misfit, standardised = np.zeros_like(self.misfit), np.zeros_like(self.misfit)
+        for fold in folds:
+            without = self._refitted(~fold)
+            misfit[fold], standardised[fold] = without.misfit[fold], without.standardised[fold]
+        return HeldOut(np.any(folds, axis=0), misfit, standardised)
+
     @property
     def prior_cost(self) -> float:
         """Sum of squares of the uncertain parameters in their standard deviations."""
@@ -112,6 +103,12 @@ class Fitted(Generic[Physics]):
     def physics(self) -> Physics:
         """Return the axis as fitted."""
         return self.hypothesis.physics(self.coordinates)
+
+    def _refitted(self, chosen: BoolArray) -> "Fitted[Physics]":
+        try:
+            return fit(self.comparison, self.hypothesis, self.coordinates, chosen)
+        except OutsideValidityError:
+            return self
 
 
 def fit(

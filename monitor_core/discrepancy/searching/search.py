@@ -23,7 +23,7 @@ from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import HeldOut, fitted_values, gain, hold_out, promised_gain
+from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, promised_gain
 from monitor_core.discrepancy.searching.scan import Scanned, scan
 from monitor_core.discrepancy.subject import Subject
 from monitor_core.errors import OutsideValidityError
@@ -91,7 +91,6 @@ class Search(Generic[Physics]):
     settings: SearchSettings = SearchSettings()
     progress: Callable[[str], None] = lambda _sentence: None
     _known_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
-    _known_held_out: dict[bytes, HeldOut | None] = field(default_factory=dict, init=False)
     _known_looks: dict[bytes, tuple[Scanned[Physics], ...]] = field(default_factory=dict, init=False)
     _known_rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
 
@@ -261,18 +260,12 @@ class Search(Generic[Physics]):
 
     def _holds(self, without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> bool:
         """Tell whether an effect that helps where it was fitted helps where it was not."""
-        before, after = self._held_out(without), self._held_out(fuller)
+        before, after = without.held_out, fuller.held_out
         if before is None or after is None:
             return True
         promised = promised_gain(before, after, by)
         least = self.settings.least_held_out_share * promised - 2.0 * math.sqrt(2.0 * promised)
         return gain(before, after, by) > least
-
-    def _held_out(self, fitted: Fitted[Physics]) -> HeldOut | None:
-        key = _identity(fitted)
-        if key not in self._known_held_out:
-            self._known_held_out[key] = hold_out(fitted)
-        return self._known_held_out[key]
 
     def _pruned(self, fitted: Fitted[Physics]) -> Fitted[Physics]:
         """Return the fit without the effects that are no longer needed; the last one added is."""
@@ -302,7 +295,7 @@ class Search(Generic[Physics]):
 
 
 def _held_out_gain(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
-    before, after = hold_out(without), hold_out(fuller)
+    before, after = without.held_out, fuller.held_out
     return math.nan if before is None or after is None else gain(before, after, by)
 
 
