@@ -6,7 +6,8 @@ r"""The fit of a hypothesis to a comparison: whitened least squares, reached thr
 
 over the coordinates u of a hypothesis, those of uncertain parameters in their prior standard deviations. Far from the
 data the logarithmic misfit is first fitted with an extra tolerance under which :math:`\chi^2/n \approx 4`; it shrinks
-as the fit improves and is gone at the end. The errors of the settings are linearised again until nothing moves.
+as the fit improves and is gone at the end. The misfit is taken as linear in the errors of the settings, around those
+that are likely at the coordinates of each step.
 """
 
 import math
@@ -28,7 +29,6 @@ Physics = TypeVar("Physics")
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0
 _MOST_STAGES = 8
-_SETTLED = 0.1  # of χ²: another stage would not change a decision
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
 _STEP = 1e-4  # of a coordinate, for derivatives
@@ -137,41 +137,88 @@ def fit(
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
     at = np.clip(start, *hypothesis.bounds)
     errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
-    best: Fitted[Physics] | None = None
     tolerance = math.inf
     for _ in range(_MOST_STAGES):
-        physics = hypothesis.physics(at)
         before = tolerance
-        errors = _answerable(comparison, physics, errors)
-        tolerance = _tolerance(comparison.shifted(errors).misfit(physics), layout.standard_deviation, chosen)
-        if tolerance > _STUCK * before:
-            break
-        around = linearise(comparison, physics, errors, np.hypot(layout.standard_deviation, tolerance))
-        if not tolerance:
-            here = Fitted(comparison, hypothesis, at, around, chosen)
-            if best is not None and best.cost - here.cost < _SETTLED:
-                return min(best, here, key=lambda one: one.cost)
-            best = here
-        if hypothesis.n_coordinates:
-            at = _least_squares(
-                around, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS if tolerance else _MOST_EVALUATIONS
-            )
-        errors = np.clip(around.whitened_by.errors(around.misfit(hypothesis.physics(at))), -_LIKELY, _LIKELY)
-    errors = _answerable(comparison, hypothesis.physics(at), errors)
-    around = linearise(comparison, hypothesis.physics(at), errors, layout.standard_deviation)
-    last = Fitted(comparison, hypothesis, at, around, chosen)
-    return last if best is None else min(best, last, key=lambda one: one.cost)
-
-
-def _answerable(comparison: Comparison[Physics], physics: Physics, errors: FloatArray) -> FloatArray:
-    """Return the errors, or none where the model has no answer at settings so moved."""
-    try:
         shifted = comparison.shifted(errors)
-        shifted.misfit(physics)
-        shifted.setting_errors(physics)
-    except OutsideValidityError:
-        return np.zeros_like(errors)
-    return errors
+        tolerance = _tolerance(shifted.misfit(hypothesis.physics(at)), layout.standard_deviation, chosen)
+        if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
+            break
+        tempered = _Problem(comparison, hypothesis, chosen, np.hypot(layout.standard_deviation, tolerance), errors)
+        at = tempered.solved(at, _MOST_TEMPERED_EVALUATIONS)
+        errors = tempered.around(at).errors
+    problem = _Problem(comparison, hypothesis, chosen, layout.standard_deviation, errors)
+    if hypothesis.n_coordinates:
+        at = problem.solved(at, _MOST_EVALUATIONS)
+    return Fitted(comparison, hypothesis, at, problem.around(at), chosen)
+
+
+class _Problem(Generic[Physics]):
+    """Least squares over the coordinates; at each of them the settings have the errors that are likely there.
+
+    Errors that are kept where they were likely before let the search run far along what they almost make up for: the
+    nut's stiffness, say, against a preload that was wrong in all settings alike.
+    """
+
+    def __init__(
+        self,
+        comparison: Comparison[Physics],
+        hypothesis: Hypothesis[Physics],
+        chosen: BoolArray,
+        deviation: FloatArray,
+        errors: FloatArray,
+    ) -> None:
+        self._comparison, self._hypothesis, self._chosen = comparison, hypothesis, chosen
+        self._deviation, self._errors = deviation, errors
+        self._prior = np.eye(hypothesis.n_uncertain, hypothesis.n_coordinates)
+        self._last: tuple[bytes, Linearised[Physics]] | None = None
+
+    def around(self, coordinates: FloatArray) -> Linearised[Physics]:
+        """Return the comparison linearised around the errors that are likely at these coordinates."""
+        key = coordinates.tobytes()
+        if self._last is None or self._last[0] != key:
+            physics = self._hypothesis.physics(coordinates)
+            before = self._linearised(physics, self._errors)
+            likely = np.clip(before.whitened_by.errors(before.misfit(physics)), -_LIKELY, _LIKELY)
+            self._last = key, self._linearised(physics, likely)
+        return self._last[1]
+
+    def solved(self, start: FloatArray, most_evaluations: int) -> FloatArray:
+        """Return the coordinates of the minimum next to a start."""
+        found = least_squares(
+            self._residuals,
+            start,
+            jac=self._jacobian,
+            bounds=self._hypothesis.bounds,
+            method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
+            x_scale="jac",
+            ftol=1e-5,
+            xtol=1e-6,
+            gtol=1e-8,
+            max_nfev=most_evaluations,
+        )
+        return np.asarray(found.x)
+
+    def _linearised(self, physics: Physics, errors: FloatArray) -> Linearised[Physics]:
+        try:
+            return linearise(self._comparison, physics, errors, self._deviation)
+        except OutsideValidityError:  # the model has no answer at settings so moved
+            return linearise(self._comparison, physics, np.zeros_like(errors), self._deviation)
+
+    def _residuals(self, coordinates: FloatArray) -> FloatArray:
+        n_residuals = int(np.count_nonzero(self._chosen)) + self._hypothesis.n_uncertain
+        try:
+            whitened = self.around(coordinates).residuals(self._hypothesis.physics(coordinates))[self._chosen]
+        except OutsideValidityError:
+            return np.full(n_residuals, np.inf)  # the search shortens its step
+        if not np.max(np.abs(whitened)) < _LARGEST:
+            return np.full(n_residuals, np.inf)
+        return np.concatenate([whitened, coordinates[: self._hypothesis.n_uncertain]])
+
+    def _jacobian(self, coordinates: FloatArray) -> FloatArray:
+        around, hypothesis = self.around(coordinates), self._hypothesis
+        misfit = around.misfit(hypothesis.physics(coordinates))
+        return np.vstack([_jacobian(around, hypothesis, coordinates, misfit)[self._chosen], self._prior])
 
 
 def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> float:
@@ -184,45 +231,6 @@ def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.mean(square / (variance + middle**2)) > _TEMPERED else (low, middle)
     return high
-
-
-def _least_squares(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    start: FloatArray,
-    chosen: BoolArray,
-    most_evaluations: int,
-) -> FloatArray:
-    n_uncertain = hypothesis.n_uncertain
-    prior = np.eye(n_uncertain, hypothesis.n_coordinates)
-    n_residuals = int(np.count_nonzero(chosen)) + n_uncertain
-
-    def residuals(coordinates: FloatArray) -> FloatArray:
-        try:
-            whitened = around.residuals(hypothesis.physics(coordinates))[chosen]
-        except OutsideValidityError:
-            return np.full(n_residuals, np.inf)  # the search shortens its step
-        if not np.max(np.abs(whitened)) < _LARGEST:
-            return np.full(n_residuals, np.inf)
-        return np.concatenate([whitened, coordinates[:n_uncertain]])
-
-    def jacobian(coordinates: FloatArray) -> FloatArray:
-        misfit = around.misfit(hypothesis.physics(coordinates))
-        return np.vstack([_jacobian(around, hypothesis, coordinates, misfit)[chosen], prior])
-
-    found = least_squares(
-        residuals,
-        start,
-        jac=jacobian,
-        bounds=hypothesis.bounds,
-        method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
-        x_scale="jac",
-        ftol=1e-5,
-        xtol=1e-6,
-        gtol=1e-8,
-        max_nfev=most_evaluations,
-    )
-    return np.asarray(found.x)
 
 
 def _jacobian(

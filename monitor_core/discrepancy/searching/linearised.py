@@ -19,6 +19,7 @@ class Linearised(Generic[Physics]):
     """
 
     comparison: Comparison[Physics]  # shifted by the errors
+    errors: FloatArray  # e, shape (n_settings, n_errors)
     whitened_by: Whitening
     offset: FloatArray  # −S e, shape (n_values,)
 
@@ -39,4 +40,4 @@ def linearise(
     whitened_by = whitening(
         deviation, shifted.setting_errors(physics), comparison.layout.setting, comparison.layout.common
     )
-    return Linearised(shifted, whitened_by, -whitened_by.share_of(errors))
+    return Linearised(shifted, errors, whitened_by, -whitened_by.share_of(errors))
