@@ -26,7 +26,7 @@ from monitor_core.discrepancy.explanation import (
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.advice import next_measurement
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, equivalence_class, found_parameters
-from monitor_core.discrepancy.judging.outcome import OutcomeSettings, outcome_of, variances_of_pulls
+from monitor_core.discrepancy.judging.outcome import OutcomeSettings, explained_share, outcome_of, variances_of_pulls
 from monitor_core.discrepancy.localising.localisation import HealthyScatter, localise, misfit_map
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
@@ -82,8 +82,9 @@ def explain(
     found = replace(found, final=_with_leaders(found, classes))
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
+    explained = explained_share(found.baseline, found.final, gap, pulls, settings.outcome)
     n_judged = int(np.count_nonzero(_judged_values(found.final)))
-    outcome = outcome_of(classes, gap, pulls, settings.outcome, n_judged)
+    outcome = outcome_of(classes, gap, pulls=pulls, explained=explained, n_judged=n_judged, settings=settings.outcome)
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
     models = {"before": found.baseline.physics(), "after": found.final.physics()}

@@ -165,10 +165,10 @@ def test_a_resonance_is_sought_at_many_frequencies(frequency) -> None:
 
 
 def test_a_strong_effect_is_promised_by_its_size_and_not_by_its_slope() -> None:
-    """A far bearing a third as stiff as the fixed one; to judge by the slopes, the screw yields in torsion."""
+    """A far bearing a tenth as stiff as the fixed one; to judge by the slopes, the base yields."""
     far = EFFECTS["far-bearing-stiffness"]
-    comparison = compared(measured(far.added_to(true_subject(0), {"stiffness_n_per_m": 3e7}), CONDITIONS))
+    comparison = compared(measured(far.added_to(true_subject(0), {"stiffness_n_per_m": 1e7}), CONDITIONS))
     hypothesis = Hypothesis(subject())
     looks = scan(fit(comparison, hypothesis, hypothesis.null), list(EFFECTS.values()))
-    assert max(looks, key=lambda one: one.score).effect.key != far.key
+    assert max(looks, key=lambda one: one.score).effect.key == "base-compliance"
     assert max(looks, key=lambda one: one.decrease).effect.key == "far-bearing-stiffness"

@@ -22,8 +22,8 @@ class OutcomeSettings:
     #: Gap in floors. Healthy cases stay within 1 % of one floor where the form error was learnt.
     remainder: float = 1.08
     healthy_share: float = 0.99  # of healthy axes whose gap on independent values is taken for no more than scatter
-    #: Where something is left, what was found must explain this share of the excess over the floor, or it explains
-    #: nothing: it may stand for the true effect as well.
+    #: Where something is left, what was found must explain this share of the misfit, or it may stand for the true
+    #: effect as well.
     least_share: float = 0.95
     #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
     pulls: float = 3.0
@@ -46,9 +46,11 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
 def outcome_of(
     classes: Sequence[EquivalenceClass[Physics]],
     gap: Gap,
+    *,
     pulls: Mapping[str, float],
-    settings: OutcomeSettings,
+    explained: float,
     n_judged: int,
+    settings: OutcomeSettings,
 ) -> Outcome:
     """Return the outcome.
 
@@ -59,28 +61,60 @@ def outcome_of(
     gap : Gap
         Before any of them, and after all.
     pulls : mapping of str to float
-        From :func:`variances_of_pulls`.
-    settings : OutcomeSettings
+        From :func:`variances_of_pulls`, after all.
+    explained : float
+        From :func:`explained_share`.
     n_judged : int
         Values that the gap after all is of, held-out ones where there are any: the rms of few scatters by itself.
+    settings : OutcomeSettings
     """
-    ratio = np.nanmax([gap.after.fit, gap.after.held_out]) / gap.noise_floor
-    pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
     scatter = math.sqrt(float(chi2.ppf(settings.healthy_share, n_judged)) / n_judged)
-    left = ratio > max(settings.remainder, scatter) or pulled
+    pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
+    left = _in_floors(gap) > max(settings.remainder, scatter) or pulled
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
-    explained = _explained_share(gap) >= settings.least_share
-    if not plausible or (left and not explained):
+    if not plausible or (left and explained < settings.least_share):
         return Outcome.UNKNOWN
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL
     return Outcome.EQUIVALENT if any(len(one.members) > 1 for one in classes) else Outcome.NAMED
 
 
-def _explained_share(gap: Gap) -> float:
-    """Return the share of the square of the gap, less the floor's, that is gone; on held-out data where there are."""
-    first, second = (one.fit if math.isnan(one.held_out) else one.held_out for one in (gap.before, gap.after))
-    excess = first**2 - gap.noise_floor**2
-    return (first**2 - second**2) / excess if excess > 0.0 else 0.0
+def explained_share(
+    baseline: Fitted[Physics],
+    final: Fitted[Physics],
+    gap: Gap,
+    pulls: Mapping[str, float],
+    settings: OutcomeSettings,
+) -> float:
+    r"""Return the share of the misfit that is gone: residuals, errors of the settings and pulls of parameters together.
+
+    .. math::
+
+        \frac{C_0 - C_1}{C_0 - C_1 + R}, \qquad
+        R = \chi^2_1 \left( 1 - \left( \frac{limit}{gap} \right)^2 \right) + n_{settings} \sum_k (s_k^2 - 1)
+
+    with the costs C before and after, and what is left: the excess of the gap over what healthy axes leave, and of the
+    variances of the pulls over one, both only where there is any.
+
+    Parameters
+    ----------
+    baseline, final : Fitted
+        Before anything was added, and after all.
+    gap : Gap
+    pulls : mapping of str to float
+        From :func:`variances_of_pulls`, after all.
+    settings : OutcomeSettings
+    """
+    gained = baseline.cost - final.cost
+    chi_squared = float(np.sum(final.standardised[final.fitted] ** 2))
+    residual = chi_squared * max(1.0 - (settings.remainder / _in_floors(gap)) ** 2, 0.0)
+    of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
+    left = residual + len(final.comparison.layout.settings) * of_settings
+    return gained / (gained + left) if gained > 0.0 else 0.0
+
+
+def _in_floors(gap: Gap) -> float:
+    """Return the gap after all, on the values where it is larger: those of the fit, or those held out."""
+    return float(np.nanmax([gap.after.fit, gap.after.held_out])) / gap.noise_floor

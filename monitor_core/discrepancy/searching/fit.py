@@ -11,8 +11,9 @@ that are likely at the coordinates of each step.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -32,8 +33,8 @@ _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
 _STEP = 1e-4  # of a coordinate, for derivatives
-_MOST_EVALUATIONS = 15
-_MOST_TEMPERED_EVALUATIONS = 5  # a stage on the way need not end at its minimum
+_MOST_EVALUATIONS = 60
+_MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
 _LARGEST = 1e6
 
@@ -140,85 +141,64 @@ def fit(
     tolerance = math.inf
     for _ in range(_MOST_STAGES):
         before = tolerance
-        shifted = comparison.shifted(errors)
-        tolerance = _tolerance(shifted.misfit(hypothesis.physics(at)), layout.standard_deviation, chosen)
+        misfit = comparison.shifted(errors).misfit(hypothesis.physics(at))
+        tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = _Problem(comparison, hypothesis, chosen, np.hypot(layout.standard_deviation, tolerance), errors)
-        at = tempered.solved(at, _MOST_TEMPERED_EVALUATIONS)
-        errors = tempered.around(at).errors
-    problem = _Problem(comparison, hypothesis, chosen, layout.standard_deviation, errors)
-    if hypothesis.n_coordinates:
-        at = problem.solved(at, _MOST_EVALUATIONS)
-    return Fitted(comparison, hypothesis, at, problem.around(at), chosen)
+        likely = partial(
+            _at_likely_errors, comparison, hypothesis, errors, np.hypot(layout.standard_deviation, tolerance)
+        )
+        at = _least_squares(likely, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS)
+        errors = likely(at).errors
+    reached = Fitted(
+        comparison,
+        hypothesis,
+        at,
+        _at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at),
+        chosen,
+    )
+    return reached if tolerance else settled(reached)
 
 
-class _Problem(Generic[Physics]):
-    """Least squares over the coordinates; at each of them the settings have the errors that are likely there.
+def settled(fitted: Fitted[Physics]) -> Fitted[Physics]:
+    """Return the fit at the minimum next to it, without a tolerance."""
+    comparison, hypothesis = fitted.comparison, fitted.hypothesis
+    if not hypothesis.n_coordinates:
+        return fitted
+    deviation = comparison.layout.standard_deviation
+    likely = partial(_at_likely_errors, comparison, hypothesis, fitted.around.errors, deviation)
+    at = _least_squares(likely, hypothesis, fitted.coordinates, fitted.fitted, _MOST_EVALUATIONS)
+    return Fitted(comparison, hypothesis, at, likely(at), fitted.fitted)
 
-    Errors that are kept where they were likely before let the search run far along what they almost make up for: the
+
+def _at_likely_errors(
+    comparison: Comparison[Physics],
+    hypothesis: Hypothesis[Physics],
+    errors: FloatArray,
+    deviation: FloatArray,
+    coordinates: FloatArray,
+) -> Linearised[Physics]:
+    """Return the comparison linearised around the errors that are likely at coordinates, sought from others.
+
+    Errors that are kept where they were likely before let a search run far along what they almost make up for: the
     nut's stiffness, say, against a preload that was wrong in all settings alike.
     """
+    physics = hypothesis.physics(coordinates)
+    before = _linearised(comparison, physics, errors, deviation)
+    return _linearised(comparison, physics, _likely_errors(before, physics), deviation)
 
-    def __init__(
-        self,
-        comparison: Comparison[Physics],
-        hypothesis: Hypothesis[Physics],
-        chosen: BoolArray,
-        deviation: FloatArray,
-        errors: FloatArray,
-    ) -> None:
-        self._comparison, self._hypothesis, self._chosen = comparison, hypothesis, chosen
-        self._deviation, self._errors = deviation, errors
-        self._prior = np.eye(hypothesis.n_uncertain, hypothesis.n_coordinates)
-        self._last: tuple[bytes, Linearised[Physics]] | None = None
 
-    def around(self, coordinates: FloatArray) -> Linearised[Physics]:
-        """Return the comparison linearised around the errors that are likely at these coordinates."""
-        key = coordinates.tobytes()
-        if self._last is None or self._last[0] != key:
-            physics = self._hypothesis.physics(coordinates)
-            before = self._linearised(physics, self._errors)
-            likely = np.clip(before.whitened_by.errors(before.misfit(physics)), -_LIKELY, _LIKELY)
-            self._last = key, self._linearised(physics, likely)
-        return self._last[1]
+def _likely_errors(around: Linearised[Physics], physics: Physics) -> FloatArray:
+    return np.clip(around.whitened_by.errors(around.misfit(physics)), -_LIKELY, _LIKELY)
 
-    def solved(self, start: FloatArray, most_evaluations: int) -> FloatArray:
-        """Return the coordinates of the minimum next to a start."""
-        found = least_squares(
-            self._residuals,
-            start,
-            jac=self._jacobian,
-            bounds=self._hypothesis.bounds,
-            method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
-            x_scale="jac",
-            ftol=1e-5,
-            xtol=1e-6,
-            gtol=1e-8,
-            max_nfev=most_evaluations,
-        )
-        return np.asarray(found.x)
 
-    def _linearised(self, physics: Physics, errors: FloatArray) -> Linearised[Physics]:
-        try:
-            return linearise(self._comparison, physics, errors, self._deviation)
-        except OutsideValidityError:  # the model has no answer at settings so moved
-            return linearise(self._comparison, physics, np.zeros_like(errors), self._deviation)
-
-    def _residuals(self, coordinates: FloatArray) -> FloatArray:
-        n_residuals = int(np.count_nonzero(self._chosen)) + self._hypothesis.n_uncertain
-        try:
-            whitened = self.around(coordinates).residuals(self._hypothesis.physics(coordinates))[self._chosen]
-        except OutsideValidityError:
-            return np.full(n_residuals, np.inf)  # the search shortens its step
-        if not np.max(np.abs(whitened)) < _LARGEST:
-            return np.full(n_residuals, np.inf)
-        return np.concatenate([whitened, coordinates[: self._hypothesis.n_uncertain]])
-
-    def _jacobian(self, coordinates: FloatArray) -> FloatArray:
-        around, hypothesis = self.around(coordinates), self._hypothesis
-        misfit = around.misfit(hypothesis.physics(coordinates))
-        return np.vstack([_jacobian(around, hypothesis, coordinates, misfit)[self._chosen], self._prior])
+def _linearised(
+    comparison: Comparison[Physics], physics: Physics, errors: FloatArray, deviation: FloatArray
+) -> Linearised[Physics]:
+    try:
+        return linearise(comparison, physics, errors, deviation)
+    except OutsideValidityError:  # the model has no answer at settings so moved
+        return linearise(comparison, physics, np.zeros_like(errors), deviation)
 
 
 def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> float:
@@ -231,6 +211,48 @@ def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.mean(square / (variance + middle**2)) > _TEMPERED else (low, middle)
     return high
+
+
+def _least_squares(
+    around: Callable[[FloatArray], Linearised[Physics]],
+    hypothesis: Hypothesis[Physics],
+    start: FloatArray,
+    chosen: BoolArray,
+    most_evaluations: int,
+) -> FloatArray:
+    """Return the coordinates of the minimum next to a start, of residuals linearised anew at each step."""
+    n_uncertain = hypothesis.n_uncertain
+    prior = np.eye(n_uncertain, hypothesis.n_coordinates)
+    n_residuals = int(np.count_nonzero(chosen)) + n_uncertain
+    at_last = lru_cache(maxsize=1)(lambda key: around(np.frombuffer(key)))
+
+    def residuals(coordinates: FloatArray) -> FloatArray:
+        try:
+            whitened = at_last(coordinates.tobytes()).residuals(hypothesis.physics(coordinates))[chosen]
+        except OutsideValidityError:
+            return np.full(n_residuals, np.inf)  # the search shortens its step
+        if not np.max(np.abs(whitened)) < _LARGEST:
+            return np.full(n_residuals, np.inf)
+        return np.concatenate([whitened, coordinates[:n_uncertain]])
+
+    def jacobian(coordinates: FloatArray) -> FloatArray:
+        here = at_last(coordinates.tobytes())
+        misfit = here.misfit(hypothesis.physics(coordinates))
+        return np.vstack([_jacobian(here, hypothesis, coordinates, misfit)[chosen], prior])
+
+    found = least_squares(
+        residuals,
+        start,
+        jac=jacobian,
+        bounds=hypothesis.bounds,
+        method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
+        x_scale="jac",
+        ftol=1e-5,
+        xtol=1e-6,
+        gtol=1e-8,
+        max_nfev=most_evaluations,
+    )
+    return np.asarray(found.x)
 
 
 def _jacobian(

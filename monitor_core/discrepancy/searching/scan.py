@@ -48,7 +48,9 @@ class Scanned(Generic[Physics]):
     starts: tuple[FloatArray, ...]  # of a fit with the effect, most promising first, shape (n_coordinates,) each
     decrease: float  # of χ² at the first of them, the other coordinates refitted linearly
     score: float  # decrease that the slope at the null value promises
-    information: float  # χ² per square of the first parameter's scale, the rest refitted: d' is its root times the size
+    #: χ² per square of the first parameter's scale, the rest refitted: d' is its root times the size. Of what may
+    #: resonate anywhere in the measured band, where it is seen least.
+    information: float
 
 
 class Projection:
@@ -154,6 +156,13 @@ class _Look(Generic[Physics]):
         self.at = self.hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
         self.tail = self.at.size - len(effect.parameters)
         self.here = projection.residuals(fitted.standardised)
+        resonances = [
+            (index, one)
+            for index, one in enumerate(effect.parameters)
+            if one.unit == "Hz" and one.name.startswith("frequency")
+        ]
+        lines = np.any(np.isfinite(fitted.comparison.layout.frequency))
+        self.resonance = resonances[0] if resonances and lines else None  # the parameter that is its frequency
 
     def best(self) -> Scanned[Physics] | None:
         """Return the most promising size and shape; None where the model has no answer with the effect."""
@@ -175,8 +184,10 @@ class _Look(Generic[Physics]):
         tried.sort(key=lambda one: one[0], reverse=True)
         starts = [coordinates for decrease, coordinates in tried[:_STARTS] if np.isfinite(decrease)]
         starts += [self._sized(tried[0][1], sizes[0], size) for size in _FAR_STARTS if size <= self._range(sizes[0])[1]]
-        first = [float(slope @ slope) for _, index, slope in slopes if index == sizes[0]]
-        return Scanned(self.effect, tuple(starts), tried[0][0], score, max(first, default=0.0))
+        first = [(shape, float(slope @ slope)) for shape, index, slope in slopes if index == sizes[0]]
+        seen = [information for shape, information in first if self._resonates_in_band(shape)]
+        information = min(seen, default=max((one for _, one in first), default=0.0))
+        return Scanned(self.effect, tuple(starts), tried[0][0], score, information)
 
     def _sized(self, best: FloatArray, index: int, size: float) -> FloatArray:
         """Return the coordinates of the fit with the effect at a size, of the shape that was best."""
@@ -213,17 +224,29 @@ class _Look(Generic[Physics]):
     def _shapes(self) -> Iterator[FloatArray]:
         """Yield coordinates of the effect with what resonates put at frequencies over the band."""
         null = np.zeros(len(self.effect.parameters))
+        if self.resonance is None:
+            yield null
+            return
+        index, one = self.resonance
+        lowest, highest = self._band
+        low, high = max(one.lower, lowest / _BEYOND_BAND), min(one.upper, highest * _BEYOND_BAND)
+        peaks = [value for value in self._peaks_of_misfit() if low <= value <= high]
+        for value in [*np.geomspace(low, high, _FREQUENCIES).tolist(), *peaks]:
+            shape = null.copy()
+            shape[index] = (value - one.null) / one.scale
+            yield shape
+
+    def _resonates_in_band(self, shape: FloatArray) -> bool:
+        if self.resonance is None:
+            return True
+        index, one = self.resonance
+        return bool(self._band[0] <= one.null + one.scale * shape[index] <= self._band[1])
+
+    @property
+    def _band(self) -> tuple[float, float]:
+        """Lowest and highest measured frequency. [Hz]."""
         frequency = self.fitted.comparison.layout.frequency
-        for index, one in enumerate(self.effect.parameters):
-            if one.unit == "Hz" and one.name.startswith("frequency") and np.any(np.isfinite(frequency)):
-                low = max(one.lower, float(np.nanmin(frequency)) / _BEYOND_BAND)
-                high = min(one.upper, float(np.nanmax(frequency)) * _BEYOND_BAND)
-                for value in [*np.geomspace(low, high, _FREQUENCIES).tolist(), *self._peaks_of_misfit()]:
-                    shape = null.copy()
-                    shape[index] = (value - one.null) / one.scale
-                    yield shape
-                return
-        yield null
+        return float(np.nanmin(frequency)), float(np.nanmax(frequency))
 
     def _peaks_of_misfit(self) -> list[float]:
         """Return the frequencies at which most is left unexplained, all settings together. [Hz]."""

@@ -22,13 +22,16 @@ from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, yardstick
-from monitor_core.discrepancy.searching.fit import Fitted, fit
+from monitor_core.discrepancy.searching.fit import Fitted, fit, settled
 from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, promised_gain
 from monitor_core.discrepancy.searching.scan import Scanned, scan
 from monitor_core.discrepancy.subject import Subject
 from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
+
+#: Of the cost: fits that differ by less ended in one minimum.
+_ONE_MINIMUM = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,9 @@ class SearchSettings:
 
     #: Of the gain of log-likelihood that an effect promises on held-out values, less twice what that gain scatters by.
     least_held_out_share: float = 0.3
+    #: Of what an effect gains where it is fitted, what may be lost where it is not: a parameter beyond its tolerance
+    #: gains by its prior alone and changes hardly a residual, those held out for the worse or the better.
+    forgiven_share: float = 0.05
     least_promise: float = 12.0  # of χ², by a look, for an effect to be refitted
     n_refitted: int = 6  # by what they promise at the best size tried
     n_refitted_by_slope: int = 1
@@ -97,7 +103,7 @@ class Search(Generic[Physics]):
     def run(self) -> Found[Physics]:
         """Search; raises OutsideValidityError if the subject itself has no answer."""
         hypothesis = Hypothesis(self.subject)
-        baseline = self._fit(hypothesis, hypothesis.null)
+        baseline = settled(self._fit(hypothesis, hypothesis.null))  # all else starts from there
         first = self._with_textbook_physics(baseline)
         steps = self._from(first, [first] if first is not baseline else [])
         current = steps[-1] if steps else baseline
@@ -225,7 +231,7 @@ class Search(Generic[Physics]):
         """Return the best fit from where a look leads, and from where the effect is absent.
 
         One start is enough if it ends at the floor, where there is but one minimum, and where it gains what the look
-        has promised, if looks can be relied upon.
+        has promised, if looks can be relied upon. Two are enough if they end in one minimum.
         """
         near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
@@ -233,6 +239,8 @@ class Search(Generic[Physics]):
         best: Fitted[Physics] | None = None
         for start in (*(look.starts[:1] if near else look.starts), absent):
             trial = self._try(hypothesis, start)
+            if trial is not None and best is not None and abs(trial.cost - best.cost) < _ONE_MINIMUM * best.cost:
+                return min(best, trial, key=lambda one: one.cost)
             if trial is not None and (best is None or trial.cost < best.cost):
                 best = trial
             gained = current.cost - best.cost if best is not None else 0.0
@@ -264,8 +272,9 @@ class Search(Generic[Physics]):
         if before is None or after is None:
             return True
         promised = promised_gain(before, after, by)
+        forgiven = self.settings.forgiven_share * 0.5 * max(delta_bic(without, fuller, by), 0.0)
         least = self.settings.least_held_out_share * promised - 2.0 * math.sqrt(2.0 * promised)
-        return gain(before, after, by) > least
+        return gain(before, after, by) > least - forgiven
 
     def _pruned(self, fitted: Fitted[Physics]) -> Fitted[Physics]:
         """Return the fit without the effects that are no longer needed; the last one added is."""
