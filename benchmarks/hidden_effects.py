@@ -17,8 +17,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.score_card import NOISES, OUTSIDE, Job, Scored, score_card
 from monitor_core.discrepancy.comparing.conditions import default_folds
 from monitor_core.discrepancy.comparing.model_form import ModelFormError
@@ -39,8 +37,8 @@ from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
 PLANTS = {"finite elements": finite_elements.respond, "transmission line": transmission_line.respond}
-#: Thresholds were set on cases of seeds below 1000; the scored ones lie above, the healthy ones of the form between.
-FIRST_SCORED_SEED = 7000
+#: Thresholds were set on cases of seeds below 8000; the scored ones lie above, the healthy ones of the form between.
+FIRST_SCORED_SEED = 9000
 HEALTHY_SEEDS = (900, 901, 902)
 _NO_GAP = {when: {"fit": math.nan, "held_out": math.nan} for when in ("before", "after")}
 
@@ -129,13 +127,17 @@ def detectability(name: str, truth: dict[str, dict[str, float]], folder: Path, f
     comparison, subject = given(name, folder, form)
     by_key = {one.key: one for one in subject.candidates() if one.applies(subject.physics({}))}
     effects = tuple(by_key[key] for key in truth)
-    hypothesis = Hypothesis(subject, effects)
-    start = np.zeros(hypothesis.n_coordinates)
-    for index, (effect, one) in enumerate(hypothesis.unknowns):
-        value = truth[effect.key].get(one.name, one.null)
-        start[hypothesis.n_uncertain + index] = (value - one.null) / one.scale
     chosen = fitted_values(comparison.layout)
-    fitted = fit(comparison, hypothesis, start, chosen)
+    plain, hypothesis = Hypothesis(subject), Hypothesis(subject, effects)
+    baseline = fit(comparison, plain, plain.null, chosen)
+    fits = []
+    for uncertain in (plain.null, baseline.coordinates):
+        start = hypothesis.carried_over(plain, uncertain)
+        for index, (effect, one) in enumerate(hypothesis.unknowns):
+            value = truth[effect.key].get(one.name, one.null)
+            start[hypothesis.n_uncertain + index] = (value - one.null) / one.scale
+        fits.append(fit(comparison, hypothesis, start, chosen))
+    fitted = min(fits, key=lambda one: one.cost)
     factor = yardstick(fitted).factor
     weakest = math.inf
     for effect in effects:

@@ -8,8 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from monitor_core.discrepancy.effect import EffectParameter
+from monitor_core.discrepancy.effects import DRIVE_EFFECTS
+from monitor_core.discrepancy.hypothesis import is_size
+
 NOISES = (0.003, 0.01)
 OUTSIDE = "outside:"
+_PARAMETERS = {effect.key: effect.parameters for effect in DRIVE_EFFECTS}
+_LN_RATIO = EffectParameter("ln_ratio", "-", lower=-1.0, upper=1.0, scale=0.1)  # of any wrong parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +146,14 @@ def _is_below_limit(one: Scored) -> bool:
     """Tell whether the answer is none and says that the true effect would not have been seen."""
     ((key, values),) = one.truth.items()
     limit = one.answer["detection_limits"].get(key)
-    return one.answer["outcome"] == "none" and (limit is None or limit > abs(next(iter(values.values()))))
+    return one.answer["outcome"] == "none" and (limit is None or limit > _size(key, values))
+
+
+def _size(key: str, values: dict[str, float]) -> float:
+    """Return how large an effect is; one with two components, their norm."""
+    first, *others = _PARAMETERS.get(key, (_LN_RATIO,))
+    components = [first, *(one for one in others if is_size(one) and one.unit == first.unit)]
+    return math.hypot(*(values[one.name] for one in components))
 
 
 def _row(what: str, asked: str, among: Sequence[Scored], test: Callable[[Scored], bool]) -> str:
@@ -155,10 +168,9 @@ def _parameter_rows(singles: Iterable[Scored]) -> list[str]:
         if not one.alone:
             continue
         (key, truth), found = next(iter(one.truth.items())), one.answer["effects"][0]
-        name = next(iter(truth))
-        if found["key"] != key or name not in found["parameters"]:
+        if found["key"] != key:
             continue
-        value, low, high = found["parameters"][name]
+        name, (value, low, high) = next(iter(found["parameters"].items()))
         covered.append(low <= truth[name] <= high)
         if one.d_prime >= 30.0:
             (friction if key == "guide-friction" else errors).append(abs(value / truth[name] - 1.0))

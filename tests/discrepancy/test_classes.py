@@ -1,5 +1,7 @@
 """Effects that the data cannot tell apart, and intervals of found effects that hold what they promise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import linalg, stats
@@ -43,9 +45,9 @@ def fitted_with(effect):
     return fit(COMPARISON, hypothesis, np.full(hypothesis.n_coordinates, 0.3))
 
 
-def classed(effect, *rivals, by=BY, evidence=None):
+def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic):
     """Return the class of an accepted effect with rivals; their ΔBIC as fitted, or as told."""
-    final = fitted_with(effect)
+    final = replace(fitted_with(effect), comparison=replace(COMPARISON, least_delta_bic=threshold))
     refitted = [fitted_with(one) for one in rivals]
     told = evidence or [delta_bic(BASELINE, one, by) for one in (final, *refitted)]
     accepted = Accepted(
@@ -114,6 +116,13 @@ def test_margin(what) -> None:
     assert len(classed(quantity(2), quantity(4), by=by, evidence=(best, outside)).members) == 1
 
 
+def test_margin_grows_with_the_least_evidence_for_an_effect() -> None:
+    """40 % of what is asked of a comparison whose model may feign as much."""
+    for evidence, members in ((81.0, 2), (79.0, 1)):
+        found = classed(quantity(2), quantity(4), evidence=(100.0, evidence), threshold=50.0)
+        assert len(found.members) == members
+
+
 def test_values_that_hang_together_count_for_less_in_the_margin() -> None:
     """2000 values of correlation 1/3 are worth 1000, and 1 % of these is 10."""
     by = Yardstick(1.0, 1.0 / 3.0, 2000)
@@ -153,8 +162,9 @@ def test_parameters_of_a_member_in_their_units() -> None:
     effect = quantity(2, scale=0.1, upper=1.0)
     member = classed(effect).leader
     (found,) = found_parameters(member, BY).values()
-    deviation = 0.1 * np.sqrt(covariance(member.fitted, BY)[1, 1])
-    assert found.estimate.value == pytest.approx(0.1 * member.fitted.coordinates[1])
+    value = 0.1 * member.fitted.coordinates[1]
+    deviation = np.hypot(0.1 * np.sqrt(covariance(member.fitted, BY)[1, 1]), effect.form_share * value)
+    assert found.estimate.value == pytest.approx(value)
     assert found.estimate.standard_uncertainty == pytest.approx(deviation)
     normal = stats.norm.interval(0.95, found.estimate.value, deviation)
     np.testing.assert_allclose(found.interval_95, normal, rtol=1e-6)

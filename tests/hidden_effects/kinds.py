@@ -1,7 +1,8 @@
 """What may be hidden in an axis, in three sizes, and what a model file would have to say of it.
 
 Sizes: with noise of 0.3 %, and after everything declared and every error of a setting has explained what it can, small
-is 5 to 10 standard deviations, medium 10 to 50, and large is plain to see.
+is at most 10 standard deviations, medium about 10 to 50, and large is plain to see. Of wrong parameters, against whom
+their tolerance alone may speak, even large ones are about 10.
 """
 
 import math
@@ -72,11 +73,11 @@ def _softening(value: float, _rng: np.random.Generator) -> Mechanism:
     return {"nut_softening": value, "nut_softening_deflection": 1.5e-7}, {"share": value}
 
 
-#: By the keys of effects. Small is just about detectable where noise is 0.3 %, large is obvious.
+#: By the keys of effects.
 KINDS: dict[str, Kind] = {
     "added-mass": Kind((0.5, 1.0, 2.5), _plain("added_mass", "mass_kg")),
     "payload-mass": Kind((0.1, 0.4, 1.5), _plain("payload_error", "mass_kg"), either_sign=True),
-    "series-compliance": Kind((3e-9, 6e-9, 1.5e-8), _plain("series_compliance", "compliance_m_per_n")),
+    "series-compliance": Kind((3e-9, 3e-8, 8e-8), _plain("series_compliance", "compliance_m_per_n")),
     "far-bearing-stiffness": Kind((4e5, 1.6e6, 3e7), _plain("far_bearing_stiffness", "stiffness_n_per_m")),
     "screw-axial-stiffness": Kind((0.05, 0.1, 0.25), _axial, either_sign=True),
     "torsional-flexibility": Kind((0.06, 0.2, 0.8), _plain("torsional_compliance_share", "compliance_share")),
@@ -93,7 +94,7 @@ KINDS: dict[str, Kind] = {
     "base-compliance": Kind((2e-11, 1e-10, 2e-9), _base),
     "servo-stiffness": Kind((0.015, 0.06, 2.0), _plain("servo_stiffness", "stiffness_nm_per_rad")),
     "periodic-preload": Kind((0.05, 0.15, 0.35), _periodic),
-    "cubic-stiffness": Kind((6e10, 2e11, 1e12), _plain("cubic_nut_stiffness", "relative_stiffness_per_m2")),
+    "cubic-stiffness": Kind((6e10, 6e11, 1.5e12), _plain("cubic_nut_stiffness", "relative_stiffness_per_m2")),
     "second-mode": Kind((5e-7, 2e-6, 5e-5), _structure),
     "outside:absorber": Kind((0.03, 0.1, 0.4), _absorber(0.0)),
     "outside:wandering-absorber": Kind((0.03, 0.1, 0.4), _absorber(0.3)),

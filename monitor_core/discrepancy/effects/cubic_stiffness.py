@@ -21,5 +21,6 @@ CUBIC_STIFFNESS = Effect(
     source="Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5",
     parameters=(EffectParameter("relative_stiffness_per_m2", "1/m²", lower=-1e12, upper=1e13, scale=1e9),),
     add=_add,
+    form_share=0.25,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
 )

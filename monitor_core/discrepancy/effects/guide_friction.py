@@ -21,5 +21,6 @@ GUIDE_FRICTION = Effect(
     source="Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5",
     parameters=(EffectParameter("friction_n", "N", lower=0.0, upper=500.0, scale=5.0),),
     add=_add,
+    form_share=0.03,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
 )

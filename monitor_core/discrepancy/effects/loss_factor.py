@@ -21,4 +21,5 @@ LOSS_FACTOR = Effect(
     source="Sun et al. (2022), section 3: k (1 + jη); Kjartansson (1979) for what causality adds",
     parameters=(EffectParameter("loss_factor", "-", lower=0.0, upper=0.5, scale=0.02),),
     add=_add,
+    form_share=0.05,
 )

@@ -34,6 +34,7 @@ SECOND_MODE = Effect(
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
     add=_add,
+    form_share=0.08,
     needs=frozenset({ConditionAxis.FREQUENCY}),
     applies=_applies,
 )

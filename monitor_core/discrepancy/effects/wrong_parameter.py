@@ -113,6 +113,7 @@ def wrong_value(
             EffectParameter("ln_ratio", "-", lower=-lowest, upper=highest, scale=min(0.1, highest), beyond=False),
         ),
         add=partial(_add, parameters, field, carried_over),
+        form_share=0.005,
     )
 
 

@@ -10,6 +10,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
+from monitor_core.discrepancy.hypothesis import is_size
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.search import Accepted, Found
@@ -22,9 +23,10 @@ _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
 _AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
-#: Beside 5 % of the gain of BIC, effects are held apart only if one leaves this much more of χ² than the other: the
-#: form of no model is known better.
+#: By how much BIC of one effect must surpass that of another to hold them apart. The form of no model is known so well
+#: that less would speak: what it may feign where nothing is missing shows in the least evidence for an effect.
 _MARGIN = 6.0
+_MARGIN_OF_THRESHOLD = 0.4
 _MARGIN_OF_GAIN = 0.05
 _MARGIN_OF_COST = 0.01
 
@@ -63,7 +65,12 @@ def equivalence_class(found: Found[Physics], accepted: Accepted[Physics]) -> Equ
     own = _member(accepted.effect, found.final, accepted.delta_bic, by)
     rivals = [_member(rival.effect, rival.fitted, rival.delta_bic, by) for rival in accepted.rivals]
     n_effective = by.n_values * by.share
-    margin = max(_MARGIN, min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective))
+    threshold = found.final.comparison.least_delta_bic
+    margin = max(
+        _MARGIN,
+        _MARGIN_OF_THRESHOLD * threshold,
+        min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective),
+    )
     best = max([own.delta_bic, *(one.delta_bic for one in rivals)])
     inside = [own, *(one for one in rivals if one.delta_bic >= best - margin)]
     ordered = sorted(inside, key=_precedence)
@@ -125,7 +132,10 @@ def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
 
 
 def found_parameters(member: Member[Physics], by: Yardstick) -> dict[str, FoundParameter]:
-    """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals."""
+    """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
+
+    Beside the scatter of the data stands what the formula of the effect leaves out, of a size.
+    """
     fitted = member.fitted
     values = fitted.hypothesis.values(fitted.coordinates)[member.effect.key]
     variances = np.diag(covariance(fitted, by))
@@ -134,7 +144,8 @@ def found_parameters(member: Member[Physics], by: Yardstick) -> dict[str, FoundP
         if effect.key != member.effect.key:
             continue
         value = values[one.name]
-        deviation = abs(one.scale) * math.sqrt(max(float(variances[fitted.hypothesis.n_uncertain + index]), 0.0))
+        scatter = abs(one.scale) * math.sqrt(max(float(variances[fitted.hypothesis.n_uncertain + index]), 0.0))
+        deviation = math.hypot(scatter, effect.form_share * abs(value) if is_size(one) else 0.0)
         interval = (value - 1.959964 * deviation, value + 1.959964 * deviation)
         plausible = _is_plausible(fitted, index, by)
         found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible)

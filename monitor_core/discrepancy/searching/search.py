@@ -214,11 +214,20 @@ class Search(Generic[Physics]):
         return tuple(sorted(rivals, key=lambda one: one.delta_bic, reverse=True))
 
     def _promising(self, current: Fitted[Physics]) -> list[Scanned[Physics]]:
-        """Return what is worth a refit: by what the best size tried promises, then by what the slope promises."""
-        looks = [one for one in self._looks(current) if max(one.decrease, one.score) > self.settings.least_promise]
+        """Return what is worth a refit: by what the best size tried promises, then by what the slope promises.
+
+        If anything is, so is whatever promises as much but for a margin, or it would be missing where effects are not
+        told apart.
+        """
+        looks = self._looks(current)
+        best = max((max(one.decrease, one.score) for one in looks), default=0.0)
+        if best <= self.settings.least_promise:
+            return []
+        alike = [one for one in looks if max(one.decrease, one.score) >= best - self.settings.margin]
+        looks = tuple(one for one in looks if max(one.decrease, one.score) > self.settings.least_promise)
         chosen = sorted(looks, key=lambda one: one.decrease, reverse=True)[: self.settings.n_refitted]
-        by_slope = sorted(looks, key=lambda one: one.score, reverse=True)
-        return chosen + [one for one in by_slope[: self.settings.n_refitted_by_slope] if one not in chosen]
+        by_slope = sorted(looks, key=lambda one: one.score, reverse=True)[: self.settings.n_refitted_by_slope]
+        return list(dict.fromkeys((*chosen, *by_slope, *alike)))
 
     def _looks(self, current: Fitted[Physics]) -> tuple[Scanned[Physics], ...]:
         """Return a look at everything that could still be added; at one fit once only."""
