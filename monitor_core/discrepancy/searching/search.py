@@ -32,6 +32,7 @@ Physics = TypeVar("Physics")
 
 #: Of the cost: fits that differ by less ended in one minimum.
 _ONE_MINIMUM = 1e-4
+_TEXTBOOK = 0.01  # of the range of a parameter: a value so near its textbook value is that
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ class SearchSettings:
     #: Misfit that all but 2 % of the values stay within, for looks to foretell what refits find.
     small_misfit: float = 0.15
     one_minimum: float = 1.5  # in floors: from a smaller gap a fit that improves is taken for the best one
+    far: float = 10.0  # in floors: nothing makes up by chance for textbook physics without which a gap is larger
     most_effects: int = 4
     n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
     margin: float = 6.0  # of BIC within which effects are not told apart
@@ -302,11 +304,15 @@ class Search(Generic[Physics]):
         return self._known_fits[keys]
 
     def _judged(self, final: Fitted[Physics], effect: Effect[Physics], by: Yardstick) -> Accepted[Physics]:
-        """Return the evidence for an effect of the final fit, and what else would do in its place."""
+        """Return the evidence for an effect of the final fit, and what else would do in its place.
+
+        Physics without which the model is far from the data, and that is found at its textbook value, has no rival.
+        """
         without = self._without(final, effect)
+        plain = _is_at_textbook_value(final, effect) and self._gap(without) > self.settings.far
         rivals = [
             Rival(rival.effect, rival.fitted, delta_bic(without, rival.fitted, by))
-            for rival in self._rivals(without)
+            for rival in (() if plain else self._rivals(without))
             if rival.effect.key != effect.key
         ]
         return Accepted(effect, delta_bic(without, final, by), _held_out_gain(without, final, by), tuple(rivals))
@@ -315,6 +321,14 @@ class Search(Generic[Physics]):
 def _held_out_gain(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
     before, after = without.held_out, fuller.held_out
     return math.nan if before is None or after is None else gain(before, after, by)
+
+
+def _is_at_textbook_value(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
+    values = fitted.hypothesis.values(fitted.coordinates)[effect.key]
+    return effect.textbook is not None and all(
+        abs(values[one.name] - effect.textbook[one.name]) < _TEXTBOOK * (one.upper - one.lower)
+        for one in effect.parameters
+    )
 
 
 def _identity(fitted: Fitted[Physics]) -> bytes:
