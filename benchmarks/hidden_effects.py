@@ -29,7 +29,7 @@ from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.searching.form_learning import learn_form_error
 from monitor_core.discrepancy.searching.holding_out import fitted_values
 from monitor_core.discrepancy.subject import DriveSubject
-from monitor_core.errors import MonitorCoreError
+from monitor_core.errors import MonitorCoreError, OutsideValidityError
 from monitor_core.models.families import build_model
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.model_file import parse_model
@@ -37,7 +37,7 @@ from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
 PLANTS = {"finite elements": finite_elements.respond, "transmission line": transmission_line.respond}
-#: Thresholds were set on cases of seeds below 8000; the scored ones lie above, the healthy ones of the form between.
+#: Thresholds were set, and the form error is learnt, on cases of seeds below 8000; the scored ones lie above.
 FIRST_SCORED_SEED = 9000
 HEALTHY_SEEDS = (900, 901, 902)
 _NO_GAP = {when: {"fit": math.nan, "held_out": math.nan} for when in ("before", "after")}
@@ -136,14 +136,18 @@ def detectability(name: str, truth: dict[str, dict[str, float]], folder: Path, f
         for index, (effect, one) in enumerate(hypothesis.unknowns):
             value = truth[effect.key].get(one.name, one.null)
             start[hypothesis.n_uncertain + index] = (value - one.null) / one.scale
-        fits.append(fit(comparison, hypothesis, start, chosen))
+        try:
+            fits.append(fit(comparison, hypothesis, start, chosen))
+        except OutsideValidityError:
+            continue
     fitted = min(fits, key=lambda one: one.cost)
     factor = yardstick(fitted).factor
     weakest = math.inf
     for effect in effects:
         without = hypothesis.without(effect.key)
         lesser = fit(comparison, without, without.carried_over(hypothesis, fitted.coordinates), chosen)
-        weakest = min(weakest, math.sqrt(max(factor * (lesser.cost - fitted.cost), 0.0)))
+        cost = lesser.cost if without.effects else min(lesser.cost, baseline.cost)
+        weakest = min(weakest, math.sqrt(max(factor * (cost - fitted.cost), 0.0)))
     return weakest
 
 

@@ -110,7 +110,8 @@ def score_card(scored: Sequence[Scored], digest: str) -> str:
         _row("a wrong name, all but the crude ones", "≤ 0.5 %",
              [one for one in scored if one.job.family == "receptance"], lambda one: one.wrong),
         _row("d' < 3: none", "all", faint, lambda one: one.answer["outcome"] == "none"),
-        _row("d' < 3: none, and the detection limit stated is above the truth", "all", faint, _is_below_limit),
+        _row("d' < 3: none, and the truth is below the limit stated, or said not to be testable", "all", faint,
+             _is_below_limit),
         _row("healthy: none", "≥ 99 %", healthy, lambda one: one.answer["outcome"] == "none"),
         _row("outside the catalogue: named", "0", outside,
              lambda one: one.answer["outcome"] in ("named", "equivalent")),
@@ -153,7 +154,7 @@ def _size(key: str, values: dict[str, float]) -> float:
     """Return how large an effect is; one with two components, their norm."""
     first, *others = _PARAMETERS.get(key, (_LN_RATIO,))
     components = [first, *(one for one in others if is_size(one) and one.unit == first.unit)]
-    return math.hypot(*(values[one.name] for one in components))
+    return math.hypot(*(values.get(one.name, one.null) for one in components))
 
 
 def _row(what: str, asked: str, among: Sequence[Scored], test: Callable[[Scored], bool]) -> str:
@@ -170,10 +171,12 @@ def _parameter_rows(singles: Iterable[Scored]) -> list[str]:
         (key, truth), found = next(iter(one.truth.items())), one.answer["effects"][0]
         if found["key"] != key:
             continue
-        name, (value, low, high) = next(iter(found["parameters"].items()))
+        name, (_, low, high) = next(iter(found["parameters"].items()))
         covered.append(low <= truth[name] <= high)
         if one.d_prime >= 30.0:
-            (friction if key == "guide-friction" else errors).append(abs(value / truth[name] - 1.0))
+            sizes = {of_effect: estimate for of_effect, (estimate, _, _) in found["parameters"].items()}
+            error = abs(_size(key, sizes) / _size(key, truth) - 1.0)
+            (friction if key == "guide-friction" else errors).append(error)
     share = 100.0 * sum(covered) / max(len(covered), 1)
     return [
         f"| 95 % intervals of the parameter that cover | ≥ 90 % | {sum(covered)} of {len(covered)} ({share:.1f} %) |",

@@ -14,7 +14,7 @@ from service.cli.embedded import embedded_service
 from service.cli.output import json_option, print_json, print_table
 from service.cli.replay import post_session
 from service.operations.replay import SUFFIX
-from service.settings import Settings
+from service.settings import BUNDLED_SESSIONS, Settings
 
 #: The calibration session comes first: the axes of all other sessions are of the machine it was taken on.
 CALIBRATION = "calibration"
@@ -43,7 +43,7 @@ def demo(stay: bool | None, as_json: bool) -> None:
         settings = Settings(data_dir=Path(folder), port=0, host="127.0.0.1", database_url=None)
         with embedded_service(settings) as url, Client(url) as client:
             click.echo(f"dashboard: {url}/", err=True)
-            document = run_demo(client, settings.replay_dir)
+            document = run_demo(client, _bundled(settings))
             if as_json:
                 print_json(document)
             else:
@@ -51,6 +51,11 @@ def demo(stay: bool | None, as_json: bool) -> None:
             if stay:
                 click.echo(f"The dashboard stays up at {url}/ until you press Ctrl-C.")
                 _wait()
+
+
+def _bundled(settings: Settings) -> Path:
+    """Return the folder of the bundled sessions; an installed package is told where they are."""
+    return BUNDLED_SESSIONS if BUNDLED_SESSIONS.is_dir() else settings.replay_dir
 
 
 def run_demo(client: Client, sessions: Path) -> dict[str, Any]:

@@ -351,3 +351,15 @@ def test_an_axis_without_an_answer_is_refused() -> None:
     comparison = compared(measured(true_subject(0), CONDITIONS))
     with pytest.raises(OutsideValidityError, match="position must lie on the screw"):
         explain(comparison, subject(screw_length=0.6), [wrong_parameter("bearing_stiffness_n_per_m", AXIS)])
+
+
+def test_data_without_any_misfit_are_answered() -> None:
+    comparison = LinearComparison(layout_of([10] * 4, 1.0), np.ones((40, 1)), np.zeros(40), np.zeros((0, 40)))
+    answer = explain(comparison, LinearSubject({}, 1), [quantity(0)])
+    assert answer.outcome is Outcome.NONE
+    assert answer.gap.before.fit == 0.0
+
+
+def test_data_beyond_all_reason_are_answered() -> None:
+    comparison = LinearComparison(layout_of([10] * 4, 1e-6), np.zeros((40, 1)), 10.0 * np.ones(40), np.zeros((0, 40)))
+    assert explain(comparison, LinearSubject({"a": 0.5}, 1), []).outcome is Outcome.UNKNOWN

@@ -29,6 +29,7 @@ from tests.discrepancy.axes import (
     true_subject,
 )
 
+EFFECTS = effects_by_key()
 SIZES = (30, 20, 30, 20)
 DEVIATIONS = np.array([0.5, 2.0])  # priors of the first two quantities
 
@@ -204,3 +205,25 @@ def test_from_a_bound_as_from_inside() -> None:
     hypothesis = Hypothesis(subject_, (quantity(2, lower=0.0), quantity(3)))
     bound, inside = (fit(comparison, hypothesis, np.array([0.0, 0.0, at, 0.0])) for at in (0.0, 1.0))
     np.testing.assert_allclose(bound.coordinates, inside.coordinates, atol=1e-3)
+
+
+def test_a_start_too_far_for_a_slope_to_mean_anything_stays_where_it_is() -> None:
+    """Ten million standard deviations: an answer, not an error of the solver."""
+    layout = layout_of([10] * 4, 1e-6)
+    data = 10.0 * np.ones(40)
+    comparison = LinearComparison(layout, np.zeros((40, 1)), data, np.zeros((0, 40)))
+    fitted = fit(comparison, Hypothesis(LinearSubject({"a": 0.5}, 1)), np.zeros(1))
+    np.testing.assert_array_equal(fitted.coordinates, 0.0)
+    np.testing.assert_allclose(fitted.standardised, -1e7)
+
+
+def test_minimum_does_not_depend_on_the_start() -> None:
+    """Preloads that are wrong in all settings alike act as a stiffer nut: errors of settings might run along that."""
+    truth = true_subject(0)
+    axis = EFFECTS["added-mass"].added_to(truth, {"mass_kg": 2.0})
+    comparison = compared(measured(axis, settings(preloads=(120.0, 300.0)), noise=0.003, seed=4))
+    hypothesis = Hypothesis(subject(), (EFFECTS["added-mass"],))
+    rng = np.random.default_rng(6)
+    starts = [np.r_[0.5 * rng.standard_normal(hypothesis.n_uncertain), size] for size in (0.0, 2.0, 8.0)]
+    costs = [fit(comparison, hypothesis, start).cost for start in starts]
+    assert max(costs) - min(costs) < 0.1

@@ -87,9 +87,9 @@ def test_share_explained_is_of_residuals_and_of_pulls(beyond) -> None:
     in_floors = 2.0 * SETTINGS.remainder
     pulls = {"error 1": 1.0 + beyond, "gain 1": 50.0}
     left = 10.0**2 * (1.0 - 0.5**2) + 10 * beyond
-    share = explained_share(*fits, gap(in_floors * FLOOR), pulls, SETTINGS)
+    share = explained_share(*fits, gap(in_floors * FLOOR), pulls, n_judged=MANY, settings=SETTINGS)
     assert share == pytest.approx(900.0 / (900.0 + left), rel=1e-6)
-    nothing = explained_share(fits[0], fits[0], gap(in_floors * FLOOR), pulls, SETTINGS)
+    nothing = explained_share(fits[0], fits[0], gap(in_floors * FLOOR), pulls, n_judged=MANY, settings=SETTINGS)
     assert nothing == 0.0
 
 

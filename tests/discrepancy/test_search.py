@@ -163,6 +163,17 @@ def test_an_effect_that_held_out_data_contradict_is_refused(there, accepted) -> 
     assert keys(found.final) == ({"quantity-1"} if accepted else set())
 
 
+def test_a_parameter_beyond_its_tolerance_may_change_held_out_residuals_for_the_worse() -> None:
+    """It gains by its prior alone, and residuals hardly move; but no evidence makes up for a contradiction."""
+    comparison = comparison_of(np.array([6.0, 0.0, 0.0]), np.random.default_rng(3), held_out=(HELD_OUT,))
+    worse = replace(comparison, data=comparison.data - 0.35 * comparison.design[:, 0] * HELD_OUT)
+    wrong = [wrong_quantity(0, "a")]
+    assert keys(found_in(worse, wrong).final) == {"wrong-parameter:a"}
+    assert keys(found_in(worse, wrong, forgiven_share=0.0, least_held_out_share=1.0).final) == set()
+    contradicted = replace(comparison, data=comparison.data - 6.0 * comparison.design[:, 0] * HELD_OUT)
+    assert keys(found_in(contradicted, wrong).final) == set()
+
+
 def test_gain_on_held_out_data_is_that_of_the_effect() -> None:
     comparison = held_out_case(2.0)
     (accepted,) = found_in(comparison, [quantity(1)]).accepted
@@ -201,3 +212,16 @@ def test_textbook_physics_is_switched_on_together() -> None:
     assert keys(found.final) == {"quantity-1", "quantity-2"}
     assert keys(found.steps[0]) == {"quantity-1", "quantity-2"}
     np.testing.assert_allclose(found.final.coordinates[1:], 1.0, atol=0.2)
+
+
+@pytest.mark.parametrize(("size", "far", "has_rivals"), [(1.0, 2.0, False), (1.0, 1e6, True), (1.5, 2.0, True)])
+def test_textbook_physics_without_which_the_data_are_far_has_no_rivals(size, far, has_rivals) -> None:
+    """Two effects do the same, and one of them is in the textbook, at the value found where that is 1."""
+    rng = np.random.default_rng(12)
+    columns = rng.standard_normal((N, 3))
+    columns[:, 2] = columns[:, 1] = 30.0 * columns[:, 1]
+    comparison = comparison_of(np.array([0.0, size, 0.0]), rng, columns=columns)
+    effects = [replace(quantity(1), textbook={"size": 1.0}), quantity(2)]
+    (accepted,) = found_in(comparison, effects, far=far).accepted
+    assert accepted.effect.key == "quantity-1"
+    assert bool(accepted.rivals) is has_rivals

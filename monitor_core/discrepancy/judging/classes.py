@@ -11,7 +11,7 @@ from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.hypothesis import is_size
-from monitor_core.discrepancy.searching.evidence import Yardstick
+from monitor_core.discrepancy.searching.evidence import Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.search import Accepted, Found
 from monitor_core.uncertainty import Estimate
@@ -23,10 +23,8 @@ _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
 _AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
-#: By how much BIC of one effect must surpass that of another to hold them apart. The form of no model is known so well
-#: that less would speak: what it may feign where nothing is missing shows in the least evidence for an effect.
-_MARGIN = 6.0
-_MARGIN_OF_THRESHOLD = 0.4
+_STRONG = 6.0  # of χ²
+#: Effects are not held apart by less of their gain of BIC either: the form of no model is known better.
 _MARGIN_OF_GAIN = 0.05
 _MARGIN_OF_COST = 0.01
 
@@ -65,12 +63,8 @@ def equivalence_class(found: Found[Physics], accepted: Accepted[Physics]) -> Equ
     own = _member(accepted.effect, found.final, accepted.delta_bic, by)
     rivals = [_member(rival.effect, rival.fitted, rival.delta_bic, by) for rival in accepted.rivals]
     n_effective = by.n_values * by.share
-    threshold = found.final.comparison.least_delta_bic
-    margin = max(
-        _MARGIN,
-        _MARGIN_OF_THRESHOLD * threshold,
-        min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective),
-    )
+    of_gain = min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective)
+    margin = max(least_difference(found.final.comparison), of_gain)
     best = max([own.delta_bic, *(one.delta_bic for one in rivals)])
     inside = [own, *(one for one in rivals if one.delta_bic >= best - margin)]
     ordered = sorted(inside, key=_precedence)
@@ -114,7 +108,7 @@ def _is_plausible(fitted: Fitted[Physics], index: int, by: Yardstick) -> bool:
     )  # per scale, whose sign it has
     outward = slope * one.scale < 0.0 if one.upper - value < value - one.lower else slope * one.scale > 0.0
     promised = by.factor**2 * slope**2 * float(covariance(fitted, by)[at, at])
-    return not (outward and promised > _MARGIN)
+    return not (outward and promised > _STRONG)
 
 
 def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:

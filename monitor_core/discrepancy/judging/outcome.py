@@ -68,9 +68,8 @@ def outcome_of(
         Values that the gap after all is of, held-out ones where there are any: the rms of few scatters by itself.
     settings : OutcomeSettings
     """
-    scatter = math.sqrt(float(chi2.ppf(settings.healthy_share, n_judged)) / n_judged)
     pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
-    left = _in_floors(gap) > max(settings.remainder, scatter) or pulled
+    left = _in_floors(gap) > _most_of_healthy(settings, n_judged) or pulled
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
@@ -86,6 +85,8 @@ def explained_share(
     final: Fitted[Physics],
     gap: Gap,
     pulls: Mapping[str, float],
+    *,
+    n_judged: int,
     settings: OutcomeSettings,
 ) -> float:
     r"""Return the share of the misfit that is gone: residuals, errors of the settings and pulls of parameters together.
@@ -105,14 +106,22 @@ def explained_share(
     gap : Gap
     pulls : mapping of str to float
         From :func:`variances_of_pulls`, after all.
+    n_judged : int
+        Values that the gap after all is of.
     settings : OutcomeSettings
     """
     gained = baseline.cost - final.cost
     chi_squared = float(np.sum(final.standardised[final.fitted] ** 2))
-    residual = chi_squared * max(1.0 - (settings.remainder / _in_floors(gap)) ** 2, 0.0)
+    in_floors, most = _in_floors(gap), _most_of_healthy(settings, n_judged)
+    residual = chi_squared * (1.0 - (most / in_floors) ** 2) if in_floors > most else 0.0
     of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
     left = residual + len(final.comparison.layout.settings) * of_settings
     return gained / (gained + left) if gained > 0.0 else 0.0
+
+
+def _most_of_healthy(settings: OutcomeSettings, n_judged: int) -> float:
+    """Return the largest gap of healthy axes, in floors: the rms of few values scatters by itself."""
+    return max(settings.remainder, math.sqrt(float(chi2.ppf(settings.healthy_share, n_judged)) / n_judged))
 
 
 def _in_floors(gap: Gap) -> float:

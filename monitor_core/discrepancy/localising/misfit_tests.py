@@ -52,6 +52,8 @@ def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> I
         Which values are asked.
     """
     here = np.flatnonzero(of)
+    if not np.any(residuals[here]):
+        return
     there, q, mean_square = here, 0.0, float(np.mean(residuals[here] ** 2))
     for lag in range(1, _LAGS + 1):
         follows = previous[there] >= 0

@@ -35,7 +35,6 @@ def since_then(effect: Effect[AxisPhysics], parameter: EffectParameter | None = 
         parameters=effect.parameters if parameter is None else (parameter,),
         add=partial(_add, effect),
         applies=lambda axis: effect.applies(axis.now),
-        form_share=effect.form_share,
     )
 
 

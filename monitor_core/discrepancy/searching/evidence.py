@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.discrepancy.comparing.comparison import Layout
+from monitor_core.discrepancy.comparing.comparison import Comparison, Layout
 from monitor_core.discrepancy.searching.fit import Fitted
 
 Physics = TypeVar("Physics")
@@ -26,6 +26,8 @@ Physics = TypeVar("Physics")
 #: The noise budget is what a decrease of χ² is measured with, at the least: residuals below it may hang together.
 _LEAST_SCALE = 1.0
 _HIGHEST_CORRELATION = 0.9
+_STRONG = 6.0  # evidence, by Kass and Raftery (1995)
+_SHARE_OF_THRESHOLD = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,14 @@ class Yardstick:
     def penalty(self, n_parameters: int) -> float:
         """Return what n parameters cost."""
         return n_parameters * math.log(max(self.n_values * self.share, 2.0))
+
+
+def least_difference(comparison: Comparison[Physics]) -> float:
+    """Return by how much BIC of one effect must surpass that of another to hold them apart.
+
+    What the form of a model may feign where nothing is missing shows in the least evidence for an effect.
+    """
+    return max(_STRONG, _SHARE_OF_THRESHOLD * comparison.least_delta_bic)
 
 
 def yardstick(fitted: Fitted[Physics]) -> Yardstick:

@@ -120,6 +120,9 @@ def fit(
 ) -> Fitted[Physics]:
     """Fit a hypothesis from a start.
 
+    A fit that does not reach the data ends with the least tolerance that it came to: there a misfit is no noise, and
+    values known better than others should not count for more of it. Costs of such fits compare with one another only.
+
     Parameters
     ----------
     comparison : Comparison
@@ -157,11 +160,10 @@ def fit(
         _at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at),
         chosen,
     )
-    return reached if tolerance else settled(reached)
+    return reached if tolerance else _at_minimum(reached)
 
 
-def settled(fitted: Fitted[Physics]) -> Fitted[Physics]:
-    """Return the fit at the minimum next to it, without a tolerance."""
+def _at_minimum(fitted: Fitted[Physics]) -> Fitted[Physics]:
     comparison, hypothesis = fitted.comparison, fitted.hypothesis
     if not hypothesis.n_coordinates:
         return fitted
@@ -240,6 +242,8 @@ def _least_squares(
         misfit = here.misfit(hypothesis.physics(coordinates))
         return np.vstack([_jacobian(here, hypothesis, coordinates, misfit)[chosen], prior])
 
+    if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
+        return start
     found = least_squares(
         residuals,
         start,

@@ -81,13 +81,14 @@ class Projection:
         return np.asarray(-self._to_coordinates @ (self._basis.T @ rows))
 
     def freed(self, index: int) -> tuple[float, float]:
-        """Return the decrease of χ² without the prior of an uncertain parameter, and the information left on it.
+        """Return the decrease of χ² without the prior of an uncertain parameter, and what one deviation of it brings.
 
-        A row of residual u and leverage h leaves a linear least-squares problem with u²/(1 − h) less.
+        A row of residual u and leverage h leaves a linear least-squares problem with u²/(1 − h) less; and a parameter
+        one deviation off its prior has u = 1 − h.
         """
         row = self._basis[self._basis.shape[0] - self._prior_residuals.size + index]
         rest = max(1.0 - float(row @ row), 1e-12)
-        return float(self._prior_residuals[index]) ** 2 / rest, rest / max(1.0 - rest, 1e-12)
+        return float(self._prior_residuals[index]) ** 2 / rest, rest
 
     def _left(self, values: FloatArray) -> FloatArray:
         return values - self._basis @ (self._basis.T @ values)
@@ -121,10 +122,10 @@ def _look(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physic
 
 def _freed(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physics], index: int) -> Scanned[Physics]:
     """Look at an uncertain parameter without the tolerance that holds it: the residuals stay, its prior goes."""
-    decrease, leverage = projection.freed(index)
+    decrease, of_one_deviation = projection.freed(index)
     one, hypothesis = effect.parameters[0], fitted.hypothesis
     spread = hypothesis.subject.uncertain[hypothesis.uncertain[index]]
-    information = leverage * (one.scale / spread) ** 2
+    information = of_one_deviation * (one.scale / spread) ** 2
     here = projection.residuals(fitted.standardised)
     tried = [(decrease, fitted.coordinates)]
     for ratio in _ratios(one) if not has_lines(fitted.comparison.layout) else ():

@@ -21,8 +21,8 @@ from monitor_core.discrepancy.comparing.comparison import Comparison
 from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, yardstick
-from monitor_core.discrepancy.searching.fit import Fitted, fit, settled
+from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, least_difference, yardstick
+from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, promised_gain
 from monitor_core.discrepancy.searching.scan import Scanned, scan
 from monitor_core.discrepancy.subject import Subject
@@ -32,7 +32,7 @@ Physics = TypeVar("Physics")
 
 #: Of the cost: fits that differ by less ended in one minimum.
 _ONE_MINIMUM = 1e-4
-_TEXTBOOK = 0.01  # of the range of a parameter: a value so near its textbook value is that
+_TEXTBOOK = 0.2  # of the scale of a parameter: a value so near its textbook value is that
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,6 @@ class SearchSettings:
     far: float = 10.0  # in floors: nothing makes up by chance for textbook physics without which a gap is larger
     most_effects: int = 4
     n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
-    margin: float = 6.0  # of BIC within which effects are not told apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ class Search(Generic[Physics]):
     def run(self) -> Found[Physics]:
         """Search; raises OutsideValidityError if the subject itself has no answer."""
         hypothesis = Hypothesis(self.subject)
-        baseline = settled(self._fit(hypothesis, hypothesis.null))  # all else starts from there
+        baseline = self._fit(hypothesis, hypothesis.null)
         first = self._with_textbook_physics(baseline)
         steps = self._from(first, [first] if first is not baseline else [])
         current = steps[-1] if steps else baseline
@@ -117,7 +116,7 @@ class Search(Generic[Physics]):
             if not self._holds(first, rival.fitted, yardstick(rival.fitted)):
                 continue
             other = self._from(rival.fitted, [rival.fitted])
-            if delta_bic(current, other[-1], yardstick(other[-1])) > self.settings.margin:
+            if delta_bic(current, other[-1], yardstick(other[-1])) > least_difference(self.comparison):
                 steps, current = other, other[-1]
         by = yardstick(current)
         accepted = tuple(self._judged(current, effect, by) for effect in current.hypothesis.effects)
@@ -225,7 +224,10 @@ class Search(Generic[Physics]):
         best = max((max(one.decrease, one.score) for one in looks), default=0.0)
         if best <= self.settings.least_promise:
             return []
-        alike = [one for one in looks if max(one.decrease, one.score) >= best - self.settings.margin]
+        least = best - least_difference(
+            self.comparison
+        )  # of χ²: near the data, where looks foretell, it is that of BIC
+        alike = [one for one in looks if max(one.decrease, one.score) >= least]
         looks = tuple(one for one in looks if max(one.decrease, one.score) > self.settings.least_promise)
         chosen = sorted(looks, key=lambda one: one.decrease, reverse=True)[: self.settings.n_refitted]
         by_slope = sorted(looks, key=lambda one: one.score, reverse=True)[: self.settings.n_refitted_by_slope]
@@ -242,7 +244,7 @@ class Search(Generic[Physics]):
         """Return the best fit from where a look leads, and from where the effect is absent.
 
         One start is enough if it ends at the floor, where there is but one minimum, and where it gains what the look
-        has promised, if looks can be relied upon. Two are enough if they end in one minimum.
+        has promised, if looks can be relied upon. Two are enough if they end in one minimum that gains something.
         """
         near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
@@ -250,16 +252,15 @@ class Search(Generic[Physics]):
         best: Fitted[Physics] | None = None
         for start in (*(look.starts[:1] if near else look.starts), absent):
             trial = self._try(hypothesis, start)
-            if trial is not None and best is not None and abs(trial.cost - best.cost) < _ONE_MINIMUM * best.cost:
-                return min(best, trial, key=lambda one: one.cost)
-            if trial is not None and (best is None or trial.cost < best.cost):
+            if trial is None:
+                continue
+            again = best is not None and abs(trial.cost - best.cost) < _ONE_MINIMUM * best.cost
+            if best is None or trial.cost < best.cost:
                 best = trial
-            gained = current.cost - best.cost if best is not None else 0.0
-            if (
-                best is not None
-                and gained > 0.0
-                and (self._has_one_minimum(best) or (near and 2.0 * gained > look.decrease))
-            ):
+            if again and best.cost < current.cost:
+                break
+            gained = current.cost - best.cost
+            if gained > 0.0 and (self._has_one_minimum(best) or (near and 2.0 * gained > look.decrease)):
                 break
         return best
 
@@ -326,8 +327,7 @@ def _held_out_gain(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardst
 def _is_at_textbook_value(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
     values = fitted.hypothesis.values(fitted.coordinates)[effect.key]
     return effect.textbook is not None and all(
-        abs(values[one.name] - effect.textbook[one.name]) < _TEXTBOOK * (one.upper - one.lower)
-        for one in effect.parameters
+        abs(values[one.name] - effect.textbook[one.name]) < _TEXTBOOK * abs(one.scale) for one in effect.parameters
     )
 
 
