@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,6 +136,10 @@ def score_card(scored: Sequence[Scored], digest: str) -> str:
         f"| seconds a case, one core: median, 90 %, longest | ≤ 15 | {statistics.median(seconds):.1f}, "
         f"{_quantile(sorted(seconds), 0.9):.1f}, {max(seconds):.1f} |",
         "",
+        "Errors of sizes that were named alone, beside their stated standard uncertainties (rms over the cases):",
+        "",
+        *_size_rows(singles),
+        "",
         "What was not right:",
         "",
         *[_complaint(one) for one in scored if _is_complaint(one)],
@@ -165,12 +169,7 @@ def _row(what: str, asked: str, among: Sequence[Scored], test: Callable[[Scored]
 
 def _parameter_rows(singles: Iterable[Scored]) -> list[str]:
     errors, covered, friction = [], [], []
-    for one in singles:
-        if not one.alone:
-            continue
-        (key, truth), found = next(iter(one.truth.items())), one.answer["effects"][0]
-        if found["key"] != key:
-            continue
+    for one, key, truth, found in _named_alone(singles):
         name, (_, low, high) = next(iter(found["parameters"].items()))
         covered.append(low <= truth[name] <= high)
         if one.d_prime >= 30.0:
@@ -183,6 +182,30 @@ def _parameter_rows(singles: Iterable[Scored]) -> list[str]:
         f"| error of the parameter at d' ≥ 30: median, 90 %, largest | ≤ 10 % | {_percent(errors)} |",
         f"| the same, friction | ≤ 30 % | {_percent(friction)} |",
     ]
+
+
+def _size_rows(singles: Iterable[Scored]) -> list[str]:
+    """Return what `form_share` of each effect has to be set by: errors beyond the scatter that is stated without it."""
+    of_effect: dict[str, list[tuple[float, float]]] = {}
+    for _, key, truth, found in _named_alone(singles):
+        name, (value, low, high) = next(iter(found["parameters"].items()))
+        error, stated = value - truth[name], (high - low) / (2.0 * 1.959964)
+        of_effect.setdefault(key, []).append((100.0 * error / truth[name], 100.0 * stated / truth[name]))
+    rows = ["| effect | cases | error | stated |", "|---|---|---|---|"]
+    for key, pairs in of_effect.items():
+        error, stated = np.sqrt(np.mean(np.square(pairs), axis=0))
+        rows.append(f"| {key} | {len(pairs)} | {error:.1f} % | {stated:.1f} % |")
+    return rows
+
+
+def _named_alone(
+    singles: Iterable[Scored],
+) -> Iterator[tuple[Scored, str, dict[str, float], dict[str, Any]]]:
+    """Yield the cases whose true effect is the only answer, with its key, its true values and what was found."""
+    for one in singles:
+        (key, truth), effects = next(iter(one.truth.items())), one.answer["effects"]
+        if one.alone and effects[0]["key"] == key:
+            yield one, key, truth, effects[0]
 
 
 def _percent(errors: list[float]) -> str:

@@ -78,7 +78,7 @@ class Effect(Generic[Physics]):
     applies: Callable[[Physics], bool] = _always  # whether the axis has what it acts on
     textbook: Mapping[str, float] | None = None  # values at which it is plain physics that a simpler model leaves out
     #: Relative standard uncertainty of its size by what the formula leaves out. Those that differ from the default
-    #: are what sizes found on simulated machines err by beyond their scatter (benchmarks/hidden_effects.py).
+    #: are what sizes found on simulated machines err by beyond their scatter, as benchmarks/hidden_effects.py lists it.
     form_share: float = 0.02
 
     def __post_init__(self) -> None:
