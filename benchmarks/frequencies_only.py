@@ -9,15 +9,15 @@ here, and none is one where the answer itself says that the effect could not hav
 import argparse
 import itertools
 import json
-import math
 import statistics
 import time
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from benchmarks.score_card import OUTSIDE, row, size_of
 from monitor_core.discrepancy.comparing.conditions import default_folds
 from monitor_core.discrepancy.comparing.modes import compare_modes
 from monitor_core.discrepancy.explain import explain
@@ -34,7 +34,6 @@ from tests.hidden_effects.frequencies import (
     with_positions_between,
 )
 
-OUTSIDE = "outside:"
 UNCERTAINTIES = (0.001, 0.003)
 #: What moves natural frequencies whatever is varied.
 _MOVING = (
@@ -188,9 +187,8 @@ def admits(candidates: Sequence[Candidate], case: ModalCase) -> bool:
     """Tell whether an answer lists each true effect as untestable, or as too small to be seen."""
     listed = {one.key: one for one in candidates}
     for key, values in case.truth.items():
-        size = math.hypot(*values.values()) if key == "periodic-preload" else abs(next(iter(values.values())))
         one = listed.get(key)
-        if one is None or (one.untestable_because is None and (one.detection_limit or 0.0) < size):
+        if one is None or (one.untestable_because is None and (one.detection_limit or 0.0) < size_of(key, values)):
             return False
     return True
 
@@ -230,13 +228,13 @@ def score_card(answers: Sequence[Answered], followed: Sequence[tuple[Answered, A
         "",
         "| what | asked | measured |",
         "|---|---|---|",
-        _row("a wrong name, all cases", "≤ 2 %", answers, lambda one: one.said == "wrong"),
-        _row("healthy: none", "–", rows["healthy"], lambda one: one.outcome is Outcome.NONE),
-        _row("a measurement that would decide beside *equivalent*", "all", equivalent, lambda one: bool(one.advice)),
+        row("a wrong name, all cases", "≤ 2 %", answers, lambda one: one.said == "wrong"),
+        row("healthy: none", "–", rows["healthy"], lambda one: one.outcome is Outcome.NONE),
+        row("a measurement that would decide beside *equivalent*", "all", equivalent, lambda one: bool(one.advice)),
         f"| effects in a class that holds the truth: median, largest | – | {_ends(classes)} |",
         f"| after the measurement advised: alone, or fewer in the class | – | "
         f"{sum(fewer(*pair) for pair in followed)} of {len(followed)} |",
-        _row("after the measurement advised: a wrong name", "≤ 2 %", [after for _, after in followed],
+        row("after the measurement advised: a wrong name", "≤ 2 %", [after for _, after in followed],
              lambda one: one.wrong),
         f"| seconds a case, one core: median, longest | – | {statistics.median(seconds):.1f}, {seconds[-1]:.1f} |",
         "",
@@ -250,12 +248,6 @@ def score_card(answers: Sequence[Answered], followed: Sequence[tuple[Answered, A
 def fewer(before: Answered, after: Answered) -> bool:
     """Tell whether a second answer is right and leaves less open than the first."""
     return after.right and (after.alone or sum(map(len, after.classes)) < sum(map(len, before.classes)))
-
-
-def _row(what: str, asked: str, among: Sequence[Answered], test: Callable[[Answered], bool]) -> str:
-    n = sum(1 for one in among if test(one))
-    share = f"{100.0 * n / len(among):.1f} %" if among else "–"
-    return f"| {what} | {asked} | {n} of {len(among)} ({share}) |"
 
 
 def _ends(sizes: Sequence[int]) -> str:

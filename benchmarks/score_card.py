@@ -4,7 +4,7 @@ import math
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from monitor_core.discrepancy.effect import EffectParameter
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS
 from monitor_core.discrepancy.hypothesis import is_size
 
+Case = TypeVar("Case")
 NOISES = (0.003, 0.01)
 OUTSIDE = "outside:"
 _PARAMETERS = {effect.key: effect.parameters for effect in DRIVE_EFFECTS}
@@ -104,29 +105,29 @@ def score_card(scored: Sequence[Scored], digest: str) -> str:
         "",
         "| what | asked | measured |",
         "|---|---|---|",
-        _row("d' ≥ 12: truth named, or in a class of at most two", "≥ 97 %", clear, lambda one: one.right),
-        _row("large effects (d' ≥ 12) named alone", "≥ 85 %",
+        row("d' ≥ 12: truth named, or in a class of at most two", "≥ 97 %", clear, lambda one: one.right),
+        row("large effects (d' ≥ 12) named alone", "≥ 85 %",
              [one for one in clear if one.job.size == "large"], lambda one: one.alone),
-        _row("a wrong name, all but the crude ones", "≤ 0.5 %",
+        row("a wrong name, all but the crude ones", "≤ 0.5 %",
              [one for one in scored if one.job.family == "receptance"], lambda one: one.wrong),
-        _row("d' < 3: none", "all", faint, lambda one: one.answer["outcome"] == "none"),
-        _row("d' < 3: none, and the truth is below the limit stated, or said not to be testable", "all", faint,
+        row("d' < 3: none", "all", faint, lambda one: one.answer["outcome"] == "none"),
+        row("d' < 3: none, and the truth is below the limit stated, or said not to be testable", "all", faint,
              _is_below_limit),
-        _row("healthy: none", "≥ 99 %", healthy, lambda one: one.answer["outcome"] == "none"),
-        _row("outside the catalogue: named", "0", outside,
+        row("healthy: none", "≥ 99 %", healthy, lambda one: one.answer["outcome"] == "none"),
+        row("outside the catalogue: named", "0", outside,
              lambda one: one.answer["outcome"] in ("named", "equivalent")),
-        _row("outside, gap ≥ 2 × floor: unknown", "all",
+        row("outside, gap ≥ 2 × floor: unknown", "all",
              [one for one in outside if one.answer["gap"]["before"]["held_out"] >= 2.0 * floors[one.job.noise]],
              lambda one: one.answer["outcome"] == "unknown"),
-        _row("outside, all: unknown", "≥ 80 %", outside, lambda one: one.answer["outcome"] == "unknown"),
-        _row("two large effects: both right and alone", "≥ 85 %",
+        row("outside, all: unknown", "≥ 80 %", outside, lambda one: one.answer["outcome"] == "unknown"),
+        row("two large effects: both right and alone", "≥ 85 %",
              [one for one in pairs if one.job.size == "large"], lambda one: one.alone),
-        _row("two medium effects: both right and alone", "≥ 60 %",
+        row("two medium effects: both right and alone", "≥ 60 %",
              [one for one in pairs if one.job.size == "medium"], lambda one: one.alone),
-        _row("two effects, d' of the weaker ≥ 12: both right", "–",
+        row("two effects, d' of the weaker ≥ 12: both right", "–",
              [one for one in pairs if one.d_prime >= 12.0], lambda one: one.right),
-        _row("two effects: a wrong one, not flagged", "0", pairs, lambda one: one.wrong),
-        _row("crude baseline: ≤ 1.1 × the floor of its data", "all", crude,
+        row("two effects: a wrong one, not flagged", "0", pairs, lambda one: one.wrong),
+        row("crude baseline: ≤ 1.1 × the floor of its data", "all", crude,
              lambda one: one.held_out_ratio <= 1.1 * one.answer["gap"]["noise_floor"]),
         f"| held-out gap of healthy cases over the floor of their data: median, largest | 1 | "
         f"{statistics.median(of_healthy):.3f}, {max(of_healthy):.3f} |",
@@ -151,17 +152,18 @@ def _is_below_limit(one: Scored) -> bool:
     """Tell whether the answer is none and says that the true effect would not have been seen."""
     ((key, values),) = one.truth.items()
     limit = one.answer["detection_limits"].get(key)
-    return one.answer["outcome"] == "none" and (limit is None or limit > _size(key, values))
+    return one.answer["outcome"] == "none" and (limit is None or limit > size_of(key, values))
 
 
-def _size(key: str, values: dict[str, float]) -> float:
+def size_of(key: str, values: dict[str, float]) -> float:
     """Return how large an effect is; one with two components, their norm."""
     first, *others = _PARAMETERS.get(key, (_LN_RATIO,))
     components = [first, *(one for one in others if is_size(one) and one.unit == first.unit)]
     return math.hypot(*(values.get(one.name, one.null) for one in components))
 
 
-def _row(what: str, asked: str, among: Sequence[Scored], test: Callable[[Scored], bool]) -> str:
+def row(what: str, asked: str, among: Sequence[Case], test: Callable[[Case], bool]) -> str:
+    """Return the line of a table: of how many cases something holds."""
     n = sum(1 for one in among if test(one))
     share = f"{100.0 * n / len(among):.1f} %" if among else "–"
     return f"| {what} | {asked} | {n} of {len(among)} ({share}) |"
@@ -174,7 +176,7 @@ def _parameter_rows(singles: Iterable[Scored]) -> list[str]:
         covered.append(low <= truth[name] <= high)
         if one.d_prime >= 30.0:
             sizes = {of_effect: estimate for of_effect, (estimate, _, _) in found["parameters"].items()}
-            error = abs(_size(key, sizes) / _size(key, truth) - 1.0)
+            error = abs(size_of(key, sizes) / size_of(key, truth) - 1.0)
             (friction if key == "guide-friction" else errors).append(error)
     share = 100.0 * sum(covered) / max(len(covered), 1)
     return [

@@ -234,15 +234,16 @@ class ForkedServer:
         self._process.join()
 
 
-@pytest.fixture
-def fork_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
-    """Start servers as ``start_server`` does, many and soon; they are gone after the test."""
+def servers(
+    tmp_path: Path, launch: Callable[[list[str], dict[str, str], Path], subprocess.Popen[bytes] | ForkedServer]
+) -> Iterator[Callable[..., ServerProcess]]:
+    """Yield what starts a server with its words, its environment and its log; those started are gone in the end."""
     started: list[ServerProcess] = []
 
     def start(data_dir: Path, port: int, **environment: str) -> ServerProcess:
         log = tmp_path / f"server-{len(started)}.log"
         words = ["--data-dir", str(data_dir), "--port", str(port)]
-        server = ServerProcess(ForkedServer(words, environment, log), f"http://127.0.0.1:{port}", log)
+        server = ServerProcess(launch(words, environment, log), f"http://127.0.0.1:{port}", log)
         started.append(server)
         return server
 
@@ -253,23 +254,20 @@ def fork_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
 
 
 @pytest.fixture
+def fork_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
+    """Start servers as ``start_server`` does, many and soon; they are gone after the test."""
+    yield from servers(tmp_path, ForkedServer)
+
+
+@pytest.fixture
 def start_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
     """Start servers that are gone after the test."""
-    started: list[ServerProcess] = []
 
-    def start(data_dir: Path, port: int, **environment: str) -> ServerProcess:
-        log = tmp_path / f"server-{len(started)}.log"
-        command = [sys.executable, "-m", "service.cli.main", "serve", "--data-dir", str(data_dir), "--port", str(port)]
+    def launch(words: list[str], environment: dict[str, str], log: Path) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "service.cli.main", "serve", *words]
         with log.open("wb") as output:
-            process = subprocess.Popen(
+            return subprocess.Popen(
                 command, stdout=output, stderr=output, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment
             )
-        server = ServerProcess(process, f"http://127.0.0.1:{port}", log)
-        started.append(server)
-        return server
 
-    yield start
-    for server in started:
-        if server.process.poll() is None:
-            server.process.kill()
-        server.process.wait()
+    yield from servers(tmp_path, launch)

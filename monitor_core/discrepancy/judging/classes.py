@@ -11,7 +11,7 @@ from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.hypothesis import is_size
-from monitor_core.discrepancy.searching.evidence import Yardstick, least_difference
+from monitor_core.discrepancy.searching.evidence import STRONG, Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.search import Accepted, Found
 from monitor_core.uncertainty import Estimate
@@ -23,7 +23,6 @@ _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
 _AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
-_STRONG = 6.0  # of χ²
 #: Effects are not held apart by less of their gain of BIC either: the form of no model is known better.
 _MARGIN_OF_GAIN = 0.05
 _MARGIN_OF_COST = 0.01
@@ -103,12 +102,11 @@ def _is_plausible(fitted: Fitted[Physics], index: int, by: Yardstick) -> bool:
     if one.beyond or known or not 0.0 <= room < _AT_THE_END:
         return room >= 0.0
     at = fitted.hypothesis.n_uncertain + index
-    slope = float(
-        fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted]
-    )  # per scale, whose sign it has
-    outward = slope * one.scale < 0.0 if one.upper - value < value - one.lower else slope * one.scale > 0.0
+    slope = float(fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted])
+    downhill = -slope * one.scale  # a scale may be negative: that of what can only become less
+    outward = downhill > 0.0 if one.upper - value < value - one.lower else downhill < 0.0
     promised = by.factor**2 * slope**2 * float(covariance(fitted, by)[at, at])
-    return not (outward and promised > _STRONG)
+    return not (outward and promised > STRONG)
 
 
 def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:

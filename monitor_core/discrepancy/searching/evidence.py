@@ -26,7 +26,8 @@ Physics = TypeVar("Physics")
 #: The noise budget is what a decrease of χ² is measured with, at the least: residuals below it may hang together.
 _LEAST_SCALE = 1.0
 _HIGHEST_CORRELATION = 0.9
-_STRONG = 6.0  # evidence, by Kass and Raftery (1995)
+#: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, 1995).
+STRONG = 6.0
 _SHARE_OF_THRESHOLD = 0.4
 
 
@@ -58,7 +59,7 @@ def least_difference(comparison: Comparison[Physics]) -> float:
 
     What the form of a model may feign where nothing is missing shows in the least evidence for an effect.
     """
-    return max(_STRONG, _SHARE_OF_THRESHOLD * comparison.least_delta_bic)
+    return max(STRONG, _SHARE_OF_THRESHOLD * comparison.least_delta_bic)
 
 
 def yardstick(fitted: Fitted[Physics]) -> Yardstick:

@@ -141,6 +141,7 @@ def fit(
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
     at = np.clip(start, *hypothesis.bounds)
     errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
+    likely_from = partial(_at_likely_errors, comparison, hypothesis)
     tolerance = math.inf
     for _ in range(_MOST_STAGES):
         before = tolerance
@@ -148,29 +149,15 @@ def fit(
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        likely = partial(
-            _at_likely_errors, comparison, hypothesis, errors, np.hypot(layout.standard_deviation, tolerance)
-        )
-        at = _least_squares(likely, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS)
-        errors = likely(at).errors
-    reached = Fitted(
-        comparison,
-        hypothesis,
-        at,
-        _at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at),
-        chosen,
-    )
-    return reached if tolerance else _at_minimum(reached)
-
-
-def _at_minimum(fitted: Fitted[Physics]) -> Fitted[Physics]:
-    comparison, hypothesis = fitted.comparison, fitted.hypothesis
-    if not hypothesis.n_coordinates:
-        return fitted
-    deviation = comparison.layout.standard_deviation
-    likely = partial(_at_likely_errors, comparison, hypothesis, fitted.around.errors, deviation)
-    at = _least_squares(likely, hypothesis, fitted.coordinates, fitted.fitted, _MOST_EVALUATIONS)
-    return Fitted(comparison, hypothesis, at, likely(at), fitted.fitted)
+        tempered = partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance))
+        at = _least_squares(tempered, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS)
+        errors = tempered(at).errors
+    around = likely_from(errors, layout.standard_deviation, at)
+    if not tolerance and hypothesis.n_coordinates:
+        likely = partial(likely_from, around.errors, layout.standard_deviation)
+        at = _least_squares(likely, hypothesis, at, chosen, _MOST_EVALUATIONS)
+        around = likely(at)
+    return Fitted(comparison, hypothesis, at, around, chosen)
 
 
 def _at_likely_errors(

@@ -52,6 +52,11 @@ class Scanned(Generic[Physics]):
     #: resonate anywhere in the measured band, where it is seen least.
     information: float
 
+    @property
+    def promise(self) -> float:
+        """Decrease of χ² that the best size or the slope promises."""
+        return max(self.decrease, self.score)
+
 
 class Projection:
     """The fit's own coordinates, projected out of residuals."""
@@ -110,7 +115,7 @@ def scan(fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> tuple[S
     """
     projection = Projection(fitted)
     looks = [look for effect in effects if (look := _look(fitted, projection, effect)) is not None]
-    return tuple(sorted(looks, key=lambda one: max(one.decrease, one.score), reverse=True))
+    return tuple(sorted(looks, key=lambda one: one.promise, reverse=True))
 
 
 def _look(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physics]) -> Scanned[Physics] | None:

@@ -199,8 +199,7 @@ class Search(Generic[Physics]):
         refitted: list[tuple[Effect[Physics], Fitted[Physics]]] = []
         best = current
         for look in self._promising(current):
-            promise = max(look.decrease, look.score)
-            surpassed = promise < self.settings.least_share_of_gain * (current.cost - best.cost)
+            surpassed = look.promise < self.settings.least_share_of_gain * (current.cost - best.cost)
             if surpassed and (self._is_near(current) or self._gap(best) < 1.0):
                 continue
             self.progress(f"refitting with {look.effect.key}")
@@ -221,16 +220,14 @@ class Search(Generic[Physics]):
         told apart.
         """
         looks = self._looks(current)
-        best = max((max(one.decrease, one.score) for one in looks), default=0.0)
-        if best <= self.settings.least_promise:
+        worth_it = [one for one in looks if one.promise > self.settings.least_promise]
+        if not worth_it:
             return []
-        least = best - least_difference(
-            self.comparison
-        )  # of χ²: near the data, where looks foretell, it is that of BIC
-        alike = [one for one in looks if max(one.decrease, one.score) >= least]
-        looks = tuple(one for one in looks if max(one.decrease, one.score) > self.settings.least_promise)
-        chosen = sorted(looks, key=lambda one: one.decrease, reverse=True)[: self.settings.n_refitted]
-        by_slope = sorted(looks, key=lambda one: one.score, reverse=True)[: self.settings.n_refitted_by_slope]
+        chosen = sorted(worth_it, key=lambda one: one.decrease, reverse=True)[: self.settings.n_refitted]
+        by_slope = sorted(worth_it, key=lambda one: one.score, reverse=True)[: self.settings.n_refitted_by_slope]
+        # of χ²: near the data, where looks foretell what refits find, its difference is that of BIC
+        least = max(one.promise for one in worth_it) - least_difference(self.comparison)
+        alike = [one for one in looks if one.promise >= least]
         return list(dict.fromkeys((*chosen, *by_slope, *alike)))
 
     def _looks(self, current: Fitted[Physics]) -> tuple[Scanned[Physics], ...]:
