@@ -1,7 +1,8 @@
 """The discrepancy workflow from end to end: compare, find what is missing, judge, and put it into words and numbers."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -35,6 +36,7 @@ from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.searching.signatures import signatures
 from monitor_core.discrepancy.subject import Subject
+from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
 
@@ -107,10 +109,20 @@ def explain(
         next_measurement=next_measurement(found, classes, outcome, candidates),
         ln_ratios=ratios,
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
-        panels=comparison.panels(models),
+        panels=comparison.panels(_with_answer(comparison, models)),
         maps=_maps(found),
         gap_by_channel=_gap_by_channel(found),
     )
+
+
+def _with_answer(comparison: Comparison[Physics], models: Mapping[str, Physics]) -> dict[str, Physics]:
+    """Return the models that have an answer at the settings as stated; some have one at the likely settings alone."""
+    found = {}
+    for name, physics in models.items():
+        with suppress(OutsideValidityError):
+            comparison.misfit(physics)
+            found[name] = physics
+    return found
 
 
 def _with_leaders(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> Fitted[Physics]:

@@ -75,6 +75,8 @@ class FrequencyResponseObservation:
     standard_deviation: FloatArray  # of the real part and of the imaginary part, shape (n_frequencies,), same unit
     excitation: ExcitationPoint = ExcitationPoint.FORCE_AT_TABLE
     response_point: ResponsePoint = ResponsePoint.DISPLACEMENT_AT_TABLE
+    #: Reciprocal duration of the Hann windows that were averaged; 0: lines of a sine, or so fine as not to matter. [Hz]
+    resolution: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", read_only(self.frequency))
@@ -92,6 +94,8 @@ class FrequencyResponseObservation:
             raise OutsideValidityError("a response must be finite at every frequency")
         if not (np.all(self.standard_deviation > 0.0) and np.all(np.isfinite(self.standard_deviation))):
             raise OutsideValidityError("standard_deviation must be positive and finite at every frequency")
+        if not 0.0 <= self.resolution < math.inf:
+            raise OutsideValidityError(f"resolution must be finite and not negative; got {self.resolution} Hz")
 
 
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:

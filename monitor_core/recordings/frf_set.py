@@ -39,7 +39,7 @@ _ROOT_ATTRIBUTES = frozenset(("format", "version"))
 _TEMPERATURES = frozenset(("temperature_c", "temperature_delta_c"))
 _LEVELS = {"N.m": "excitation_rms_nm", "N": "excitation_rms_n"}  # attribute of the excitation level, by its unit
 _KNOWN_ATTRIBUTES = _TEMPERATURES.union(
-    _LEVELS.values(), ("input", "output", "response_unit", "position_mm", "preload_n", "payload_kg")
+    _LEVELS.values(), ("input", "output", "response_unit", "position_mm", "preload_n", "payload_kg", "resolution_hz")
 )
 _CONDITION_NAME = re.compile(r"\d{4,}", re.ASCII)
 
@@ -215,6 +215,7 @@ def _read_condition(group: "h5py.Group", where: str, reference: float | None) ->
             deviation,
             excitation,
             response_point,
+            fields.optional_number("resolution_hz", "Hz") or 0.0,
         )
         return MeasuredResponse(observation, fields.optional_number("temperature_c", "°C"))
     except OutsideValidityError as error:
@@ -277,5 +278,6 @@ def _write_condition(group: "h5py.Group", measured: MeasuredResponse) -> None:
         "temperature_c": measured.temperature,
         "temperature_delta_c": conditions.temperature_deviation,
         _LEVELS[excitation_unit(one.excitation)]: conditions.excitation_level or None,  # 0: small signals, no level
+        "resolution_hz": one.resolution or None,
     }
     group.attrs.update({name: value for name, value in stated.items() if value is not None})

@@ -44,7 +44,13 @@ def response_of(
     rng = np.random.default_rng(number)
     values = rng.normal(size=N_LINES) + 1j * rng.normal(size=N_LINES)
     observation = FrequencyResponseObservation(
-        conditions, np.linspace(140.1, 230.3, N_LINES), values, rng.uniform(0.01, 0.02, N_LINES), excitation, response
+        conditions,
+        np.linspace(140.1, 230.3, N_LINES),
+        values,
+        rng.uniform(0.01, 0.02, N_LINES),
+        excitation,
+        response,
+        resolution=0.5 * number,
     )
     return MeasuredResponse(observation, temperature)
 

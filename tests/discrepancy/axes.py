@@ -68,6 +68,9 @@ class LinearComparison:
     def shifted(self, errors):
         return replace(self, errors=errors)
 
+    def resolved(self, physics, errors):
+        return self
+
     def gap(self, misfit, standardised, chosen):
         return float(np.sqrt(np.mean(standardised[chosen] ** 2)))
 
@@ -150,7 +153,7 @@ NOISE = 0.003  # of every line
 FORM = ModelFormError(
     dict.fromkeys(
         ResponsePoint,
-        replace(DEFAULT_SPECTRUM, frequency=(100.0, 1000.0), deviation=(2e-4, 2e-4), frequency_tolerance=1e-6),
+        replace(DEFAULT_SPECTRUM, frequency=(100.0, 1000.0), deviation=(2e-4, 2e-4), frequency_tolerance=(1e-6, 1e-6)),
     )
 )
 

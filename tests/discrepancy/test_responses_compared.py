@@ -122,7 +122,7 @@ def test_a_gain_is_a_matter_of_the_amplitude_of_its_own_sensor() -> None:
 
 def test_noise_of_a_line_scatters_both_parts_as_stated() -> None:
     """Over draws, at a signal twenty times the noise; the form error joins as a root of squares."""
-    spectrum = FormSpectrum((10.0, 2000.0), (0.03, 0.03), frequency_tolerance=0.0, learnt=True)
+    spectrum = FormSpectrum((10.0, 2000.0), (0.03, 0.03), frequency_tolerance=(0.0, 0.0), learnt=True)
     clean = observed(AT[0], noise=0.05)
     rng = np.random.default_rng(1)
     scatter = 0.05 * np.abs(clean.response)
@@ -141,7 +141,7 @@ def test_noise_of_a_line_scatters_both_parts_as_stated() -> None:
 @pytest.mark.parametrize("noise", [0.002, 0.03])
 def test_floor_is_what_noise_and_a_learnt_form_error_leave(n_settings, noise) -> None:
     """Over machines, each off by one error at each line in all its settings."""
-    spectrum = FormSpectrum((10.0, 2000.0), (0.01, 0.01), frequency_tolerance=0.0, learnt=True)
+    spectrum = FormSpectrum((10.0, 2000.0), (0.01, 0.01), frequency_tolerance=(0.0, 0.0), learnt=True)
     conditions = [DriveConditions(x, 150.0) for x in np.linspace(0.1, 0.8, n_settings)]
     clean = [observed(one, noise=noise) for one in conditions]
     comparison = compare_responses(clean, form=ModelFormError({ACCELERATION: spectrum}))

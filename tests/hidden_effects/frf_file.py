@@ -27,6 +27,7 @@ def observations(case: Case) -> tuple[FrequencyResponseObservation, ...]:
             one.standard_deviation,
             ExcitationPoint.TORQUE_AT_MOTOR,
             ResponsePoint(one.output),
+            one.resolution,
         )
         for one in case.measured
     )

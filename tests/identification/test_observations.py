@@ -56,6 +56,13 @@ def test_impossible_responses_are_refused(frequency, response, deviation, senten
         FrequencyResponseObservation(AT, np.array(frequency), np.array(response), np.array(deviation))
 
 
+@pytest.mark.parametrize("resolution", [-1.0, np.inf, np.nan])
+def test_an_impossible_resolution_is_refused(resolution):
+    lines = np.array([1.0, 2.0])
+    with pytest.raises(OutsideValidityError, match="resolution must be finite and not negative"):
+        FrequencyResponseObservation(AT, lines, lines, lines, resolution=resolution)
+
+
 def test_a_record_keeps_its_own_copy():
     frequency = np.array([1.0, 2.0])
     one = FrequencyResponseObservation(AT, frequency, np.array([1.0, 1j]), np.array([0.1, 0.1]))

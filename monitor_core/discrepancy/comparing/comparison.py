@@ -133,6 +133,14 @@ class Comparison(Protocol[Physics_contra]):
         """
         ...
 
+    def resolved(self, physics: Physics_contra, errors: FloatArray) -> "Comparison[Physics_contra]":
+        """Return the data as a finer resolution would have shown them, of such an axis and such errors of settings.
+
+        The misfit for these physics and errors is that of this comparison, nearly so for others like them, and costs
+        less.
+        """
+        ...
+
     def imagined(self) -> Mapping[str, "Comparison[Physics_contra]"]:
         """Return the same settings under other conditions, by what a sentence calls them.
 

@@ -17,14 +17,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.discrepancy.comparing.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
 from monitor_core.discrepancy.comparing.comparison import CommonErrors, Layout, Panel
 from monitor_core.discrepancy.comparing.conditions import KNOWN_MASS, WARMER, SettingTolerances, setting_of
 from monitor_core.discrepancy.comparing.model_form import ModelFormError
+from monitor_core.discrepancy.comparing.resolution import Smearing, smearing
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
+from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
@@ -39,6 +41,7 @@ class ResponsesComparison:
 
     layout: Layout
     lines: PreparedLines
+    smearing: Smearing | None  # by the resolution of the estimates; None: too little to matter
     measured: npt.NDArray[np.complex128]  # ln of the response of every line, shape (n_lines,)
     line_of_value: npt.NDArray[np.intp]  # line of each value; real parts of a response, then its imaginary parts
     imaginary: BoolArray  # which values are imaginary parts
@@ -60,7 +63,7 @@ class ResponsesComparison:
 
     def misfit(self, physics: AxisPhysics) -> FloatArray:
         """Return Re and Im of ln(H/Y), shape (n_values,)."""
-        return self._values(np.log(responses(physics, self.lines)) - self.measured)
+        return self._values(self._logarithm(physics) - self.measured)
 
     def setting_errors(self, physics: AxisPhysics) -> FloatArray:
         """Return the change of the misfit by position, preload and the gain of each response of a setting."""
@@ -89,10 +92,17 @@ class ResponsesComparison:
         )
         gain = self.tolerances.gain_share * of_case[np.arange(of_case.shape[0]), 2 + self.gain_column]
         return replace(
-            self,
-            lines=replace(self.lines, conditions=moved),
+            self._under(moved),
             measured=self.measured - gain[self.response_of_line],
         )
+
+    def resolved(self, physics: AxisPhysics, errors: FloatArray) -> "ResponsesComparison":
+        """Return the comparison with the responses as estimates of a finer resolution would have been."""
+        there = self.shifted(errors)
+        if there.smearing is None:
+            return self
+        smeared = there.smearing.log_ratio(physics, responses(physics, there.lines))
+        return replace(self, smearing=None, measured=self.measured - smeared)
 
     def imagined(self) -> Mapping[str, "ResponsesComparison"]:
         """Return the settings with a known mass on the table, warmer, and excited more."""
@@ -102,10 +112,7 @@ class ResponsesComparison:
             f"{WARMER:g} K warmer": replace(now, temperature_deviation=now.temperature_deviation + WARMER),
             "at a third of the excitation": replace(now, excitation_level=now.excitation_level / 3.0),
         }
-        return {
-            words: replace(self, lines=replace(self.lines, conditions=conditions))
-            for words, conditions in others.items()
-        }
+        return {words: self._under(conditions) for words, conditions in others.items()}
 
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the rms of the standardised misfit over the chosen values."""
@@ -115,7 +122,7 @@ class ResponsesComparison:
     def panels(self, models: Mapping[str, AxisPhysics]) -> tuple[Panel, ...]:
         """Return the amplitude of every response, measured and modelled."""
         frequency = self.lines.omega / (2.0 * np.pi)
-        amplitudes = {name: np.abs(responses(physics, self.lines)) for name, physics in models.items()}
+        amplitudes = {name: np.exp(self._logarithm(physics).real) for name, physics in models.items()}
         held_out = self._held_out_responses
         pictures = []
         for index, title in enumerate(self.titles):
@@ -140,6 +147,16 @@ class ResponsesComparison:
         for fold in self.layout.held_out if len(self.layout.held_out) == 1 else ():
             held[self.response_of_line[self.line_of_value[fold]]] = True
         return held
+
+    def _logarithm(self, physics: AxisPhysics) -> ComplexArray:
+        """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
+        response = responses(physics, self.lines)
+        smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics, response)
+        return np.asarray(np.log(response) + smeared)
+
+    def _under(self, conditions: ConditionArrays) -> "ResponsesComparison":
+        smearing = None if self.smearing is None else self.smearing.under(conditions)
+        return replace(self, lines=replace(self.lines, conditions=conditions), smearing=smearing)
 
     def _values(self, per_line: npt.NDArray[np.complex128]) -> FloatArray:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
@@ -222,6 +239,7 @@ def compare_responses(
             held_out=tuple(fold[setting] for fold in in_fold),
         ),
         lines=lines,
+        smearing=smearing(cases, [one.resolution for _, _, one, _ in kept]),
         measured=np.log(np.concatenate([one.response[clear] for _, _, one, clear in kept])),
         line_of_value=line_of_value,
         imaginary=imaginary,
@@ -271,4 +289,4 @@ def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) 
 def _form_deviation(one: FrequencyResponseObservation, clear: BoolArray, form: ModelFormError) -> FloatArray:
     """Return the standard deviation that the form of the model adds to the logarithm on the clear lines."""
     spectrum = form.of(one.response_point)
-    return spectrum.relative_deviation(one.frequency[clear], np.log(np.abs(one.response[clear])))
+    return spectrum.relative_deviation(one.frequency[clear], one.response[clear])

@@ -102,6 +102,11 @@ class MotionComparison:
         del errors
         return self
 
+    def resolved(self, physics: MotionPhysics, errors: FloatArray) -> Self:
+        """Return the comparison as it is."""
+        del physics, errors
+        return self
+
     def imagined(self) -> Mapping[str, Self]:
         """Return nothing: another motion is another record."""
         return {}

@@ -173,12 +173,20 @@ def _at_likely_errors(
     nut's stiffness, say, against a preload that was wrong in all settings alike.
     """
     physics = hypothesis.physics(coordinates)
-    before = _linearised(comparison, physics, errors, deviation)
-    return _linearised(comparison, physics, _likely_errors(before, physics), deviation)
+    resolved = _resolved(comparison, physics, errors)
+    before = _linearised(resolved, physics, errors, deviation)
+    return _linearised(resolved, physics, _likely_errors(before, physics), deviation)
 
 
 def _likely_errors(around: Linearised[Physics], physics: Physics) -> FloatArray:
     return np.clip(around.whitened_by.errors(around.misfit(physics)), -_LIKELY, _LIKELY)
+
+
+def _resolved(comparison: Comparison[Physics], physics: Physics, errors: FloatArray) -> Comparison[Physics]:
+    try:
+        return comparison.resolved(physics, errors)
+    except OutsideValidityError:  # the model has no answer at settings so moved
+        return comparison.resolved(physics, np.zeros_like(errors))
 
 
 def _linearised(

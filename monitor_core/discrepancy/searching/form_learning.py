@@ -4,31 +4,33 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import nnls
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.comparing.model_form import FormSpectrum, ModelFormError
+from monitor_core.discrepancy.comparing.model_form import FormSpectrum, ModelFormError, steepness
 from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.subject import Subject
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
-from monitor_core.models.extended import AxisPhysics
+from monitor_core.models.extended import AxisPhysics, responses
 from monitor_core.models.protocol import ResponsePoint
 
 _BANDS = 12  # logarithmic, over all lines
 #: No model is counted on to be better than that: its errors are alike at every setting, and many lines of many settings
 #: would make a finding of the smallest of them. [-]
 _LEAST = 5e-4
-_FREQUENCY_TOLERANCE = 5e-5  # [-]
+_LEAST_TOLERANCE = 5e-5  # of frequencies [-]
 
 Machine = tuple[Sequence[FrequencyResponseObservation], Subject[AxisPhysics]]
 
 
 def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
-    """Return what a model leaves of healthy machines beyond the noise of their measurements.
+    r"""Return what a model leaves of healthy machines beyond the noise of their measurements.
 
-    Each machine's uncertain parameters are adjusted first. What is left, less the noise, is averaged in bands.
+    Each machine's uncertain parameters are adjusted first. In bands, the square of what is left, less that of the
+    noise, is put down to a constant and to the square of the steepness, neither below zero, by weighted least squares.
 
     Parameters
     ----------
@@ -52,7 +54,7 @@ def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
 def _excess(
     observations: Sequence[FrequencyResponseObservation], subject: Subject[AxisPhysics]
 ) -> dict[ResponsePoint, FloatArray]:
-    """Return frequency, and square of what is left less that of the noise, of every value, shape (2, n_values)."""
+    """Return of every value the columns of :func:`_spectrum`, shape (4, n_values)."""
     comparison = compare_responses(observations)
     # what settings share is what is sought here: it must not be taken out
     comparison = replace(comparison, layout=replace(comparison.layout, common=None))
@@ -60,23 +62,32 @@ def _excess(
     fitted = fit(comparison, hypothesis, hypothesis.null)
     layout = comparison.layout
     left = fitted.standardised * layout.standard_deviation
-    square = left**2 - comparison.noise**2
+    # of the model: what a measurement is off by would show in its own steepness
+    response = responses(fitted.physics(), comparison.lines)
+    steep = np.zeros(response.size)
+    for number in range(len(comparison.titles)):
+        at = comparison.response_of_line == number
+        steep[at] = steepness(comparison.lines.omega[at], response[at])
+    columns = np.array([layout.frequency, steep[comparison.line_of_value], left, comparison.noise])
     points = [ResponsePoint(name.split(",")[0]) for name in layout.channels]
     return {
-        point: np.array([layout.frequency[at], square[at]])
+        point: columns[:, at]
         for point in dict.fromkeys(points)
         if np.any(at := np.array([points[channel] is point for channel in layout.channel]))
     }
 
 
-def _spectrum(lines: FloatArray) -> FormSpectrum:
-    frequency, square = lines
+def _spectrum(values: FloatArray) -> FormSpectrum:
+    """Return the spectrum by frequency, steepness, what is left, and the noise, shape (4, n_values)."""
+    frequency, steep, left, noise = values
     edges = np.geomspace(np.min(frequency), np.max(frequency) * (1.0 + 1e-9), _BANDS + 1)
     band = np.searchsorted(edges, frequency, side="right") - 1
     knots, found = [], []
     for number in np.unique(band):
         at = band == number
         knots.append(float(np.exp(np.mean(np.log(frequency[at])))))
-        found.append(float(np.sqrt(max(np.mean(square[at]), 0.0))))
-    deviation = tuple(max(one, _LEAST) for one in found)
-    return FormSpectrum(tuple(knots), deviation, _FREQUENCY_TOLERANCE, learnt=True)
+        weight = 1.0 / (noise[at] ** 2 + _LEAST**2)
+        design = np.column_stack([np.ones(weight.size), steep[at] ** 2])
+        found.append(nnls(design * weight[:, None], (left[at] ** 2 - noise[at] ** 2) * weight)[0])
+    deviation, tolerance = np.maximum(np.sqrt(found), [_LEAST, _LEAST_TOLERANCE]).T.tolist()
+    return FormSpectrum(tuple(knots), tuple(deviation), tuple(tolerance), learnt=True)

@@ -238,7 +238,7 @@ class Search(Generic[Physics]):
         return self._known_looks[key]
 
     def _from_best_start(self, current: Fitted[Physics], look: Scanned[Physics]) -> Fitted[Physics] | None:
-        """Return the best fit from where a look leads, and from where the effect is absent.
+        """Return the best fit from where a look leads, instead of a parameter, and from where it is absent.
 
         One start is enough if it ends at the floor, where there is but one minimum, and where it gains what the look
         has promised, if looks can be relied upon. Two are enough if they end in one minimum that gains something.
@@ -246,7 +246,7 @@ class Search(Generic[Physics]):
         near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
         absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
-        best: Fitted[Physics] | None = None
+        best = None if look.instead is None else self._try(hypothesis, look.instead)
         for start in (*(look.starts[:1] if near else look.starts), absent):
             trial = self._try(hypothesis, start)
             if trial is None:

@@ -45,6 +45,7 @@ class MeasuredFrf:
     response: np.ndarray  # complex, shape (n_lines,)
     standard_deviation: np.ndarray  # of real and of imaginary part, shape (n_lines,)
     coherence: np.ndarray  # shape (n_lines,)
+    resolution: float = SAMPLE_RATE / _SEGMENT  # reciprocal duration of the windows [Hz]
 
 
 def set_truly(stated: Sequence[Setting], scatter: Scatter, rng: np.random.Generator) -> tuple[Setting, ...]:
