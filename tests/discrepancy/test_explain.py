@@ -105,6 +105,16 @@ def test_a_far_bearing_is_named(far_bearing) -> None:
     assert far_bearing.steps[-1].gap == gap.after
 
 
+def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
+    """Compliance in series with bracket and bearing is the same compliance of either: one finding, by both names."""
+    answer = explained(with_hidden({"series-compliance": {"compliance_m_per_n": 9e-8}}), SECOND_HALF)
+    (found,) = answer.effects
+    assert found.key == "series-compliance"
+    assert found.equivalent_to == ()
+    assert any(remark.startswith("the same finding as wrong-parameter:") for remark in found.remarks)
+    assert covered(found.parameters["compliance_m_per_n"], 9e-8)
+
+
 def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     """The description, moved by the ratios and with what was added, is as the true axis is."""
     described = replace(

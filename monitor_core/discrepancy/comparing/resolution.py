@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models.extended import AxisPhysics, PreparedLines, ResponseCase, prepare_lines, responses
@@ -29,21 +30,20 @@ WEIGHTS = _POWERS / np.sum(_POWERS)
 
 @dataclass(frozen=True, eq=False)
 class Smearing:
-    """Lines beside the measured ones; build it with :func:`smearing`."""
+    """The measured lines with those beside them; build it with :func:`smearing`."""
 
-    beside: tuple[PreparedLines, ...]  # the same line of each response in each of them
-    weights: tuple[FloatArray, ...]  # of their responses, shape (n_lines,)
+    lines: PreparedLines
+    place: npt.NDArray[np.intp]  # of each line and those beside it among them, shape (n_steps, n_lines)
+    weights: FloatArray  # of their responses, shape (n_steps, n_lines)
 
-    def log_ratio(self, physics: AxisPhysics, response: ComplexArray) -> ComplexArray:
-        """Return ln(H̄/H) for the responses H on the lines themselves, shape (n_lines,)."""
-        beside = sum(
-            weight * responses(physics, lines) for weight, lines in zip(self.weights, self.beside, strict=True)
-        )
-        return np.asarray(np.log(WEIGHTS[0] + beside / response))
+    def log_ratio(self, physics: AxisPhysics) -> ComplexArray:
+        """Return ln(H̄/H) of the measured lines, shape (n_lines,)."""
+        response = responses(physics, self.lines)[self.place]
+        return np.asarray(np.log(np.sum(self.weights * response, axis=0) / response[0]))
 
     def under(self, conditions: ConditionArrays) -> "Smearing":
         """Return the same lines under other conditions."""
-        return replace(self, beside=tuple(replace(lines, conditions=conditions) for lines in self.beside))
+        return replace(self, lines=replace(self.lines, conditions=conditions))
 
 
 def smearing(cases: Sequence[ResponseCase], resolution: Sequence[float]) -> Smearing | None:
@@ -58,21 +58,18 @@ def smearing(cases: Sequence[ResponseCase], resolution: Sequence[float]) -> Smea
     """
     if not any(resolution):
         return None
-    beside, weights = [], []
-    for step, weight in zip(STEPS[1:], WEIGHTS[1:], strict=True):
+    widened, places, weights, n_before = [], [], [], 0
+    for case, width in zip(cases, resolution, strict=True):
         # next to zero, where a window does not separate lines from the mean, no line can be further below
-        there = [
-            replace(one, frequency=np.maximum(one.frequency + step * width, 0.5 * one.frequency))
-            for one, width in zip(cases, resolution, strict=True)
-        ]
-        beside.append(prepare_lines(there))
-        recorded = [_of_recorded(one, other) for one, other in zip(cases, there, strict=True)]
-        weights.append(weight * np.concatenate(recorded))
-    return Smearing(tuple(beside), tuple(weights))
+        wanted = np.maximum(case.frequency + width * STEPS[:, None], 0.5 * case.frequency)
+        frequency, place = np.unique(wanted, return_inverse=True)
+        widened.append(replace(case, frequency=frequency))
+        places.append(place.reshape(wanted.shape) + n_before)
+        weights.append(WEIGHTS[:, None] * _of_recorded(case.response, wanted / case.frequency))
+        n_before += frequency.size
+    return Smearing(prepare_lines(widened), np.concatenate(places, axis=1), np.concatenate(weights, axis=1))
 
 
-def _of_recorded(case: ResponseCase, beside: ResponseCase) -> FloatArray:
-    """Return how much the recorded acceleration beside a line is of its quotient there times that on the line."""
-    if case.response is ResponsePoint.ACCELERATION_AT_TABLE:
-        return np.ones_like(case.frequency)
-    return np.asarray((beside.frequency / case.frequency) ** 2)
+def _of_recorded(point: ResponsePoint, ratio: FloatArray) -> FloatArray:
+    """Return how much an acceleration beside a line counts in the quotient by the line's frequency, by their ratio."""
+    return np.ones_like(ratio) if point is ResponsePoint.ACCELERATION_AT_TABLE else np.asarray(ratio**2)

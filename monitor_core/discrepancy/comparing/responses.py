@@ -101,8 +101,7 @@ class ResponsesComparison:
         there = self.shifted(errors)
         if there.smearing is None:
             return self
-        smeared = there.smearing.log_ratio(physics, responses(physics, there.lines))
-        return replace(self, smearing=None, measured=self.measured - smeared)
+        return replace(self, smearing=None, measured=self.measured - there.smearing.log_ratio(physics))
 
     def imagined(self) -> Mapping[str, "ResponsesComparison"]:
         """Return the settings with a known mass on the table, warmer, and excited more."""
@@ -150,9 +149,8 @@ class ResponsesComparison:
 
     def _logarithm(self, physics: AxisPhysics) -> ComplexArray:
         """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
-        response = responses(physics, self.lines)
-        smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics, response)
-        return np.asarray(np.log(response) + smeared)
+        smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics)
+        return np.asarray(np.log(responses(physics, self.lines)) + smeared)
 
     def _under(self, conditions: ConditionArrays) -> "ResponsesComparison":
         smearing = None if self.smearing is None else self.smearing.under(conditions)
