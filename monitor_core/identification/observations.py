@@ -75,7 +75,8 @@ class FrequencyResponseObservation:
     standard_deviation: FloatArray  # of the real part and of the imaginary part, shape (n_frequencies,), same unit
     excitation: ExcitationPoint = ExcitationPoint.FORCE_AT_TABLE
     response_point: ResponsePoint = ResponsePoint.DISPLACEMENT_AT_TABLE
-    #: Reciprocal duration of the Hann windows that were averaged; 0: lines of a sine, or so fine as not to matter. [Hz]
+    #: Reciprocal duration of the Hann windows that a continuous random excitation was averaged in; 0: lines count as
+    #: exact. The discrepancy workflow looks at it, an identification does not. [Hz]
     resolution: float = 0.0
 
     def __post_init__(self) -> None:

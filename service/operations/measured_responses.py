@@ -81,7 +81,6 @@ def _response(one: ModalMeasurement, usual_temperature: float | None) -> Frequen
         np.abs(frf.response[seen]) * error,
         _excitation_point(one),
         ResponsePoint.ACCELERATION_AT_TABLE,
-        frf.frequency[1] - frf.frequency[0] if one.taper == "hann" and frf.frequency.size > 1 else 0.0,
     )
 
 

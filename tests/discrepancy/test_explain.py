@@ -1,13 +1,13 @@
 """The workflow from end to end on an axis of its own family: what is hidden is named, and nothing else."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from textwrap import dedent
 
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.comparison import Setting
+from monitor_core.discrepancy.comparing.comparison import Panel, Setting
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.discrepancy.explain import explain
@@ -113,6 +113,32 @@ def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
     assert found.equivalent_to == ()
     assert any(remark.startswith("the same finding as wrong-parameter:") for remark in found.remarks)
     assert covered(found.parameters["compliance_m_per_n"], 9e-8)
+
+
+@dataclass(frozen=True, eq=False)
+class AnsweringNearby(LinearComparison):
+    """Has no answer where the first quantity is above two, and draws what it is asked to draw."""
+
+    def misfit(self, physics):
+        if physics[0] > 2.0 and np.all(self.errors == 0.0):
+            raise OutsideValidityError("no answer at the settings as stated")
+        return super().misfit(physics)
+
+    def panels(self, models):
+        self.misfit(models["before"])
+        return tuple(Panel(name, "x", "y", np.zeros(1), np.zeros(1), {name: np.zeros(1)}) for name in models)
+
+
+def test_a_model_without_an_answer_at_the_settings_as_stated_is_left_out_of_the_pictures() -> None:
+    """It fits with the likely errors of the settings, and is still what was found."""
+    layout = layout_of((40, 40), 1.0)
+    rng = np.random.default_rng(2)
+    design = np.column_stack([np.ones(80), rng.standard_normal(80)])
+    data = design @ [3.0, 0.0] + rng.standard_normal(80)
+    comparison = AnsweringNearby(layout, design, data, np.full((1, 80), 0.3), errors=np.zeros((2, 1)))
+    answer = explain(comparison, LinearSubject({}, 2), [quantity(0, lower=0.0)])
+    assert keys(answer) == ["quantity-0"]
+    assert [panel.title for panel in answer.panels] == ["before"]
 
 
 def test_the_augmented_model_is_the_axis(far_bearing) -> None:

@@ -61,6 +61,26 @@ def test_it_is_what_the_average_over_hann_windows_shows() -> None:
     assert np.max(np.abs(estimated[around] / response(0.0) - 1.0)) > 0.15
 
 
+@pytest.mark.parametrize(("lines_wide", "error"), [(2.0, 1e-3), (1.0, 1e-2)])
+def test_it_is_as_exact_as_is_said(lines_wide, error) -> None:
+    """Of one mode so many resolutions wide: against its impulse response under the autocorrelation of the window."""
+    resolution, frequency = 1.0, 100.0
+    decay = np.pi * lines_wide * resolution
+    time = np.arange(0.0, 1.0 / resolution, 1e-5)
+    window = scipy.signal.windows.hann(time.size, sym=False)
+    weight = scipy.signal.fftconvolve(window, window[::-1])[time.size - 1 :] / np.sum(window**2)
+    impulse = weight * np.exp((2j * np.pi * frequency - decay) * time)
+    around = frequency + np.arange(-4.0, 4.0, 0.25) * resolution
+    exact = np.array([np.trapezoid(impulse * np.exp(-2j * np.pi * one * time), time) for one in around])
+
+    def response(shift):
+        return 1.0 / (decay + 2j * np.pi * (around + shift * resolution - frequency))
+
+    found = sum(weight * response(step) for weight, step in zip(WEIGHTS, STEPS, strict=True))
+    np.testing.assert_allclose(np.log(found / exact), 0.0, atol=error)
+    assert np.max(np.abs(np.log(response(0.0) / exact))) > 50.0 * error
+
+
 def test_lines_without_a_stated_resolution_are_exact() -> None:
     assert smearing([case(ACCELERATION)], [0.0]) is None
     both = [case(ACCELERATION), case(ANGLE)]

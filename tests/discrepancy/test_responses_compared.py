@@ -113,6 +113,41 @@ def test_changes_by_errors_are_those_of_the_shifted_comparison(index) -> None:
     assert np.any(change)
 
 
+def smeared(conditions, *, point=ACCELERATION, resolution=2.0, steps=60):
+    """Return a response as averages over windows show it, by the integral over the spectrum of Hann's window."""
+    offsets = (np.arange(-4.0, 4.0, 8.0 / steps) + 4.0 / steps) * resolution
+    turns = offsets / resolution
+    power = (np.sinc(turns) + 0.5 * (np.sinc(turns - 1.0) + np.sinc(turns + 1.0))) ** 2
+    seen = np.zeros(LINES.size, dtype=complex)
+    for offset, weight in zip(offsets, power / np.sum(power), strict=True):
+        case = ResponseCase(LINES + offset, conditions, ExcitationPoint.TORQUE_AT_MOTOR, point, MotorEnd.FREE)
+        seen += weight * responses(PHYSICS, prepare_lines([case]))
+    return replace(observed(conditions, point=point), response=seen, resolution=resolution)
+
+
+def test_averages_over_windows_agree_with_the_axis_that_they_are_of() -> None:
+    """Where they state their resolution: a hundredth and less of the misfit is left that they show without."""
+    averaged = [smeared(one) for one in AT]
+    plain = compare_responses([replace(one, resolution=0.0) for one in averaged]).misfit(PHYSICS)
+    stated = compare_responses(averaged)
+    assert np.max(np.abs(plain)) > 0.05
+    assert np.max(np.abs(stated.misfit(PHYSICS))) < 0.02 * np.max(np.abs(plain))
+    for panel, one in zip(stated.panels({"after": PHYSICS}), averaged, strict=True):
+        np.testing.assert_allclose(panel.models["after"], np.abs(one.response), rtol=1e-3)
+
+
+def test_resolved_data_have_the_misfit_of_the_averages_where_they_were_resolved() -> None:
+    """With errors of the settings, which move the modes; and no resolution is looked at any more."""
+    comparison = compare_responses([smeared(one) for one in AT])
+    errors = np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 0.0], [-1.0, 0.3, 2.0]])
+    resolved = comparison.resolved(PHYSICS, errors)
+    assert resolved.smearing is None
+    np.testing.assert_allclose(
+        resolved.shifted(errors).misfit(PHYSICS), comparison.shifted(errors).misfit(PHYSICS), atol=1e-12
+    )
+    assert compare_responses([observed(AT[0])]).resolved(PHYSICS, errors[:1]).smearing is None
+
+
 def test_a_gain_is_a_matter_of_the_amplitude_of_its_own_sensor() -> None:
     comparison = compare_responses([observed(AT[0]), observed(AT[0], point=ANGLE)])
     first, second = comparison.setting_errors(PHYSICS)[2:]

@@ -6,9 +6,10 @@ H1 of a random excitation that is flat around a line, averaged over segments und
 
 of what is recorded: peaks become lower and wider (Schmidt, J. Sound Vib. 101 (1985) 347: resolution bias errors).
 Under the integral the impulse response h(τ) is weighed by the autocorrelation a(τ) of the window, which ends after the
-duration T of a segment. A sum in steps of 2/(3T) weighs it by a(τ) + a(3T/2 − τ) instead, which is the same where
-motion has died away after T; of Hann's window it has five terms that count. What is recorded is taken to be an
-acceleration: displacements and angles from it are quotients by :math:`-(2 \pi f)^2`.
+duration T of a segment. A sum in steps of 1/(2T) weighs it by a(τ) + a(2T − τ) instead, which is the same where motion
+has died away after T: it errs by less than 0.1 % where a peak is 2/T wide between its half-power points, and by less
+than 1 % at 1/T. Of Hann's window seven terms count. What is recorded is taken to be an acceleration: displacements and
+angles from it are quotients by :math:`-(2 \pi f)^2`.
 """
 
 from collections.abc import Sequence
@@ -23,8 +24,9 @@ from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import ResponsePoint
 
 #: From a line, in resolutions 1/T: the line itself, then those beside it.
-STEPS = np.array([0.0, -4.0, -2.0, 2.0, 4.0]) / 3.0
-_POWERS = (np.sinc(STEPS) / (1.0 - STEPS**2)) ** 2  # |W|² of Hann's window
+STEPS = np.array([0.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5])
+#: |W|² of Hann's window, whose transform is that of a cut in halves: sinc(ν) + [sinc(ν − 1) + sinc(ν + 1)]/2.
+_POWERS = (np.sinc(STEPS) + 0.5 * (np.sinc(STEPS - 1.0) + np.sinc(STEPS + 1.0))) ** 2
 WEIGHTS = _POWERS / np.sum(_POWERS)
 
 
@@ -47,7 +49,7 @@ class Smearing:
 
 
 def smearing(cases: Sequence[ResponseCase], resolution: Sequence[float]) -> Smearing | None:
-    """Return what the resolutions of responses do to them; None where all are so fine that they do nothing.
+    """Return what the resolutions of responses do to them; None where none is stated.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ def smearing(cases: Sequence[ResponseCase], resolution: Sequence[float]) -> Smea
         return None
     widened, places, weights, n_before = [], [], [], 0
     for case, width in zip(cases, resolution, strict=True):
-        # next to zero, where a window does not separate lines from the mean, no line can be further below
+        # of lines next to zero, which no window separates from the mean, those below end at half their frequency
         wanted = np.maximum(case.frequency + width * STEPS[:, None], 0.5 * case.frequency)
         frequency, place = np.unique(wanted, return_inverse=True)
         widened.append(replace(case, frequency=frequency))

@@ -41,7 +41,7 @@ class ResponsesComparison:
 
     layout: Layout
     lines: PreparedLines
-    smearing: Smearing | None  # by the resolution of the estimates; None: too little to matter
+    smearing: Smearing | None  # by the resolution of the estimates; None: none is stated
     measured: npt.NDArray[np.complex128]  # ln of the response of every line, shape (n_lines,)
     line_of_value: npt.NDArray[np.intp]  # line of each value; real parts of a response, then its imaginary parts
     imaginary: BoolArray  # which values are imaginary parts
@@ -63,7 +63,7 @@ class ResponsesComparison:
 
     def misfit(self, physics: AxisPhysics) -> FloatArray:
         """Return Re and Im of ln(H/Y), shape (n_values,)."""
-        return self._values(self._logarithm(physics) - self.measured)
+        return self._values(self.log_responses(physics) - self.measured)
 
     def setting_errors(self, physics: AxisPhysics) -> FloatArray:
         """Return the change of the misfit by position, preload and the gain of each response of a setting."""
@@ -121,7 +121,7 @@ class ResponsesComparison:
     def panels(self, models: Mapping[str, AxisPhysics]) -> tuple[Panel, ...]:
         """Return the amplitude of every response, measured and modelled."""
         frequency = self.lines.omega / (2.0 * np.pi)
-        amplitudes = {name: np.exp(self._logarithm(physics).real) for name, physics in models.items()}
+        amplitudes = {name: np.exp(self.log_responses(physics).real) for name, physics in models.items()}
         held_out = self._held_out_responses
         pictures = []
         for index, title in enumerate(self.titles):
@@ -147,7 +147,7 @@ class ResponsesComparison:
             held[self.response_of_line[self.line_of_value[fold]]] = True
         return held
 
-    def _logarithm(self, physics: AxisPhysics) -> ComplexArray:
+    def log_responses(self, physics: AxisPhysics) -> ComplexArray:
         """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
         smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics)
         return np.asarray(np.log(responses(physics, self.lines)) + smeared)

@@ -99,7 +99,7 @@ class PlacesComparison:
         return replace(self, then=side) if self.now is None else replace(self, now=side)
 
     def resolved(self, physics: ThenAndNow, errors: FloatArray) -> "PlacesComparison":
-        """Return the comparison as it is: then and now were seen with one resolution."""
+        """Return the comparison as it is: what short windows do to responses is part of their stated tolerances."""
         del physics, errors
         return self
 

@@ -157,6 +157,7 @@ def fit(
         likely = partial(likely_from, around.errors, layout.standard_deviation)
         at = _least_squares(likely, hypothesis, at, chosen, _MOST_EVALUATIONS)
         around = likely(at)
+    around = likely_from(around.errors, layout.standard_deviation, at)  # resolved at the errors that are likely now
     return Fitted(comparison, hypothesis, at, around, chosen)
 
 

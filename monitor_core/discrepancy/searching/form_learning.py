@@ -14,7 +14,7 @@ from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.subject import Subject
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
-from monitor_core.models.extended import AxisPhysics, responses
+from monitor_core.models.extended import AxisPhysics
 from monitor_core.models.protocol import ResponsePoint
 
 _BANDS = 12  # logarithmic, over all lines
@@ -63,11 +63,11 @@ def _excess(
     layout = comparison.layout
     left = fitted.standardised * layout.standard_deviation
     # of the model: what a measurement is off by would show in its own steepness
-    response = responses(fitted.physics(), comparison.lines)
+    response = np.exp(comparison.shifted(fitted.around.errors).log_responses(fitted.physics()))
     steep = np.zeros(response.size)
     for number in range(len(comparison.titles)):
         at = comparison.response_of_line == number
-        steep[at] = steepness(comparison.lines.omega[at], response[at])
+        steep[at] = steepness(comparison.lines.omega[at] / (2.0 * np.pi), response[at])
     columns = np.array([layout.frequency, steep[comparison.line_of_value], left, comparison.noise])
     points = [ResponsePoint(name.split(",")[0]) for name in layout.channels]
     return {

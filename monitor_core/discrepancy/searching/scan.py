@@ -41,6 +41,7 @@ _PEAKS = 4  # of the misfit, where something may resonate, too
 _BEYOND_BAND = 1.4  # a resonance outside the band still shows in it
 #: Standard deviations: a parameter so far from what is stated may stand in for the effect that is looked at.
 _PULLED = 3.0
+_LARGEST = 1e4  # size that is tried, in scales: a range may have no end
 _FINE = 1.25  # ratio of sizes of which one brings modes near to where another parameter has brought them
 
 
@@ -306,7 +307,7 @@ class _Look(Generic[Physics]):
 
     def _fine_sizes(self, index: int) -> Iterator[float]:
         low, high = self._range(index)
-        largest = max(-low, high)
+        largest = min(max(-low, high), _LARGEST)
         for size in np.geomspace(_SIZES[0], largest, math.ceil(math.log(largest / _SIZES[0], _FINE)) + 1).tolist():
             yield from (signed for signed in (size, -size) if low <= signed <= high)
 

@@ -240,8 +240,9 @@ class Search(Generic[Physics]):
     def _from_best_start(self, current: Fitted[Physics], look: Scanned[Physics]) -> Fitted[Physics] | None:
         """Return the best fit from where a look leads, instead of a parameter, and from where it is absent.
 
-        One start is enough if it ends at the floor, where there is but one minimum, and where it gains what the look
-        has promised, if looks can be relied upon. Two are enough if they end in one minimum that gains something.
+        Of starts from a look and from where the effect is absent, one is enough if it ends at the floor, where there is
+        but one minimum, and where it gains what the look has promised, if looks can be relied upon. Two are enough if
+        they end in one minimum that gains something.
         """
         near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)

@@ -74,8 +74,8 @@ def _with_its_temperature(modal: ModalMeasurement) -> FrequencyResponseObservati
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [101, 102])
-def test_every_cause_is_named(seed: int) -> None:
-    found = list(trials(seed, HAPPENINGS | OUTSIDE))
+def test_every_cause_is_named() -> None:
+    """On one of the twenty machines of benchmarks/running_axis.py."""
+    found = list(trials(101, HAPPENINGS | OUTSIDE))
     wrong = {one.truth: one.explanation.sentence for one in found if not one.right}
     assert not wrong
