@@ -101,9 +101,7 @@ def explain(
         localisation=_places(found.baseline, candidates, scatter),
         remainder=_places(found.final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,
-        steps=tuple(
-            _step(earlier, later) for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False)
-        ),
+        steps=_steps(found, classes),
         candidates=_candidates(found, candidates, classes),
         pulls={name: math.sqrt(value) for name, value in pulls.items()} | _parameter_pulls(found.final),
         next_measurement=next_measurement(found, classes, outcome, candidates),
@@ -112,6 +110,7 @@ def explain(
         panels=comparison.panels(_with_answer(comparison, models)),
         maps=_maps(found),
         gap_by_channel=_gap_by_channel(found),
+        pulls_before=_parameter_pulls(found.baseline),
     )
 
 
@@ -151,10 +150,16 @@ def _judged_values(fitted: Fitted[Physics]) -> BoolArray:
     return fitted.fitted if fitted.held_out is None else fitted.held_out.chosen
 
 
-def _step(earlier: Fitted[Physics], later: Fitted[Physics]) -> Step:
-    known = {effect.key for effect in earlier.hypothesis.effects}
-    added = [effect.key for effect in later.hypothesis.effects if effect.key not in known]
-    return Step(" + ".join(added), _gap_pair(later))
+def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
+    """Return what was added one after the other, by the keys that lead their classes, and what it left."""
+    leaders = {one.effect.key: of.leader.effect.key for one, of in zip(found.accepted, classes, strict=True)}
+    steps = []
+    for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False):
+        known = {effect.key for effect in earlier.hypothesis.effects}
+        added = [effect.key for effect in later.hypothesis.effects if effect.key not in known]
+        left = found.final if later is found.steps[-1] else later
+        steps.append(Step(" + ".join(leaders.get(key, key) for key in added), _gap_pair(left)))
+    return tuple(steps)
 
 
 def _found_effect(one: EquivalenceClass[Physics], by: Yardstick) -> FoundEffect:

@@ -150,3 +150,5 @@ class Explanation:
     maps: tuple[MisfitMap, ...] = ()  # one for each channel; none where the data have neither settings nor bands
     #: Gap on the fitted data before and after: an effect may close that of one channel, and leave another one's.
     gap_by_channel: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    #: Of the declared parameters, before anything was added: what they would have to be off by in its place [-]
+    pulls_before: Mapping[str, float] = field(default_factory=dict)

@@ -113,6 +113,10 @@ def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
     assert found.equivalent_to == ()
     assert any(remark.startswith("the same finding as wrong-parameter:") for remark in found.remarks)
     assert covered(found.parameters["compliance_m_per_n"], 9e-8)
+    assert [(one.effect, one.gap) for one in answer.steps] == [(found.key, answer.gap.after)]
+    strained = max(answer.pulls_before, key=lambda name: abs(answer.pulls_before[name]))
+    assert abs(answer.pulls_before[strained]) > 8.0
+    assert abs(answer.pulls[strained]) < 3.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ from service.operations.explanation_document import explanation_document
 from service.operations.explanation_report import explanation_markdown, explanation_page, write_report
 from service.operations.explanation_report.panel_chart import POINTS
 from service.operations.explanation_report.rounding import quantity, with_uncertainty
+from service.operations.explanation_report.sentences import headline
 from service.operations.explanation_report.svg import Axis, axis_over, decimated, element
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
@@ -157,6 +158,20 @@ def explanation(outcome: Outcome) -> Explanation:
 
 
 EXAMPLES = {outcome: explanation(outcome) for outcome in Outcome}
+
+
+def test_verdict_on_what_a_parameter_had_taken_up_says_which_and_how_far() -> None:
+    same = GapPair(0.99, 0.98)
+    eased = replace(
+        EXAMPLES[Outcome.NAMED],
+        gap=Gap("sigma", 1.0, same, same),
+        pulls_before={"table_mass_kg": 0.4, "bracket_stiffness_n_per_m": -14.93},
+        pulls={"bracket_stiffness_n_per_m": 0.1},
+    )
+    assert headline(eased).endswith(
+        "with it the gap stays at 0.980 σ, on data that were not fitted (noise floor 1.00 σ), but without, "
+        "bracket_stiffness_n_per_m would have to be 15 standard deviations from what is stated."
+    )
 
 
 class Page(HTMLParser):

@@ -35,6 +35,10 @@ MEANING: Final = {
 }
 
 
+_HARDLY_LESS = 0.95  # of a gap
+_STRAINED = 3.0  # standard deviations
+
+
 def headline(explanation: Explanation) -> str:
     """Return the verdict in one sentence."""
     names = listed([effect_named(one) for one in explanation.effects])
@@ -103,11 +107,29 @@ def candidates_in_order(candidates: Sequence[Candidate]) -> list[Candidate]:
 def _gap_sentence(explanation: Explanation) -> str:
     gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
     before, after = judged_gap(gap.before), judged_gap(gap.after)
+    if after > _HARDLY_LESS * before and (strained := _strained_before(explanation)):
+        return (
+            f"the gap stays at {rounded(after)}{unit}, {judged_on(explanation)} (noise floor "
+            f"{rounded(gap.noise_floor)}{unit}), but without, {strained}"
+        )
     verb = "falls" if after < before else "does not fall"
     return (
         f"the gap {verb}, from {rounded(before)} to {rounded(after)}{unit}, {judged_on(explanation)} "
         f"(noise floor {rounded(gap.noise_floor)}{unit})"
     )
+
+
+def _strained_before(explanation: Explanation) -> str:
+    """Say which declared parameter would have to be far off in the place of what was found; empty if none."""
+    eased = {
+        name: pull
+        for name, pull in explanation.pulls_before.items()
+        if abs(pull) > _STRAINED and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
+    }
+    if not eased:
+        return ""
+    name = max(eased, key=lambda one: abs(eased[one]))
+    return f"{name} would have to be {rounded(abs(eased[name]), 2)} standard deviations from what is stated"
 
 
 def _none_sentence(explanation: Explanation) -> str:
