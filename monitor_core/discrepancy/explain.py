@@ -234,7 +234,10 @@ def _candidates(
         if missing:
             untestable = f"{', '.join(missing)} does not vary"
         elif effect.key in looks and limit is None:
-            untestable = "nothing that was measured moves with it"
+            moves = looks[effect.key].information > 0.0
+            untestable = (
+                "no value within its range would be seen" if moves else "nothing that was measured moves with it"
+            )
         elif not effect.applies(found.final.physics()) and effect.key not in rivals:
             continue
         rival, look = rivals.get(effect.key), looks.get(effect.key)

@@ -108,6 +108,15 @@ def explain(
         print_json(explanation_document(explanation, model_text))
     else:
         _print(explanation)
+        for path in _written(report_dir, out):
+            click.echo(f"Written: {path}")
+
+
+def _written(report_dir: Path | None, out: Path | None) -> Iterator[Path]:
+    if report_dir is not None:
+        yield report_dir / "explanation.html"
+    if out is not None:
+        yield out
 
 
 def _measured(data: Path, band_hz: tuple[float, float] | None) -> Measured:
@@ -184,12 +193,15 @@ def _print(explanation: Explanation) -> None:
     for number, step in enumerate(explanation.steps, start=1):
         click.echo(f"{number}. {step_sentence(step.effect, step.gap, gap.unit)}")
     candidates = candidates_in_order(explanation.candidates)[:_MOST_CANDIDATES]
+    more = len(explanation.candidates) - len(candidates)
     if candidates:
         print_table(
             candidates_heading(explanation.outcome),
             ("effect", "ΔBIC", "would be seen from"),
             [(one.key, evidence(one.delta_bic), _seen_from(one)) for one in candidates],
         )
+    if more:
+        click.echo(f"and {more} more: --report DIR or --json lists them.")
     if explanation.next_measurement:
         click.echo(f"Measure next: {explanation.next_measurement}")
 

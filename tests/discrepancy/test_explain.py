@@ -198,6 +198,7 @@ def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     assert reasons["payload-mass"] == "payload does not vary"
     assert reasons["thermal-preload"] == "temperature does not vary"
     assert reasons["servo-stiffness"] == "nothing that was measured moves with it"
+    assert reasons["position-offset"] == "no value within its range would be seen"
     assert reasons["added-mass"] is None
     assert "far-bearing-stiffness" not in reasons
     limits = {one.key: one.detection_limit for one in far_bearing.candidates}

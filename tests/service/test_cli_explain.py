@@ -179,6 +179,9 @@ def test_nothing_is_named_where_nothing_is_missing(preload: Any, responses: Path
     assert 0.0 < limits["far-bearing-stiffness"] < MISSING
     assert answer.out.startswith("Nothing is missing that these data would show: ")
     assert "What could still hide" in answer.out
+    more = len(document["candidates"]) - 5
+    assert f"and {more} more: --report DIR or --json lists them." in answer.out
+    assert answer.out.splitlines()[-1] == f"Written: {tmp_path / 'report' / 'explanation.html'}"
 
 
 def test_what_is_held_out_is_what_is_asked_for(preload: Any, responses: Path, tmp_path: Path) -> None:

@@ -52,12 +52,12 @@ def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_
 def pull_chart(name: str, pulls: Mapping[str, float]) -> Markup:
     """Draw one bar for each kind of error that was set aside, and a line at 1, where what was stated holds."""
     left = _label_width(list(pulls))
-    axis = Axis(0.0, _largest([1.5, *pulls.values()]), left, _WIDTH - 150.0)
+    axis = Axis(0.0, _largest([1.5, *map(abs, pulls.values())]), left, _WIDTH - 150.0)
     height, bars, texts = _TOP, [], []
     for words, pull in pulls.items():
-        bars.append(_bar(axis, height, pull, "bar fitted"))
+        bars.append(_bar(axis, height, abs(pull), "bar fitted"))
         texts.append(_row_label(words, left, height + 12.5))
-        texts.append(label(rounded(pull, 2), _end(axis, pull) + 6.0, height + 12.5, class_="beside"))
+        texts.append(label(rounded(pull, 2), _end(axis, abs(pull)) + 6.0, height + 12.5, class_="beside"))
         height += _BAR + 6.0
     description = "; ".join(f"{words}: {rounded(pull, 2)}" for words, pull in pulls.items())
     return picture(

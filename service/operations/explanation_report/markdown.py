@@ -124,7 +124,10 @@ def _pulls(explanation: Explanation) -> list[str]:
     if not explanation.pulls:
         return ["No error of a setting or of a declared parameter was taken into account."]
     rows = [[name, rounded(pull, 2)] for name, pull in explanation.pulls.items()]
-    return [*_table(["error of", "rms pull"], rows), "", "About 1 is as stated; far above 1, it is not."]
+    words = (
+        "In standard deviations, of settings rms, of parameters by sign: up to 1 or 2 is as stated, far beyond is not."
+    )
+    return [*_table(["error of", "pull"], rows), "", words]
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
