@@ -18,6 +18,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.comparing.comparison import Comparison
+from monitor_core.discrepancy.comparing.condition_groups import has_lines
 from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.hypothesis import Hypothesis
@@ -200,7 +201,7 @@ class Search(Generic[Physics]):
         best = current
         for look in self._promising(current):
             surpassed = look.promise < self.settings.least_share_of_gain * (current.cost - best.cost)
-            if surpassed and (self._is_near(current) or self._gap(best) < 1.0):
+            if surpassed and (self._is_near(current) or (self._gap(best) < 1.0 and not self._looks_mislead(current))):
                 continue
             self.progress(f"refitting with {look.effect.key}")
             trial = self._from_best_start(current, look)
@@ -261,6 +262,10 @@ class Search(Generic[Physics]):
             if gained > 0.0 and (self._has_one_minimum(best) or (near and 2.0 * gained > look.decrease)):
                 break
         return best
+
+    def _looks_mislead(self, current: Fitted[Physics]) -> bool:
+        """Tell whether looks promise much less than refits gain: of frequencies of modes, far from the data."""
+        return not has_lines(self.comparison.layout) and self._gap(current) > self.settings.far
 
     def _is_near(self, fitted: Fitted[Physics]) -> bool:
         """Tell whether misfits are so small that the model is nearly linear in what may be added."""
