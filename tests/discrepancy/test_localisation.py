@@ -37,7 +37,7 @@ OMEGA = 2.0 * np.pi * FREQUENCY
 DEVIATION = 0.01  # of ln of a response
 AXES = (POSITION, PRELOAD, EXCITATION)
 CASES = tuple(product((0.1, 0.25, 0.4, 0.55, 0.7, 0.85), (100.0, 250.0), (0.05, 0.2)))  # [m], [N], [N·m]
-N_DRAWS = 250
+N_DRAWS = 500
 #: With a probability of one in a thousand there are more false ones if the level is held.
 MOST_FALSE = stats.binom.isf(1e-3, N_DRAWS, LEVEL)
 

@@ -126,7 +126,7 @@ def smeared(conditions, *, point=ACCELERATION, resolution=2.0, steps=60):
 
 
 def test_averages_over_windows_agree_with_the_axis_that_they_are_of() -> None:
-    """Where they state their resolution: a hundredth and less of the misfit is left that they show without."""
+    """Where they state their resolution: a fiftieth and less of the misfit is left that they show without."""
     averaged = [smeared(one) for one in AT]
     plain = compare_responses([replace(one, resolution=0.0) for one in averaged]).misfit(PHYSICS)
     stated = compare_responses(averaged)

@@ -83,25 +83,16 @@ class ResponsesComparison:
 
     def shifted(self, errors: FloatArray) -> "ResponsesComparison":
         """Return the comparison with position, preload and gains moved by errors in standard deviations."""
-        conditions = self.lines.conditions
         of_case = errors[self.setting_of_response]
-        moved = replace(
-            conditions,
-            position=conditions.position + self.tolerances.position * of_case[:, 0],
-            preload=conditions.preload * (1.0 + self.tolerances.preload_share * of_case[:, 1]),
-        )
         gain = self.tolerances.gain_share * of_case[np.arange(of_case.shape[0]), 2 + self.gain_column]
-        return replace(
-            self._under(moved),
-            measured=self.measured - gain[self.response_of_line],
-        )
+        return replace(self._under(self._moved(errors)), measured=self.measured - gain[self.response_of_line])
 
     def resolved(self, physics: AxisPhysics, errors: FloatArray) -> "ResponsesComparison":
         """Return the comparison with the responses as estimates of a finer resolution would have been."""
-        there = self.shifted(errors)
-        if there.smearing is None:
+        if self.smearing is None:
             return self
-        return replace(self, smearing=None, measured=self.measured - there.smearing.log_ratio(physics))
+        smearing = self.smearing.under(self._moved(errors))
+        return replace(self, smearing=None, measured=self.measured - smearing.log_ratio(physics))
 
     def imagined(self) -> Mapping[str, "ResponsesComparison"]:
         """Return the settings with a known mass on the table, warmer, and excited more."""
@@ -151,6 +142,15 @@ class ResponsesComparison:
         """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
         smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics)
         return np.asarray(np.log(responses(physics, self.lines)) + smeared)
+
+    def _moved(self, errors: FloatArray) -> ConditionArrays:
+        """Return the conditions of the cases with position and preload moved by errors in standard deviations."""
+        conditions, of_case = self.lines.conditions, errors[self.setting_of_response]
+        return replace(
+            conditions,
+            position=conditions.position + self.tolerances.position * of_case[:, 0],
+            preload=conditions.preload * (1.0 + self.tolerances.preload_share * of_case[:, 1]),
+        )
 
     def _under(self, conditions: ConditionArrays) -> "ResponsesComparison":
         smearing = None if self.smearing is None else self.smearing.under(conditions)

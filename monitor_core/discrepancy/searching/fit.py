@@ -26,6 +26,7 @@ from monitor_core.discrepancy.searching.linearised import Linearised, linearise
 from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
+Answer = TypeVar("Answer")
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0
@@ -174,29 +175,21 @@ def _at_likely_errors(
     nut's stiffness, say, against a preload that was wrong in all settings alike.
     """
     physics = hypothesis.physics(coordinates)
-    resolved = _resolved(comparison, physics, errors)
-    before = _linearised(resolved, physics, errors, deviation)
-    return _linearised(resolved, physics, _likely_errors(before, physics), deviation)
+    resolved = _answered(partial(comparison.resolved, physics), errors)
+    around = partial(linearise, resolved, physics, deviation=deviation)
+    return _answered(around, _likely_errors(_answered(around, errors), physics))
 
 
 def _likely_errors(around: Linearised[Physics], physics: Physics) -> FloatArray:
     return np.clip(around.whitened_by.errors(around.misfit(physics)), -_LIKELY, _LIKELY)
 
 
-def _resolved(comparison: Comparison[Physics], physics: Physics, errors: FloatArray) -> Comparison[Physics]:
+def _answered(at: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:
+    """Return what is answered with errors of the settings, or without where the model has no answer at those."""
     try:
-        return comparison.resolved(physics, errors)
-    except OutsideValidityError:  # the model has no answer at settings so moved
-        return comparison.resolved(physics, np.zeros_like(errors))
-
-
-def _linearised(
-    comparison: Comparison[Physics], physics: Physics, errors: FloatArray, deviation: FloatArray
-) -> Linearised[Physics]:
-    try:
-        return linearise(comparison, physics, errors, deviation)
-    except OutsideValidityError:  # the model has no answer at settings so moved
-        return linearise(comparison, physics, np.zeros_like(errors), deviation)
+        return at(errors)
+    except OutsideValidityError:
+        return at(np.zeros_like(errors))
 
 
 def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> float:
