@@ -1,6 +1,7 @@
 """Entry point of ``preload``: exit 0 done, 2 bad input (one line on standard error), 1 anything else."""
 
 import sys
+from importlib import import_module
 from importlib.metadata import version
 
 import click
@@ -8,28 +9,35 @@ from pydantic import ValidationError
 from threadpoolctl import threadpool_limits
 
 from monitor_core.errors import MonitorCoreError
-from service.cli.calibrate import calibrate
-from service.cli.check import check
-from service.cli.demo import demo
-from service.cli.estimate import estimate
-from service.cli.explain import explain
-from service.cli.frf import frf
-from service.cli.identify import identify
-from service.cli.modes import modes
-from service.cli.replay import replay
-from service.cli.serve import serve
-from service.cli.simulate import simulate
 from service.errors import ServiceError
 
+#: In modules of their names, imported when they are asked for: most need neither web nor database.
+_COMMANDS = (
+    "demo", "serve", "replay", "frf", "calibrate", "estimate", "identify", "explain", "modes", "simulate", "check",
+)  # fmt: skip
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+
+class _Commands(click.Group):
+    """Commands that are imported one by one."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all commands."""
+        del ctx
+        return sorted(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command, None where there is none of this name."""
+        del ctx
+        if cmd_name not in _COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"service.cli.{cmd_name}"), cmd_name)
+        return command
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(version("preload-monitor"), prog_name="preload")
 def preload() -> None:
     """Ball-screw preload in newtons from motor torque and nut acceleration."""
-
-
-for command in (demo, serve, replay, frf, calibrate, estimate, identify, explain, modes, simulate, check):
-    preload.add_command(command)
 
 
 def main() -> None:

@@ -59,7 +59,7 @@ class LinearComparison:
         errors = np.broadcast_to(self.errors, (len(self.layout.settings), len(self.directions)))
         return self.design @ physics - self.data + np.sum(self.directions * errors[self.layout.setting].T, axis=0)
 
-    def setting_errors(self, physics):
+    def setting_errors(self, physics, misfit):
         return self.directions
 
     def imagined(self):

@@ -169,7 +169,8 @@ def test_linearised_misfit_is_that_of_the_shifted_comparison_less_what_the_error
     errors = np.random.default_rng(4).uniform(-2.0, 2.0, (6, 3))
     around = linearise(comparison, physics, errors, comparison.layout.standard_deviation)
     shifted = comparison.shifted(errors)
-    share = np.sum(shifted.setting_errors(physics) * errors[comparison.layout.setting].T, axis=0)
+    by_errors = shifted.setting_errors(physics, shifted.misfit(physics))
+    share = np.sum(by_errors * errors[comparison.layout.setting].T, axis=0)
     np.testing.assert_allclose(around.misfit(physics), shifted.misfit(physics) - share, atol=1e-12)
     # for small errors, whatever they are, it is the misfit itself
     small = linearise(comparison, physics, 1e-3 * errors, comparison.layout.standard_deviation)

@@ -271,7 +271,8 @@ def test_pictures_are_of_what_was_held_out() -> None:
 
 def test_a_comparison_has_no_errors_of_settings() -> None:
     comparison = MotionComparison.of(simulated_record(), STATED)
-    assert comparison.setting_errors(MotionPhysics(moving_mass=80.0)).shape == (0, comparison.layout.n_values)
+    physics = MotionPhysics(moving_mass=80.0)
+    assert comparison.setting_errors(physics, comparison.misfit(physics)).shape == (0, comparison.layout.n_values)
     assert comparison.setting_error_names == ()
     assert comparison.unit == "%"
 

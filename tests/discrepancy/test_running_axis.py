@@ -181,7 +181,7 @@ def test_errors_of_places_act_as_the_changes_they_are() -> None:
         change = moved.misfit(ThenAndNow(then=axis(), now=axis())) - unchanged
         # dampers are not of steel, and a place is tagged to the micrometre
         np.testing.assert_allclose(change, expected, atol=2e-3 * np.max(np.abs(expected)))
-        row = comparison.setting_errors(ThenAndNow(then=axis(), now=axis()))[column]
+        row = comparison.setting_errors(ThenAndNow(then=axis(), now=axis()), unchanged)[column]
         small = 1e-3 * np.eye(errors.shape[1])[column]
         by_small = comparison.shifted(errors + small).misfit(ThenAndNow(then=axis(), now=axis())) - unchanged
         np.testing.assert_allclose(by_small / 1e-3, row, atol=2e-3 * np.max(np.abs(row)))

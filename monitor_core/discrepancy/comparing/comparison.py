@@ -118,8 +118,10 @@ class Comparison(Protocol[Physics_contra]):
         """Return prediction less measurement, shape (n_values,); raises OutsideValidityError where there is none."""
         ...
 
-    def setting_errors(self, physics: Physics_contra) -> FloatArray:
+    def setting_errors(self, physics: Physics_contra, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit per standard deviation of each error of a setting, (n_errors, n_values).
+
+        The misfit is that of the same physics, which whoever asks has at hand.
 
         The errors are independent from setting to setting and standard normal: where the table really stood, what the
         preload really was, what the gain really is.

@@ -11,6 +11,7 @@ A damping ratio that is stated with a frequency is compared with that of the sam
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +23,7 @@ from monitor_core.discrepancy.comparing.conditions import KNOWN_MASS, SettingTol
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import ModalObservation, conditions_in_order
 from monitor_core.models.extended import AxisPhysics
-from monitor_core.models.extended.modes import drive_modes, with_damping
+from monitor_core.models.extended.modes import DriveModes, drive_modes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: Misfit of a frequency that no mode of the model comes near: as of one a quarter too low.
@@ -77,7 +78,7 @@ class ModesComparison:
         """Return ln(predicted/measured) of frequencies, predicted/measured − 1 of damping ratios, shape (n_values,)."""
         return np.asarray(self._misfits(physics, self.conditions)[0])
 
-    def setting_errors(self, physics: AxisPhysics) -> FloatArray:
+    def setting_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by errors of position and preload, shape (2, n_values)."""
         position = [replace(one, position=one.position - _STEP * self.tolerances.position) for one in self.conditions]
         preload = [
@@ -86,8 +87,7 @@ class ModesComparison:
             else replace(one, preload=one.preload * (1.0 - _STEP * self.tolerances.preload_share))
             for one in self.conditions
         ]
-        here, *moved = self._misfits(physics, self.conditions, position, preload)
-        return np.asarray((here - np.array(moved)) / _STEP)
+        return np.asarray((misfit - self._misfits(physics, position, preload)) / _STEP)
 
     def shifted(self, errors: FloatArray) -> "ModesComparison":
         """Return the comparison with positions and preloads moved by errors in standard deviations."""
@@ -159,9 +159,10 @@ class ModesComparison:
     def _misfits(self, physics: AxisPhysics, *conditions: Sequence[DriveConditions]) -> FloatArray:
         """Return the misfit under several conditions of each setting, all asked at once, shape (n_asked, n_values)."""
         highest = _HIGHEST * float(np.exp(np.max(self.measured[~self.damping])))
+        # without damping where none was measured: axes that differ in nothing else then are one
         damped = physics if np.any(self.damping) else with_damping(physics, 0.0)
-        every = [one for of_settings in conditions for one in of_settings]
-        modes = drive_modes(damped, every, [self.motor_end] * len(every), highest)
+        every = tuple(one for of_settings in conditions for one in of_settings)
+        modes = _modes(damped, every, self.motor_end, highest)
         elastic = modes.undamped_omega > 2.0 * np.pi * _LOWEST
         misfits = np.empty((len(conditions), self.measured.size))
         for number in range(len(every)):
@@ -239,6 +240,13 @@ def compare_modes(
         unit="sigma" if with_damping_ratios else "Hz" if len(distinct) == 1 else "%",
         tolerances=tolerances or SettingTolerances(),
     )
+
+
+@lru_cache(maxsize=64)  # a search asks for one axis again, and for axes that differ in damping alone
+def _modes(
+    physics: AxisPhysics, conditions: tuple[DriveConditions, ...], motor_end: MotorEnd, highest_frequency: float
+) -> DriveModes:
+    return drive_modes(physics, conditions, [motor_end] * len(conditions), highest_frequency)
 
 
 @dataclass(frozen=True, slots=True)

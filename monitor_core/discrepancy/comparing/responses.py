@@ -65,17 +65,15 @@ class ResponsesComparison:
         """Return Re and Im of ln(H/Y), shape (n_values,)."""
         return self._values(self.log_responses(physics) - self.measured)
 
-    def setting_errors(self, physics: AxisPhysics) -> FloatArray:
+    def setting_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by position, preload and the gain of each response of a setting."""
-        here = np.log(responses(physics, self.lines))
         conditions, rows = self.lines.conditions, []
         for name, step in (
             ("position", np.full(conditions.position.shape, self.tolerances.position)),
             ("preload", self.tolerances.preload_share * conditions.preload),
         ):
             moved = replace(conditions, **{name: getattr(conditions, name) - _STEP * step})
-            there = np.log(responses(physics, replace(self.lines, conditions=moved)))
-            rows.append(self._values(here - there) / _STEP)
+            rows.append(self.layout.difference(misfit, self._under(moved).misfit(physics)) / _STEP)
         gain = self.gain_column[self.response_of_line[self.line_of_value]]
         for column in range(int(np.max(self.gain_column)) + 1):
             rows.append(np.where((gain == column) & ~self.imaginary, self.tolerances.gain_share, 0.0))

@@ -92,9 +92,9 @@ class MotionComparison:
             )
         return self.sampling.values(forces(physics, self.motion)) - self.force
 
-    def setting_errors(self, physics: MotionPhysics) -> FloatArray:
+    def setting_errors(self, physics: MotionPhysics, misfit: FloatArray) -> FloatArray:
         """Return none, shape (0, n_values)."""
-        del physics
+        del physics, misfit
         return np.zeros((0, self.force.size))
 
     def shifted(self, errors: FloatArray) -> Self:

@@ -78,14 +78,13 @@ class PlacesComparison:
             misfit = self.now_means(self.now.misfit(physics.now, at_nut=self.at_nut)) + physics.log_gain - misfit
         return self._values(misfit)
 
-    def setting_errors(self, physics: ThenAndNow) -> FloatArray:
+    def setting_errors(self, physics: ThenAndNow, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by position, preload, temperature, gain and delay of a place."""
-        here = self.misfit(physics)
         rows = []
         for column in range(PLACE_ERRORS.index("gain")):
             errors = np.zeros((self.spread.size, len(self.setting_error_names)))
             errors[:, column] = _STEP
-            rows.append(self.layout.difference(self.shifted(errors).misfit(physics), here) / _STEP)
+            rows.append(self.layout.difference(self.shifted(errors).misfit(physics), misfit) / _STEP)
         spread, amplitude = self.spread[self.layout.setting], self.layout.channel == 0
         rows.append(np.where(amplitude, self.tolerances.gain_share * spread, 0.0))
         turned = -2.0 * np.pi * self.layout.frequency * self.tolerances.delay

@@ -177,11 +177,11 @@ def _at_likely_errors(
     physics = hypothesis.physics(coordinates)
     resolved = _answered(partial(comparison.resolved, physics), errors)
     around = partial(linearise, resolved, physics, deviation=deviation)
-    return _answered(around, _likely_errors(_answered(around, errors), physics))
+    return _answered(around, _likely_errors(_answered(around, errors)))
 
 
-def _likely_errors(around: Linearised[Physics], physics: Physics) -> FloatArray:
-    return np.clip(around.whitened_by.errors(around.misfit(physics)), -_LIKELY, _LIKELY)
+def _likely_errors(around: Linearised[Physics]) -> FloatArray:
+    return np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
 
 
 def _answered(at: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:
@@ -219,17 +219,17 @@ def _least_squares(
 
     def residuals(coordinates: FloatArray) -> FloatArray:
         try:
-            whitened = at_last(coordinates.tobytes()).residuals(hypothesis.physics(coordinates))[chosen]
+            around_here = at_last(coordinates.tobytes())
         except OutsideValidityError:
             return np.full(n_residuals, np.inf)  # the search shortens its step
+        whitened = around_here.whitened_by(around_here.here)[chosen]
         if not np.max(np.abs(whitened)) < _LARGEST:
             return np.full(n_residuals, np.inf)
         return np.concatenate([whitened, coordinates[:n_uncertain]])
 
     def jacobian(coordinates: FloatArray) -> FloatArray:
-        here = at_last(coordinates.tobytes())
-        misfit = here.misfit(hypothesis.physics(coordinates))
-        return np.vstack([_jacobian(here, hypothesis, coordinates, misfit)[chosen], prior])
+        around_here = at_last(coordinates.tobytes())
+        return np.vstack([_jacobian(around_here, hypothesis, coordinates, around_here.here)[chosen], prior])
 
     if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
         return start

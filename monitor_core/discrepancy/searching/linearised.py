@@ -22,6 +22,7 @@ class Linearised(Generic[Physics]):
     errors: FloatArray  # e, shape (n_settings, n_errors)
     whitened_by: Whitening
     offset: FloatArray  # −S e, shape (n_values,)
+    here: FloatArray  # misfit of the physics around which it was linearised, shape (n_values,)
 
     def misfit(self, physics: Physics) -> FloatArray:
         """Return the misfit, shape (n_values,)."""
@@ -37,7 +38,9 @@ def linearise(
 ) -> Linearised[Physics]:
     """Linearise a comparison around errors of its settings, shape (n_settings, n_errors)."""
     shifted = comparison.shifted(errors)
+    misfit = shifted.misfit(physics)
     whitened_by = whitening(
-        deviation, shifted.setting_errors(physics), comparison.layout.setting, comparison.layout.common
+        deviation, shifted.setting_errors(physics, misfit), comparison.layout.setting, comparison.layout.common
     )
-    return Linearised(shifted, errors, whitened_by, -whitened_by.share_of(errors))
+    offset = -whitened_by.share_of(errors)
+    return Linearised(shifted, errors, whitened_by, offset, misfit + offset)
