@@ -75,7 +75,12 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
         return Rejection(
             RejectionReason.EXCITATION_SOURCE_MISMATCH, "drag torque needs one torque source; got sensor and drive"
         )
-    travels = [travel for window in windows for travel in _constant_velocity_travels(window)]
+    travels = [
+        travel
+        for window, velocity in zip(windows, _velocities(windows), strict=True)
+        if velocity is not None
+        for travel in _constant_velocity_travels(window, velocity)
+    ]
     velocity, torque = np.array(travels).reshape(-1, 2).T
     speed = float(np.median(np.abs(velocity))) if travels else 0.0
     comparable = np.abs(np.abs(velocity) - speed) <= 2.0 * _SPEED_TOLERANCE * speed
@@ -93,13 +98,33 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
     )
 
 
-def _constant_velocity_travels(window: Window) -> Iterator[tuple[float, float]]:
+def _velocities(windows: Sequence[Window]) -> list[FloatArray | None]:
+    """Return the velocity over each window [m/s], None where its position is not known for long enough.
+
+    Windows of one length are differentiated together: one by one most of a judgement's time would go into their ends.
+    """
+    alike: dict[tuple[float, int], list[int]] = {}
+    for number, window in enumerate(windows):
+        shortest = max(_span(window.sample_rate), _SHORTEST_TRAVEL * window.sample_rate)
+        if window.position_trace is not None and window.n_samples >= shortest and _span(window.sample_rate) >= 3:
+            alike.setdefault((window.sample_rate, window.n_samples), []).append(number)
+    found: list[FloatArray | None] = [None] * len(windows)
+    for (rate, _), numbers in alike.items():
+        traces = np.array([windows[number].position_trace for number in numbers])
+        slopes = signal.savgol_filter(traces, _span(rate), polyorder=1, deriv=1, delta=1.0 / rate)
+        for number, velocity in zip(numbers, slopes, strict=True):
+            found[number] = velocity
+    return found
+
+
+def _span(sample_rate: float) -> int:
+    """Return the samples over which the position is differentiated, an odd number."""
+    return 2 * round(0.5 * _VELOCITY_SPAN * sample_rate) + 1
+
+
+def _constant_velocity_travels(window: Window, velocity: FloatArray) -> Iterator[tuple[float, float]]:
     """Yield mean velocity [m/s] and mean torque [N·m] of each travel of a window."""
     rate = window.sample_rate
-    span = 2 * round(0.5 * _VELOCITY_SPAN * rate) + 1
-    if window.position_trace is None or window.n_samples < max(span, _SHORTEST_TRAVEL * rate) or span < 3:
-        return
-    velocity = signal.savgol_filter(window.position_trace, span, polyorder=1, deriv=1, delta=1.0 / rate)
     moving = np.abs(velocity) > _MOVING * np.abs(velocity).max()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False]))))
     for begin, end in edges.reshape(-1, 2):

@@ -80,12 +80,24 @@ def answered(kind, size, design, seed, *keys):
 
 def test_a_healthy_machine_lacks_nothing_and_what_is_not_seen_is_listed() -> None:
     design = replace(plain_design(), settings=plain_design().settings[1::3])
-    answer = answered("none", "medium", design, 1, "added-mass", "payload-mass", "base-compliance")
+    answer = answered("none", "medium", design, 1, "added-mass", "payload-mass", "second-mode")
     assert answer.outcome is Outcome.NONE
     because = {one.key: one.untestable_because for one in answer.candidates}
     assert because["payload-mass"] == "payload does not vary"
-    assert because["base-compliance"] == "frequency does not vary"
+    assert because["second-mode"] == "frequency does not vary"
     assert "known added mass" in answer.next_measurement
+
+
+def test_a_mode_that_stays_where_it_is_may_be_that_of_the_base() -> None:
+    """A rotor on the spring of its servo would make one as low, and was named while a base was not asked for."""
+    design = replace(plain_design(), settings=plain_design().settings[1::3])
+    answer = answered("base-compliance", "large", design, 3, "base-compliance", "servo-stiffness")
+    (found,) = answer.effects
+    assert "base-compliance" in {found.key, *found.equivalent_to}
+    true = draw_modal_case("base-compliance", "large", design, 0.001, 3, accelerances=transmission_line_accelerances)
+    expected = true.truth["base-compliance"]["frequency_hz"]
+    assert answer.added["base-compliance"]["frequency_hz"] == pytest.approx(expected, rel=0.01)
+    assert answer.gap.after.fit < 1.2 * answer.gap.noise_floor < 0.1 * answer.gap.before.fit
 
 
 def test_a_mass_from_three_positions_is_one_of_several_and_a_known_mass_would_decide() -> None:
