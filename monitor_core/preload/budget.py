@@ -41,7 +41,7 @@ class UncertaintyBudget:
     frequency: float
     reproducibility: float
     parameters: dict[str, float]  # of each calibration parameter, with half of its covariances
-    gradient: FloatArray  # of the feature to the calibration parameters (k3 is none of them), see parameter_gradient
+    gradient: FloatArray  # of the feature to the calibration parameters (k3 is none of them), see parameter_gradients
     degrees_of_freedom: float  # effective (Welch–Satterthwaite)
 
     @property
@@ -67,42 +67,43 @@ class UncertaintyBudget:
         )
 
 
-def parameter_gradient(feature: float, conditions: Conditions, calibration: Calibration) -> FloatArray:
-    """Differentiate the feature with respect to the parameters of the calibration.
+def parameter_gradients(feature: float, conditions: Sequence[Conditions], calibration: Calibration) -> FloatArray:
+    """Differentiate the feature with respect to the parameters of the calibration, under several conditions.
 
     Parameters
     ----------
     feature : float
         Preload feature at the reference conditions. [s²]
-    conditions : Conditions
-        Of the measurement.
+    conditions : sequence of Conditions, shape (n_conditions,)
+        Of the measurements.
     calibration : Calibration
         Of the axis.
 
     Returns
     -------
-    ndarray, shape (n_parameters,)
+    ndarray, shape (n_conditions, n_parameters)
         In the order of ``calibration.parameter_names``; k3 has no part in the feature. [s² per unit of the parameter]
 
     Raises
     ------
     OutsideValidityError
-        If the payload is below the reference by more than the moving mass.
+        If a payload is below the reference by more than the moving mass.
     """
-    x = conditions.position
-    payload, temperature = calibration.excess(conditions)
-    at_reference = feature + float(position_part(x, calibration.coefficients))
-    measured = float(from_reference(at_reference, payload, temperature, calibration.influence))
-    sensitivity = correction_sensitivities(measured, payload, temperature, calibration.influence)
+    x = np.array([one.position for one in conditions])
+    payload, temperature = np.array([calibration.excess(one) for one in conditions]).reshape(-1, 2).T
+    influence = calibration.influence
+    at_reference = feature + position_part(x, calibration.coefficients)
+    measured = from_reference(at_reference, payload, temperature, influence)
+    sensitivity = correction_sensitivities(measured, payload, temperature, influence)
     of = {
         "k1": -(x**2),
         "k2": -x,
-        "k3": 0.0,
-        "k4": -1.0,
+        "k3": np.zeros_like(x),
+        "k4": -np.ones_like(x),
         INVERSE_MOVING_MASS: sensitivity.inverse_moving_mass,
         TEMPERATURE_COEFFICIENT: sensitivity.temperature,
     }
-    return np.array([of[name] for name in calibration.parameter_names])
+    return np.column_stack([of[name] for name in calibration.parameter_names])
 
 
 def uncertainty_budget(
@@ -130,13 +131,14 @@ def uncertainty_budget(
     Raises
     ------
     OutsideValidityError
-        See :func:`parameter_gradient`.
+        See :func:`parameter_gradients`.
     """
     payload, temperature = calibration.excess(conditions)
     f = frequency.value
     # |d(1/f² at reference)/df|
-    slope = 2.0 / f**3 * correction_sensitivities(f**-2.0, payload, temperature, calibration.influence).inverse_square
-    gradient = parameter_gradient(feature, conditions, calibration)
+    sensitivity = correction_sensitivities(f**-2.0, payload, temperature, calibration.influence)
+    slope = 2.0 / f**3 * float(sensitivity.inverse_square)
+    gradient = parameter_gradients(feature, [conditions], calibration)[0]
     with_k3 = gradient.copy()
     with_k3[calibration.parameter_names.index("k3")] = -feature / calibration.coefficients.k3
     allocation = with_k3 * (calibration.parameters.covariance @ with_k3)
@@ -199,10 +201,9 @@ def systematic_uncertainty_between(
     Raises
     ------
     OutsideValidityError
-        See :func:`parameter_gradient`.
+        See :func:`parameter_gradients`.
     """
-    of_baseline = np.array([parameter_gradient(feature, c, calibration) for c in baseline_conditions])
-    centre = of_baseline.mean(axis=0)
+    gradients = parameter_gradients(feature, [*baseline_conditions, conditions], calibration)
 
     # µ may rest on a few readings: enlarged so that 1.96 times the result covers 95 % all the same
     few = np.ones(len(calibration.parameter_names))
@@ -211,8 +212,6 @@ def systematic_uncertainty_between(
         few[calibration.parameter_names.index(INVERSE_MOVING_MASS)] = enlarged
     covariance = calibration.parameters.covariance * np.outer(few, few)
 
-    def uncertainty(gradient: FloatArray) -> float:
-        return math.sqrt(max(0.0, float((gradient - centre) @ covariance @ (gradient - centre))))
-
-    seen = max(uncertainty(gradient) for gradient in of_baseline)
-    return max(0.0, uncertainty(parameter_gradient(feature, conditions, calibration)) - seen)
+    apart = gradients - np.mean(gradients[:-1], axis=0)
+    *of_baseline, here = np.sqrt(np.maximum(np.einsum("ci,ij,cj->c", apart, covariance, apart), 0.0)).tolist()
+    return float(max(0.0, here - max(of_baseline)))

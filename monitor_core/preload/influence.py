@@ -37,9 +37,9 @@ class InfluenceCoefficients:
 class InfluenceSensitivities:
     """Derivatives of 1/f² at the reference conditions: with respect to 1/f² as measured, to µ and to k_T."""
 
-    inverse_square: float  # [-]
-    inverse_moving_mass: float  # [s²·kg]
-    temperature: float  # [K]
+    inverse_square: FloatArray  # [-]
+    inverse_moving_mass: FloatArray  # [s²·kg]
+    temperature: FloatArray  # [K]
 
 
 def payload_factor(payload_excess: float | FloatArray, inverse_moving_mass: float) -> FloatArray:
@@ -125,15 +125,18 @@ def from_reference(
 
 
 def correction_sensitivities(
-    inverse_square: float, payload_excess: float, temperature_excess: float, influence: InfluenceCoefficients
+    inverse_square: float | FloatArray,
+    payload_excess: float | FloatArray,
+    temperature_excess: float | FloatArray,
+    influence: InfluenceCoefficients,
 ) -> InfluenceSensitivities:
-    """Differentiate :func:`to_reference`; its arguments, as scalars.
+    """Differentiate :func:`to_reference`; its arguments, and shapes like theirs.
 
     The first derivative carries the random error of a measurement, the other two the systematic ones.
     """
-    factor = float(payload_factor(payload_excess, influence.inverse_moving_mass))
+    factor = payload_factor(payload_excess, influence.inverse_moving_mass)
     return InfluenceSensitivities(
         inverse_square=1.0 / factor,
-        inverse_moving_mass=-inverse_square * payload_excess / factor**2,
-        temperature=-temperature_excess,
+        inverse_moving_mass=-np.asarray(inverse_square * payload_excess) / factor**2,
+        temperature=-np.asarray(temperature_excess, dtype=np.float64),
     )
