@@ -80,7 +80,7 @@ def explain(
     tell = progress or (lambda _sentence: None)
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
-    classes = tuple(equivalence_class(found, one) for one in found.accepted)
+    classes = tuple(equivalence_class(found, one, candidates) for one in found.accepted)
     found = replace(found, final=_with_leaders(found, classes))
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
@@ -176,7 +176,7 @@ def _found_effect(one: EquivalenceClass[Physics], by: Yardstick) -> FoundEffect:
         name=leader.effect.name,
         physics=leader.effect.physics,
         parameters=parameters,
-        equivalent_to=tuple(member.effect.key for member in one.members[1:]),
+        equivalent_to=one.others,
         delta_bic=leader.delta_bic,
         held_out_log_likelihood_gain=one.held_out_gain,
         remarks=tuple(remarks),

@@ -50,10 +50,9 @@ def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_de
     final = replace(fitted_with(effect), comparison=replace(COMPARISON, least_delta_bic=threshold))
     refitted = [fitted_with(one) for one in rivals]
     told = evidence or [delta_bic(BASELINE, one, by) for one in (final, *refitted)]
-    accepted = Accepted(
-        effect, told[0], 33.0, tuple(Rival(*entry) for entry in zip(rivals, refitted, told[1:], strict=True))
-    )
-    return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, ()), accepted)
+    entries = zip(rivals, refitted, told[1:], strict=True)
+    accepted = Accepted(effect, told[0], 33.0, tuple(Rival(*entry) for entry in entries), BASELINE)
+    return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, ()), accepted, ())
 
 
 def keys(found):

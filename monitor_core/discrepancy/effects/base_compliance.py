@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from monitor_core.discrepancy.effect import Effect, EffectParameter
+from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.discrepancy.effects.changes import changed_added
 from monitor_core.models.extended import AxisPhysics
 
@@ -36,5 +36,6 @@ BASE_COMPLIANCE = Effect(
     ),
     add=_add,
     form_share=0.04,
+    needs=frozenset({ConditionAxis.FREQUENCY}),
     applies=_applies,
 )

@@ -1,6 +1,7 @@
 """Which effects the data cannot tell apart, and how well a found effect is known."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -11,6 +12,7 @@ from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.hypothesis import is_size
+from monitor_core.discrepancy.judging.modes_of_their_own import modes_of_their_own
 from monitor_core.discrepancy.searching.evidence import STRONG, Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.search import Accepted, Found
@@ -44,7 +46,13 @@ class EquivalenceClass(Generic[Physics]):
 
     members: tuple[Member[Physics], ...]
     twins: tuple[str, ...]  # keys that say what the first member says in another way
+    untested: tuple[str, ...]  # keys of what would do as well, as far as such data can tell at all
     held_out_gain: float
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Return the keys of what may be the true effect as well as the leader."""
+        return (*(one.effect.key for one in self.members[1:]), *self.untested)
 
     @property
     def leader(self) -> Member[Physics]:
@@ -52,7 +60,9 @@ class EquivalenceClass(Generic[Physics]):
         return self.members[0]
 
 
-def equivalence_class(found: Found[Physics], accepted: Accepted[Physics]) -> EquivalenceClass[Physics]:
+def equivalence_class(
+    found: Found[Physics], accepted: Accepted[Physics], candidates: Sequence[Effect[Physics]]
+) -> EquivalenceClass[Physics]:
     """Return an accepted effect with what would do in its place.
 
     Among members that leave the same residuals the one of the catalogue leads, unless it takes a value that is not
@@ -75,7 +85,8 @@ def equivalence_class(found: Found[Physics], accepted: Accepted[Physics]) -> Equ
         else:
             members.append(one)
     members.sort(key=lambda one: (not one.plausible, -one.delta_bic))
-    return EquivalenceClass(tuple(members), tuple(twins), accepted.held_out_gain)
+    untested = modes_of_their_own(accepted.without, candidates)
+    return EquivalenceClass(tuple(members), tuple(twins), untested, accepted.held_out_gain)
 
 
 def _precedence(one: Member[Physics]) -> tuple[bool, bool, float]:

@@ -77,7 +77,7 @@ def outcome_of(
         return Outcome.UNKNOWN
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL
-    return Outcome.EQUIVALENT if any(len(one.members) > 1 for one in classes) else Outcome.NAMED
+    return Outcome.EQUIVALENT if any(one.others for one in classes) else Outcome.NAMED
 
 
 def explained_share(

@@ -11,7 +11,6 @@ they can, which is a projection:
 with the residuals r of the fit, r' with the effect, and Q an orthonormal basis of the fit's derivatives and priors.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -39,10 +38,6 @@ _STARTS = 2  # kept of all sizes and shapes that were tried
 _FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, what looks promising may lead into a false minimum
 _PEAKS = 4  # of the misfit, where something may resonate, too
 _BEYOND_BAND = 1.4  # a resonance outside the band still shows in it
-#: Standard deviations: a parameter so far from what is stated may stand in for the effect that is looked at.
-_PULLED = 3.0
-_LARGEST = 1e4  # size that is tried, in scales: a range may have no end
-_FINE = 1.25  # ratio of sizes of which one brings modes near to where another parameter has brought them
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +51,6 @@ class Scanned(Generic[Physics]):
     #: χ² per square of the first parameter's scale, the rest refitted: d' is its root times the size. Of what may
     #: resonate anywhere in the measured band, where it is seen least.
     information: float
-    #: Where a fit starts with the effect in the place of the uncertain parameter that is pulled furthest: the two may
-    #: add up to the same along a valley too long and bent for a fit to go through. None where none is pulled far.
-    instead: FloatArray | None = None
 
     @property
     def promise(self) -> float:
@@ -161,6 +153,16 @@ def _ratios(one: EffectParameter) -> Iterator[float]:
         yield from (sign * ratio for sign in (1.0, -1.0) if one.lower <= sign * ratio <= one.upper)
 
 
+def resonance_of(effect: Effect[Physics]) -> tuple[int, EffectParameter] | None:
+    """Return the parameter of an effect at whose frequency it resonates, with its place; None where it does not."""
+    places = (
+        (index, one)
+        for index, one in enumerate(effect.parameters)
+        if one.unit == "Hz" and one.name.startswith("frequency")
+    )
+    return next(places, None)
+
+
 class _Look(Generic[Physics]):
     """One effect, tried at several sizes and shapes."""
 
@@ -170,13 +172,8 @@ class _Look(Generic[Physics]):
         self.at = self.hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
         self.tail = self.at.size - len(effect.parameters)
         self.here = projection.residuals(fitted.standardised)
-        resonances = [
-            (index, one)
-            for index, one in enumerate(effect.parameters)
-            if one.unit == "Hz" and one.name.startswith("frequency")
-        ]
         lines = np.any(np.isfinite(fitted.comparison.layout.frequency))
-        self.resonance = resonances[0] if resonances and lines else None  # the parameter that is its frequency
+        self.resonance = resonance_of(effect) if lines else None
 
     def best(self) -> Scanned[Physics] | None:
         """Return the most promising size and shape; None where the model has no answer with the effect."""
@@ -201,7 +198,7 @@ class _Look(Generic[Physics]):
         first = [(shape, float(slope @ slope)) for shape, index, slope in slopes if index == sizes[0]]
         seen = [information for shape, information in first if self._resonates_in_band(shape)]
         information = min(seen, default=max((one for _, one in first), default=0.0))
-        return Scanned(self.effect, tuple(starts), tried[0][0], score, information, self._instead(sizes[0]))
+        return Scanned(self.effect, tuple(starts), tried[0][0], score, information)
 
     def _sized(self, best: FloatArray, index: int, size: float) -> FloatArray:
         """Return the coordinates of the fit with the effect at a size, of the shape that was best."""
@@ -284,32 +281,6 @@ class _Look(Generic[Physics]):
         except OutsideValidityError:
             return None
         return self.projection.direction(around.whitened_by(slope))
-
-    def _instead(self, index: int) -> FloatArray | None:
-        """Return the coordinates with the effect in the place of the parameter that is pulled furthest."""
-        pulls = np.abs(self.at[: self.hypothesis.n_uncertain])
-        if self.resonance is not None or np.max(pulls, initial=0.0) < _PULLED:
-            return None
-        there, least = self.at.copy(), np.inf
-        there[np.argmax(pulls)] = 0.0
-        best = None
-        for size in self._fine_sizes(index):
-            trial = there.copy()
-            trial[self.tail + index] = size
-            try:
-                standardised = self.fitted.around.residuals(self.hypothesis.physics(trial))
-            except OutsideValidityError:
-                continue
-            cost = float(np.sum(standardised[self.fitted.fitted] ** 2))
-            if cost < least:
-                best, least = trial, cost
-        return best
-
-    def _fine_sizes(self, index: int) -> Iterator[float]:
-        low, high = self._range(index)
-        largest = min(max(-low, high), _LARGEST)
-        for size in np.geomspace(_SIZES[0], largest, math.ceil(math.log(largest / _SIZES[0], _FINE)) + 1).tolist():
-            yield from (signed for signed in (size, -size) if low <= signed <= high)
 
     def _tried(self, shape: FloatArray, index: int, size: float) -> tuple[float, FloatArray]:
         """Return the decrease of χ² at a size, and the coordinates there; −∞ where the model has no answer."""

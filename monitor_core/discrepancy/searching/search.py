@@ -25,6 +25,7 @@ from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, least_difference, yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, promised_gain
+from monitor_core.discrepancy.searching.instead import instead
 from monitor_core.discrepancy.searching.scan import Scanned, scan
 from monitor_core.discrepancy.subject import Subject
 from monitor_core.errors import OutsideValidityError
@@ -75,6 +76,7 @@ class Accepted(Generic[Physics]):
     delta_bic: float
     held_out_gain: float
     rivals: tuple[Rival[Physics], ...]  # best first, the effect itself left out
+    without: Fitted[Physics]
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +250,8 @@ class Search(Generic[Physics]):
         near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
         absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
-        best = None if look.instead is None else self._try(hypothesis, look.instead)
+        in_place_of_another = instead(current, look.effect)
+        best = None if in_place_of_another is None else self._try(hypothesis, in_place_of_another)
         for start in (*(look.starts[:1] if near else look.starts), absent):
             trial = self._try(hypothesis, start)
             if trial is None:
@@ -319,7 +322,8 @@ class Search(Generic[Physics]):
             for rival in (() if plain else self._rivals(without))
             if rival.effect.key != effect.key
         ]
-        return Accepted(effect, delta_bic(without, final, by), _held_out_gain(without, final, by), tuple(rivals))
+        held_out_gain = _held_out_gain(without, final, by)
+        return Accepted(effect, delta_bic(without, final, by), held_out_gain, tuple(rivals), without)
 
 
 def _held_out_gain(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
