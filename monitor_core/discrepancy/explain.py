@@ -28,7 +28,12 @@ from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.advice import next_measurement
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, equivalence_class, found_parameters
 from monitor_core.discrepancy.judging.outcome import OutcomeSettings, explained_share, outcome_of, variances_of_pulls
-from monitor_core.discrepancy.localising.localisation import HealthyScatter, localise, misfit_map
+from monitor_core.discrepancy.localising.localisation import (
+    HealthyScatter,
+    localise,
+    misfit_map,
+    varied_conditions_of_maps,
+)
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import gap_of
@@ -104,6 +109,7 @@ def explain(
         steps=_steps(found, classes),
         candidates=_candidates(found, candidates, classes),
         pulls={name: math.sqrt(value) for name, value in pulls.items()} | _parameter_pulls(found.final),
+        least_delta_bic=comparison.least_delta_bic,
         next_measurement=next_measurement(found, classes, outcome, candidates),
         ln_ratios=ratios,
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
@@ -194,9 +200,13 @@ def _places(
 
 def _maps(found: Found[Physics]) -> tuple[MisfitMap, ...]:
     layout = found.final.comparison.layout
-    rows, columns, before = misfit_map(layout, found.baseline.standardised)
-    _, _, after = misfit_map(layout, found.final.standardised)
-    return (MisfitMap("Misfit in standard deviations", rows, columns, before, after),)
+    maps = []
+    for over in varied_conditions_of_maps(layout) or (None,):
+        rows, columns, before = misfit_map(layout, found.baseline.standardised, over)
+        _, _, after = misfit_map(layout, found.final.standardised, over)
+        title = "Misfit in standard deviations" + ("" if over is None else f" over {over}")
+        maps.append(MisfitMap(title, rows, columns, before, after))
+    return tuple(maps)
 
 
 def _gap_by_channel(found: Found[Physics]) -> dict[str, tuple[float, float]]:

@@ -45,10 +45,10 @@ class Misfit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MisfitMap:
-    """Root-mean-square misfit by setting and frequency band, of the baseline and of the augmented model."""
+    """Root-mean-square misfit by a condition and frequency band, of the baseline and of the augmented model."""
 
-    title: str  # of the channel
-    rows: tuple[str, ...]  # settings
+    title: str
+    rows: tuple[str, ...]  # values of the condition
     columns: tuple[str, ...]  # bands
     before: FloatArray  # in standard deviations; NaN where there are no data, shape (n_rows, n_columns) [-]
     after: FloatArray  # likewise [-]
@@ -143,11 +143,12 @@ class Explanation:
     steps: tuple[Step, ...]
     candidates: tuple[Candidate, ...]
     pulls: Mapping[str, float]  # spread over settings by kind of error; of each declared parameter [-]
+    least_delta_bic: float  # that an effect needs to be added [-]
     next_measurement: str
     ln_ratios: Mapping[str, float]  # ln(refitted/stated) of the parameters of the model file, by names in files
     added: Mapping[str, Mapping[str, float]]  # effects of the augmented model, by key and name
     panels: tuple[Panel, ...]
-    maps: tuple[MisfitMap, ...] = ()  # one for each channel; none where the data have neither settings nor bands
+    maps: tuple[MisfitMap, ...] = ()  # one for each condition that varies; one of everything where none does
     #: Gap on the fitted data before and after: an effect may close that of one channel, and leave another one's.
     gap_by_channel: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Of the declared parameters, before anything was added: what they would have to be off by in its place [-]

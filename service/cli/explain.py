@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, FoundParameter
+from monitor_core.discrepancy.explanation import Explanation, FoundEffect, FoundParameter
 from monitor_core.errors import RecordingFormatError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
@@ -36,7 +36,9 @@ from service.operations.explanation_report.sentences import (
     candidates_heading,
     candidates_in_order,
     headline,
+    seen_from,
     step_sentence,
+    threshold,
 )
 from service.operations.measured_responses import measured_responses, modal_observation
 
@@ -101,7 +103,7 @@ def explain(
     with _watched(data.name) as progress:
         explanation, model_text = explain_measurements(request, progress)
     if report_dir is not None:
-        write_report(report_dir, explanation, model_text, f"{data.name} against {baseline_path.name}")
+        write_report(report_dir, explanation, model_text, _subject(data, baseline_path, len(request.healthy)))
     if out is not None:
         out.write_text(model_text, encoding="utf-8")
     if as_json:
@@ -110,6 +112,12 @@ def explain(
         _print(explanation)
         for path in _written(report_dir, out):
             click.echo(f"Written: {path}")
+
+
+def _subject(data: Path, baseline: Path, n_healthy: int) -> str:
+    machines = "machine" if n_healthy == 1 else "machines"
+    learnt = f", beyond what {n_healthy} healthy {machines} of its type show" if n_healthy else ""
+    return f"{data.name} against {baseline.name}{learnt}"
 
 
 def _written(report_dir: Path | None, out: Path | None) -> Iterator[Path]:
@@ -135,9 +143,10 @@ def _measured(data: Path, band_hz: tuple[float, float] | None) -> Measured:
             return read_motion_record(data)
         case "modal-table":
             return tuple(modal_observation(row) for row in read_modal_table(data))
+    got = "a text with other columns" if kind == "csv" else kind
     raise RecordingFormatError(
         f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
-        f"motion record (time_s,position_m,force_n or torque_nm); got {'other columns' if kind == 'csv' else kind}"
+        f"motion record (time_s,position_m,force_n or torque_nm); got {got}"
     )
 
 
@@ -198,10 +207,11 @@ def _print(explanation: Explanation) -> None:
         print_table(
             candidates_heading(explanation.outcome),
             ("effect", "ΔBIC", "would be seen from"),
-            [(one.key, evidence(one.delta_bic), _seen_from(one)) for one in candidates],
+            [(one.key, evidence(one.delta_bic), seen_from(one)) for one in candidates],
         )
+        click.echo(threshold(explanation))
     if more:
-        click.echo(f"and {more} more: --report DIR or --json lists them.")
+        click.echo(f"{more} more: --report DIR or --json lists them.")
     if explanation.next_measurement:
         click.echo(f"Measure next: {explanation.next_measurement}")
 
@@ -215,9 +225,3 @@ def _found_row(effect: FoundEffect, name: str, found: FoundParameter) -> tuple[s
         between(*found.interval_95, notation(value, uncertainty)) + unit,
         "yes" if found.plausible else "NO",
     )
-
-
-def _seen_from(one: Candidate) -> str:
-    if one.untestable_because is not None:
-        return f"untestable: {one.untestable_because}"
-    return "not known" if one.detection_limit is None else quantity(one.detection_limit, one.unit, 2)

@@ -49,6 +49,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> dict[str,
             for one in explanation.steps
         ],
         "candidates": [_candidate(one) for one in explanation.candidates],
+        "least_delta_bic": float(explanation.least_delta_bic),
         "pulls": {name: float(pull) for name, pull in explanation.pulls.items()},
         "pulls_before": {name: float(pull) for name, pull in explanation.pulls_before.items()},
         "maps": [_map(one) for one in explanation.maps],

@@ -411,15 +411,16 @@ def test_the_picture_of_responses_has_positions_and_bands():
     frequency = np.geomspace(10.0, 1000.0, 9)  # at the edges of four bands and in their middles
     layout = layout_of(settings_of([POSITION], [(0.1,), (0.3,)]), frequency, ["a", "b"])
     standardised = np.where(layout.setting == 0, 2.0, -3.0) * (layout.frequency < 99.0)
-    rows, columns, picture = misfit_map(layout, standardised, bands=2)
+    rows, columns, picture = misfit_map(layout, standardised, ConditionAxis.POSITION, bands=2)
     assert rows == ("position_mm 100", "position_mm 300")
     assert columns == ("band 10..56.2 Hz", "band 100..1000 Hz")
     assert picture == pytest.approx(np.array([[2.0, 0.0], [3.0, 0.0]]))
-    assert misfit_map(RESPONSES, misfit())[2].shape == (6, 8)
+    assert misfit_map(RESPONSES, misfit(), ConditionAxis.POSITION)[2].shape == (6, 8)
+    assert misfit_map(RESPONSES, misfit(), None)[2].shape == (1, 8)
 
 
 def test_the_picture_of_a_motion_has_directions_and_stretches_and_nothing_where_there_is_nothing():
-    rows, columns, picture = misfit_map(MOTION, np.full(SPEED.size, 1.5), bands=100)
+    rows, columns, picture = misfit_map(MOTION, np.full(SPEED.size, 1.5), ConditionAxis.DIRECTION, bands=100)
     assert rows == ("direction −", "direction +")
     assert columns == tuple(one.name for one in MOTION.settings)
     assert np.all(np.sum(np.isnan(picture), axis=0) == 1)

@@ -180,7 +180,7 @@ def test_nothing_is_named_where_nothing_is_missing(preload: Any, responses: Path
     assert answer.out.startswith("Nothing is missing that these data would show: ")
     assert "What could still hide" in answer.out
     more = len(document["candidates"]) - 5
-    assert f"and {more} more: --report DIR or --json lists them." in answer.out
+    assert f"{more} more: --report DIR or --json lists them." in answer.out
     assert answer.out.splitlines()[-1] == f"Written: {tmp_path / 'report' / 'explanation.html'}"
 
 
@@ -330,7 +330,7 @@ FRF = ("axis.frf.h5", "--baseline", "baseline.toml")
         (("axis.frf.h5", "--baseline", "none.toml"), "none.toml: expected a file; there is none"),
         (("axis.frf.h5", "--baseline", "motion.csv"), "motion.csv: expected a drive model in TOML"),
         (("baseline.toml", "--baseline", "baseline.toml"), "expected a set of frequency responses, a session, a modal"),
-        (("other.csv", "--baseline", "baseline.toml"), "force_n or torque_nm); got other columns"),
+        (("other.csv", "--baseline", "baseline.toml"), "force_n or torque_nm); got a text with other columns"),
         (("motion.csv", "--baseline", "baseline.toml"), "expected a model of the family motion; got one of receptance"),
         (("axis.frf.h5", "--baseline", "motion.toml"), "got a motion model, which is a rigid axis"),
         (("motion.csv", "--baseline", "motion.toml", "--hold-out-mm", 10), "of a motion the second half is held out"),

@@ -66,6 +66,7 @@ CANDIDATES = (
     Candidate("guide-friction", -6.2, -0.4, 14.0, "N"),
     Candidate("loss-factor", 2.4, 0.3, 0.0021, "-"),
     Candidate("base-compliance", -11.9, -2.0, 4.3e-10, "m/N"),
+    Candidate("wrong-parameter:bearing_stiffness_n_per_m", -13.0, -2.1, math.log(5.0), "-"),
 )
 LOCALISATION = (
     Misfit("position_mm 500..850, band 150..200 Hz", 8.31, MisfitKind.STIFFNESS, 3.0e-9),
@@ -121,6 +122,7 @@ def explanation(outcome: Outcome) -> Explanation:
         steps=(Step("far-bearing-stiffness", GapPair(1.02, 1.07)),),
         candidates=CANDIDATES,
         pulls={"position": 0.93, "preload": 1.12, "gain": 0.71, "table_mass_kg": 0.2},
+        least_delta_bic=50.0,
         next_measurement="Measure once more with a known mass of 6 kg: it separates added mass from screw stiffness.",
         ln_ratios={"table_mass_kg": 0.02},
         added={"far-bearing-stiffness": {"stiffness_n_per_m": 3.8e7}},
@@ -330,7 +332,9 @@ def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
         expected += [effect.delta_bic, effect.held_out_log_likelihood_gain]
     for candidate in one.candidates:
         expected += [candidate.delta_bic, candidate.held_out]
-        expected += [candidate.detection_limit] if candidate.detection_limit is not None else []
+        if candidate.detection_limit is not None:
+            is_ratio = candidate.key.startswith("wrong-parameter:")
+            expected += [math.exp(candidate.detection_limit) if is_ratio else candidate.detection_limit]
     data = page_of(one).data
     assert sorted(value for value, _ in data) == sorted(value for value in expected if not math.isnan(value))
     for value, shown in data:
@@ -353,6 +357,21 @@ def test_map_shows_each_cell_in_a_number() -> None:
     one = EXAMPLES[Outcome.NAMED]
     cells = [*one.maps[0].before.ravel(), *one.maps[0].after.ravel()]
     assert page_of(one).cells == ["–" if math.isnan(cell) else f"{cell:.1f}" for cell in cells]
+
+
+def test_responses_that_the_model_misses_most_come_first_and_other_panels_last() -> None:
+    text = explanation_page(explanation(Outcome.NAMED), MODEL, SUBJECT)
+    page = text[text.index("Measurement against both models") :]
+    places = [page.index(f">{position} mm, 250 N") for position in (850, 700, 500, 300, 150)]
+    assert sorted(places) == places
+    assert page.index("first mode, 200 N") > places[-1]
+
+
+@pytest.mark.parametrize("made", [explanation_page, explanation_markdown])
+def test_report_says_from_what_evidence_and_what_size_on_an_effect_is_found(made) -> None:
+    report = made(explanation(Outcome.NONE), MODEL, SUBJECT)
+    assert "a ΔBIC of 50" in report
+    assert "5.0 times as stated" in report
 
 
 def test_what_is_not_believed_is_flagged() -> None:

@@ -144,8 +144,14 @@ def localise(
     return tuple(sorted(_places(asked, standardised), key=lambda one: -one.size))
 
 
+def varied_conditions_of_maps(layout: Layout) -> tuple[ConditionAxis, ...]:
+    """Return what a picture of the misfit may go over: every condition of which there is more than one value."""
+    groupings = {axis: by_condition(layout, axis) for axis in CONDITIONS}
+    return tuple(axis for axis, one in groupings.items() if one is not None and one.n_groups > 1)
+
+
 def misfit_map(
-    layout: Layout, standardised: FloatArray, bands: int = 8
+    layout: Layout, standardised: FloatArray, over: ConditionAxis | None, bands: int = 8
 ) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
     """Return the rms of the standardised misfit as a picture.
 
@@ -154,17 +160,18 @@ def misfit_map(
     layout : Layout
     standardised : ndarray, shape (n_values,)
         Misfit in standard deviations.
+    over : ConditionAxis or None
+        The condition whose values are the rows; None for one row of everything.
     bands : int
         How many columns there are at most: logarithmic bands of responses, or stretches of a motion.
 
     Returns
     -------
     tuple of str, tuple of str, ndarray of shape (n_rows, n_columns)
-        Names of the rows (positions, or the first condition that varies), names of the columns (bands, modes, or
-        stretches of settings one after the other), and the rms, NaN where there is no value.
+        Names of the rows, names of the columns (bands, modes, or stretches of settings one after the other), and the
+        rms, NaN where there is no value.
     """
-    varied = (by_condition(layout, axis) for axis in CONDITIONS)
-    rows = next((one for one in varied if one is not None and one.n_groups > 1), None) or by_stretch(layout, 1)
+    rows = (None if over is None else by_condition(layout, over)) or by_stretch(layout, 1)
     columns = by_frequency(layout, bands) or by_stretch(layout, bands)
     both = (rows.group >= 0) & (columns.group >= 0)
     cell = rows.group[both] * columns.n_groups + columns.group[both]

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, FoundParameter, Misfit
+from monitor_core.discrepancy.explanation import Explanation, FoundEffect, FoundParameter, Misfit
 from service.operations.explanation_report.rounding import (
     between,
     evidence,
@@ -19,7 +19,9 @@ from service.operations.explanation_report.sentences import (
     candidates_heading,
     candidates_in_order,
     headline,
+    seen_from,
     step_sentence,
+    threshold,
 )
 
 
@@ -109,15 +111,12 @@ def _steps(explanation: Explanation) -> list[str]:
 def _candidates(explanation: Explanation) -> list[str]:
     if not explanation.candidates:
         return ["Nothing else was thought of."]
-    rows = [_candidate(one) for one in candidates_in_order(explanation.candidates)]
-    return _table(["effect", "ΔBIC", "held-out gain", "would be seen from"], rows)
-
-
-def _candidate(one: Candidate) -> list[str]:
-    if one.untestable_because is not None:
-        return [one.key, evidence(one.delta_bic), evidence(one.held_out), f"untestable: {one.untestable_because}"]
-    limit = "not known" if one.detection_limit is None else quantity(one.detection_limit, one.unit, 2)
-    return [one.key, evidence(one.delta_bic), evidence(one.held_out), limit]
+    rows = [
+        [one.key, evidence(one.delta_bic), evidence(one.held_out), seen_from(one)]
+        for one in candidates_in_order(explanation.candidates)
+    ]
+    table = _table(["effect", "ΔBIC", "held-out gain", "would be seen from"], rows)
+    return [*table, "", threshold(explanation)]
 
 
 def _pulls(explanation: Explanation) -> list[str]:

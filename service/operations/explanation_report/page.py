@@ -1,12 +1,15 @@
 """The report as one page of HTML that needs nothing else: no script, no font, no other file."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from monitor_core.discrepancy.comparing.comparison import Panel
 from monitor_core.discrepancy.explanation import Explanation, FoundParameter
 from service.operations.explanation_report import rounding, sentences
 from service.operations.explanation_report.gap_chart import gap_chart, pull_chart
@@ -53,6 +56,8 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         quantity=rounding.quantity,
         evidence=rounding.evidence,
         probability=rounding.probability,
+        detection_limit=sentences.detection_limit,
+        threshold=sentences.threshold(explanation),
         **_pictures(explanation),
     )
 
@@ -72,9 +77,22 @@ def _pictures(explanation: Explanation) -> dict[str, Any]:
             )
             for i, one in enumerate(explanation.maps)
         ],
-        "panels": [(one, panel_chart(f"panel-{i}", one)) for i, one in enumerate(explanation.panels)],
+        "panels": [(one, panel_chart(f"panel-{i}", one)) for i, one in enumerate(_worst_first(explanation.panels))],
         "pull_picture": pull_chart("pulls", explanation.pulls) if explanation.pulls else None,
     }
+
+
+def _worst_first(panels: Sequence[Panel]) -> list[Panel]:
+    """Return responses with those first that the model as stated misses most; other panels as they come."""
+    return sorted(panels, key=lambda one: -_relative_error(one) if one.logarithmic else 0.0)
+
+
+def _relative_error(panel: Panel) -> float:
+    """Return the rms of ln(model/measured) of the first model, 0 where no model has an answer."""
+    first = next(iter(panel.models.values()), panel.measured)
+    squares = np.log(first / panel.measured) ** 2
+    known = squares[np.isfinite(squares)]
+    return float(np.sqrt(np.mean(known))) if known.size else 0.0
 
 
 def _models(explanation: Explanation) -> list[tuple[str, str]]:

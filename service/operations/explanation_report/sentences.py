@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, GapPair, Outcome
 from service.operations.explanation_report.rounding import quantity, rounded, unit_shown
 
@@ -102,6 +103,28 @@ def candidates_in_order(candidates: Sequence[Candidate]) -> list[Candidate]:
         candidates,
         key=lambda one: (one.untestable_because is not None, math.isnan(one.delta_bic), -one.delta_bic),
     )
+
+
+def seen_from(one: Candidate) -> str:
+    """Say from what size on an effect would be seen, or why it cannot be."""
+    if one.untestable_because is not None:
+        return f"untestable: {one.untestable_because}"
+    return detection_limit(one)[1]
+
+
+def detection_limit(one: Candidate) -> tuple[float, str]:
+    """Return from what size on an effect would be seen, as a number and in words: of a wrong parameter the ratio."""
+    if one.detection_limit is None:
+        return math.nan, "not known"
+    if one.key.startswith(PREFIX):  # known by its logarithm
+        ratio = math.exp(one.detection_limit)
+        return ratio, f"{rounded(ratio, 2)} times as stated, or as many times less"
+    return one.detection_limit, quantity(one.detection_limit, one.unit, 2)
+
+
+def threshold(explanation: Explanation) -> str:
+    """Say how much evidence an effect needs."""
+    return f"It takes a ΔBIC of {explanation.least_delta_bic:g} for an effect to be added."
 
 
 def _gap_sentence(explanation: Explanation) -> str:
