@@ -122,6 +122,12 @@ class Effect(Generic[Physics]):
         except OutsideValidityError as error:
             raise OutsideValidityError(f"the effect {self.key}: {error}") from error
 
+    @property
+    def resonance(self) -> EffectParameter | None:
+        """The parameter that is the frequency at which the effect resonates, None where it does not."""
+        named = (one for one in self.parameters if one.unit == "Hz" and one.name.startswith("frequency"))
+        return next(named, None)
+
     def null_values(self) -> dict[str, float]:
         """Return the values at which nothing is changed."""
         return {one.name: one.null for one in self.parameters}

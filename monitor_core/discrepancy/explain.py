@@ -8,9 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray
 from monitor_core.discrepancy.comparing.comparison import Comparison
-from monitor_core.discrepancy.comparing.conditions import varied_conditions
+from monitor_core.discrepancy.comparing.conditions import is_testable, varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import (
@@ -36,7 +35,7 @@ from monitor_core.discrepancy.localising.localisation import (
 )
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import gap_of
+from monitor_core.discrepancy.searching.holding_out import gap_of, judged_values
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.searching.signatures import signatures
@@ -89,7 +88,7 @@ def explain(
     found = replace(found, final=_with_leaders(found, classes))
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
-    n_judged = int(np.count_nonzero(_judged_values(found.final)))
+    n_judged = int(np.count_nonzero(judged_values(found.final)))
     explained = explained_share(found.baseline, found.final, gap, pulls, n_judged=n_judged, settings=settings.outcome)
     outcome = outcome_of(classes, gap, pulls=pulls, explained=explained, n_judged=n_judged, settings=settings.outcome)
     tell("locating the misfit")
@@ -109,7 +108,7 @@ def explain(
         steps=_steps(found, classes),
         candidates=_candidates(found, candidates, classes),
         pulls={name: math.sqrt(value) for name, value in pulls.items()} | _parameter_pulls(found.final),
-        least_delta_bic=comparison.least_delta_bic,
+        least_delta_bic=found.least_delta_bic,
         next_measurement=next_measurement(found, classes, outcome, candidates),
         ln_ratios=ratios,
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
@@ -150,10 +149,6 @@ def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
     comparison = fitted.comparison
     of_fit = comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)
     return GapPair(of_fit, gap_of(comparison, fitted.held_out))
-
-
-def _judged_values(fitted: Fitted[Physics]) -> BoolArray:
-    return fitted.fitted if fitted.held_out is None else fitted.held_out.chosen
 
 
 def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
@@ -230,7 +225,8 @@ def _candidates(
     found: Found[Physics], candidates: Sequence[Effect[Physics]], classes: Sequence[EquivalenceClass[Physics]]
 ) -> tuple[Candidate, ...]:
     """Return what was not found: refitted rivals, mere looks with what they could have seen, and the untestable."""
-    varied = varied_conditions(found.final.comparison.layout)
+    layout = found.final.comparison.layout
+    varied = varied_conditions(layout)
     named = {one.leader.effect.key for one in classes}
     rivals = {rival.effect.key: rival for one in found.accepted for rival in one.rivals}
     looks = {look.effect.key: look for look in found.looks}
@@ -241,7 +237,7 @@ def _candidates(
         missing = sorted(str(axis) for axis in effect.needs - varied)
         limit = _detection_limit(looks.get(effect.key), found)
         untestable = None
-        if missing:
+        if missing and (limit is None or not is_testable(effect, layout)):
             untestable = f"{', '.join(missing)} does not vary"
         elif effect.key in looks and limit is None:
             moves = looks[effect.key].information > 0.0
@@ -267,7 +263,7 @@ def _detection_limit(look: Scanned[Physics] | None, found: Found[Physics]) -> fl
     if look is None or look.information <= 0.0:
         return None
     by = found.yardstick
-    needed = found.final.comparison.least_delta_bic + by.penalty(len(look.effect.parameters))
+    needed = found.least_delta_bic + by.penalty(len(look.effect.parameters))
     one = look.effect.parameters[0]
     limit = one.scale * math.sqrt(needed / (by.factor * look.information))
     return limit if limit <= max(abs(one.lower), abs(one.upper)) else None

@@ -52,7 +52,7 @@ def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_de
     told = evidence or [delta_bic(BASELINE, one, by) for one in (final, *refitted)]
     entries = zip(rivals, refitted, told[1:], strict=True)
     accepted = Accepted(effect, told[0], 33.0, tuple(Rival(*entry) for entry in entries), BASELINE)
-    return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, ()), accepted, ())
+    return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, (), 10.0), accepted, ())
 
 
 def keys(found):

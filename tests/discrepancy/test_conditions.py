@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.conditions import default_folds, setting_of, varied_conditions
+from monitor_core.discrepancy.comparing.conditions import default_folds, is_testable, setting_of, varied_conditions
 from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.effects.base_compliance import BASE_COMPLIANCE
+from monitor_core.discrepancy.effects.torque_delay import TORQUE_DELAY
 from monitor_core.models.protocol import DriveConditions
 from tests.discrepancy.axes import POSITIONS, layout_of, settings
 
@@ -82,6 +84,17 @@ def test_a_condition_varies_if_it_takes_two_values() -> None:
 
 def test_lines_of_responses_vary_the_frequency_and_natural_frequencies_do_not() -> None:
     lines = layout_of([30, 30], 1.0, frequency=np.tile(np.linspace(50.0, 500.0, 30), 2))
-    modes = layout_of([1] * 30, 1.0, frequency=np.linspace(150.0, 200.0, 30))
+    modes = layout_of([1] * 30, 1e-3, frequency=np.linspace(150.0, 200.0, 30))
     assert ConditionAxis.FREQUENCY in varied_conditions(lines)
     assert ConditionAxis.FREQUENCY not in varied_conditions(modes)
+
+
+def test_a_mode_that_stays_at_all_positions_may_be_of_something_else() -> None:
+    """What makes it has a frequency of its own; two positions do not tell, nor does more scatter than is stated."""
+    scatter = 1e-3 * np.random.default_rng(5).standard_normal(30)
+    stays = layout_of([1] * 30, 1e-3, frequency=71.0 * np.exp(scatter))
+    assert is_testable(BASE_COMPLIANCE, stays)
+    assert not is_testable(TORQUE_DELAY, stays)
+    assert not is_testable(BASE_COMPLIANCE, layout_of([1] * 30, 1e-3, frequency=710.0 * np.exp(scatter)))
+    assert not is_testable(BASE_COMPLIANCE, layout_of([1] * 30, 1e-3, frequency=71.0 * np.exp(3.0 * scatter)))
+    assert not is_testable(BASE_COMPLIANCE, layout_of([1] * 2, 1e-3, frequency=np.array([71.0, 71.0])))

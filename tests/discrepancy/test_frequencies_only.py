@@ -94,8 +94,7 @@ def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     answer = answered("base-compliance", "large", design, 3, *EFFECTS)
     assert answer.outcome is Outcome.EQUIVALENT
     (found,) = answer.effects
-    assert found.key == "servo-stiffness"
-    assert set(found.equivalent_to) >= {"base-compliance", "second-mode"}
+    assert {found.key, *found.equivalent_to} >= {"base-compliance", "second-mode"}
     assert "measure whole frequency responses" in answer.next_measurement
 
 

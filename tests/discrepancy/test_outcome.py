@@ -12,13 +12,14 @@ from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.judging.outcome import OutcomeSettings, explained_share, outcome_of, variances_of_pulls
 from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.holding_out import REMAINDER
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 SETTINGS = OutcomeSettings()
 MANY = 100_000  # values: their rms does not scatter
 FLOOR = 2.0
 #: Just within and just beyond what counts as nothing left, in the unit of the gap.
-AT_FLOOR, LEFT = 0.999 * SETTINGS.remainder * FLOOR, 1.001 * SETTINGS.remainder * FLOOR
+AT_FLOOR, LEFT = 0.999 * REMAINDER * FLOOR, 1.001 * REMAINDER * FLOOR
 BEFORE = 40.0
 QUIET = {"position": 0.5 * SETTINGS.pulls, "gain 1": 0.5 * SETTINGS.pulls}
 PULLED = {"position": 1.1 * SETTINGS.pulls}
@@ -84,7 +85,7 @@ def test_share_explained_is_of_residuals_and_of_pulls(beyond) -> None:
         for effects in ((), (quantity(0),))
         for hypothesis in [Hypothesis(LinearSubject({}, 2), effects)]
     ]
-    in_floors = 2.0 * SETTINGS.remainder
+    in_floors = 2.0 * REMAINDER
     pulls = {"error 1": 1.0 + beyond, "gain 1": 50.0}
     left = 10.0**2 * (1.0 - 0.5**2) + 10 * beyond
     share = explained_share(*fits, gap(in_floors * FLOOR), pulls, n_judged=MANY, settings=SETTINGS)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.comparing.comparison import Layout
@@ -31,6 +32,10 @@ _MOST_LEVELS = 12
 _FEWEST_LINES = 8
 #: Natural frequencies this much further up, relatively, belong to another mode.
 _NEXT_MODE = 1.2
+#: With fewer positions a mode may seem to stay where it is by chance.
+_FEWEST_POSITIONS = 3
+#: Of modes that stay where they are, the share whose frequencies scatter by no more than is taken for scatter.
+_SCATTER = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +119,26 @@ def has_lines(layout: Layout) -> bool:
     """Tell whether the values are lines of responses rather than natural frequencies or forces."""
     series = series_of(layout)[np.isfinite(layout.frequency)]
     return bool(series.size) and bool(np.median(np.unique_counts(series).counts) >= _FEWEST_LINES)
+
+
+def modes_that_stay(layout: Layout) -> tuple[int, ...]:
+    """Return the channels of natural frequencies that stay where they are, at all positions that were measured.
+
+    A mode of the drive goes with the table; one that does not may be of something that the drive stands on or carries.
+    """
+    if has_lines(layout):
+        return ()
+    found = []
+    for channel in range(len(layout.channels)):
+        at = (layout.channel == channel) & np.isfinite(layout.frequency)
+        positions = levels_of(layout, ConditionAxis.POSITION)[layout.setting[at]]
+        if np.unique(positions).size < _FEWEST_POSITIONS:
+            continue
+        logarithm, weight = np.log(layout.frequency[at]), layout.standard_deviation[at] ** -2.0
+        apart = logarithm - np.average(logarithm, weights=weight)
+        if weight @ apart**2 <= special.chdtri(logarithm.size - 1, 1.0 - _SCATTER):
+            found.append(channel)
+    return tuple(found)
 
 
 def by_condition(layout: Layout, axis: ConditionAxis) -> Grouping | None:

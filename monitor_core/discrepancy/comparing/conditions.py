@@ -3,11 +3,16 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
 
 from monitor_core.discrepancy.comparing.comparison import Layout, Setting
-from monitor_core.discrepancy.comparing.condition_groups import has_lines
-from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.comparing.condition_groups import has_lines, modes_that_stay
+from monitor_core.discrepancy.effect import ConditionAxis, Effect
 from monitor_core.models.protocol import DriveConditions
+
+Physics = TypeVar("Physics")
 
 #: With fewer positions or preloads than this every one is needed for the fit.
 _FEWEST_TO_HOLD_OUT = 5
@@ -91,3 +96,16 @@ def varied_conditions(layout: Layout) -> frozenset[ConditionAxis]:
     if has_lines(layout):
         varied.add(ConditionAxis.FREQUENCY)
     return frozenset(varied)
+
+
+def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
+    """Tell whether the data vary what an effect needs to be seen as such.
+
+    What resonates shows in a natural frequency, too, if one stays where it is.
+    """
+    missing = effect.needs - varied_conditions(layout)
+    resonance = effect.resonance
+    if missing != {ConditionAxis.FREQUENCY} or resonance is None:
+        return not missing
+    stays = [layout.frequency[layout.channel == channel] for channel in modes_that_stay(layout)]
+    return any(resonance.lower <= float(np.nanmean(one)) <= resonance.upper for one in stays)

@@ -51,9 +51,7 @@ class ModesComparison:
     unit: str  # sigma where there are damping ratios: a gap of them in % would hide that of the frequencies
     tolerances: SettingTolerances
 
-    #: Few and independent values: very strong evidence, 10 (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773), after
-    #: a choice among some twenty effects, 2 ln 20 (Chen and Chen, Biometrika 95 (2008) 759).
-    least_delta_bic = 16.0
+    least_delta_bic = 10.0  # few and independent values: very strong evidence by Kass and Raftery (1995)
 
     @property
     def setting_error_names(self) -> tuple[str, ...]:

@@ -1,16 +1,15 @@
 """What a search means: named, equivalent, partial, none or unknown."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import chi2
 
 from monitor_core.discrepancy.explanation import Gap, Outcome
 from monitor_core.discrepancy.judging.classes import EquivalenceClass
 from monitor_core.discrepancy.searching.fit import Fitted
+from monitor_core.discrepancy.searching.holding_out import in_floors, most_of_healthy
 
 Physics = TypeVar("Physics")
 
@@ -19,9 +18,6 @@ Physics = TypeVar("Physics")
 class OutcomeSettings:
     """When something is left. The figures are set on simulated machines, see benchmarks/hidden_effects."""
 
-    #: Gap in floors. Healthy cases stay within 1 % of one floor where the form error was learnt.
-    remainder: float = 1.08
-    healthy_share: float = 0.99  # of healthy axes whose gap on independent values is taken for no more than scatter
     #: Where something is left, what was found must explain this share of the misfit, or it may stand for the true
     #: effect as well.
     least_share: float = 0.95
@@ -69,7 +65,7 @@ def outcome_of(
     settings : OutcomeSettings
     """
     pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
-    left = _in_floors(gap) > _most_of_healthy(settings, n_judged) or pulled
+    left = in_floors(gap.noise_floor, gap.after.fit, gap.after.held_out) > most_of_healthy(n_judged) or pulled
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
@@ -112,18 +108,8 @@ def explained_share(
     """
     gained = baseline.cost - final.cost
     chi_squared = float(np.sum(final.standardised[final.fitted] ** 2))
-    in_floors, most = _in_floors(gap), _most_of_healthy(settings, n_judged)
-    residual = chi_squared * (1.0 - (most / in_floors) ** 2) if in_floors > most else 0.0
+    after, most = in_floors(gap.noise_floor, gap.after.fit, gap.after.held_out), most_of_healthy(n_judged)
+    residual = chi_squared * (1.0 - (most / after) ** 2) if after > most else 0.0
     of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
     left = residual + len(final.comparison.layout.settings) * of_settings
     return gained / (gained + left) if gained > 0.0 else 0.0
-
-
-def _most_of_healthy(settings: OutcomeSettings, n_judged: int) -> float:
-    """Return the largest gap of healthy axes, in floors: the rms of few values scatters by itself."""
-    return max(settings.remainder, math.sqrt(float(chi2.ppf(settings.healthy_share, n_judged)) / n_judged))
-
-
-def _in_floors(gap: Gap) -> float:
-    """Return the gap after all, on the values where it is larger: those of the fit, or those held out."""
-    return float(np.nanmax([gap.after.fit, gap.after.held_out])) / gap.noise_floor

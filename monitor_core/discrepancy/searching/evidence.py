@@ -26,8 +26,8 @@ Physics = TypeVar("Physics")
 #: The noise budget is what a decrease of χ² is measured with, at the least: residuals below it may hang together.
 _LEAST_SCALE = 1.0
 _HIGHEST_CORRELATION = 0.9
-#: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, 1995).
-STRONG = 6.0
+#: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).
+STRONG, VERY_STRONG = 6.0, 10.0
 _SHARE_OF_THRESHOLD = 0.4
 
 

@@ -1,6 +1,8 @@
-"""A start of a fit with an effect in the place of a parameter that has been pulled far from what is stated.
+"""Starts of fits with an effect in the place of something that may stand in for it.
 
-The two may add up to the same along a valley too long and bent for a fit to go through.
+Of a parameter that has been pulled far from what is stated: the two may add up to the same along a valley too long and
+bent for a fit to go through. And of another effect, once that one has brought the model to the data: looks from far
+away pass by effects that would do as well.
 """
 
 import math
@@ -14,7 +16,7 @@ from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.hypothesis import is_size, searched_coordinates
 from monitor_core.discrepancy.searching.fit import Fitted
-from monitor_core.discrepancy.searching.scan import resonance_of
+from monitor_core.discrepancy.searching.scan import Projection
 from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
@@ -23,6 +25,7 @@ Physics = TypeVar("Physics")
 _PULLED = 3.0
 _SMALLEST, _LARGEST = 0.1, 1e4  # sizes that are tried, in scales: a range may have no end
 _FINE = 1.25  # ratio of sizes of which one brings modes near to where the parameter has brought them
+_COARSE, _FINER = 2.0, (2.0**0.5, 2.0**0.25, 2.0**0.125)  # the same, and then about the best of them
 
 
 def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | None:
@@ -43,13 +46,13 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
     hypothesis = fitted.hypothesis.with_effect(effect)
     pulls = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
     frees = effect.key.removeprefix(PREFIX) in fitted.hypothesis.uncertain
-    if frees or resonance_of(effect) is not None or np.max(pulls, initial=0.0) < _PULLED:
+    if frees or effect.resonance is not None or np.max(pulls, initial=0.0) < _PULLED:
         return None
     there = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
     there[np.argmax(pulls)] = 0.0
     size_at = there.size - len(effect.parameters) + next(n for n, one in enumerate(effect.parameters) if is_size(one))
     best, least = None, math.inf
-    for size in _sizes(effect):
+    for size in _sizes(effect, _FINE):
         trial = there.copy()
         trial[size_at] = size
         try:
@@ -62,8 +65,48 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
     return best
 
 
-def _sizes(effect: Effect[Physics]) -> Iterator[float]:
+def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[Physics]) -> tuple[float, FloatArray]:
+    """Return by how much χ² rises with another effect in the place of one that was found, and where.
+
+    Parameters
+    ----------
+    found : Fitted
+        With the effect.
+    effect, other : Effect
+
+    Returns
+    -------
+    float
+        Rise of χ² at the best size of the other effect, what is left taken up linearly; infinite where the model has no
+        answer.
+    ndarray, shape (n_coordinates,)
+        Coordinates there, of the hypothesis with the other effect as its last.
+    """
+    hypothesis = found.hypothesis.without(effect.key).with_effect(other)
+    there = hypothesis.carried_over(found.hypothesis, found.coordinates)
+    size_at = there.size - len(other.parameters) + next(n for n, one in enumerate(other.parameters) if is_size(one))
+    projection = Projection(found, without=effect)
+    here = projection.residuals(found.standardised)
+
+    def tried(size: float) -> tuple[float, FloatArray]:
+        trial = there.copy()
+        trial[size_at] = size
+        try:
+            left = projection.residuals(found.around.residuals(hypothesis.physics(trial)))
+        except OutsideValidityError:
+            return math.inf, trial
+        return float(left @ left - here @ here), trial
+
+    best = min((tried(size) for size in _sizes(other, _COARSE)), key=lambda pair: pair[0], default=(math.inf, there))
+    low, high = searched_coordinates(other, next(one for one in other.parameters if is_size(one)))
+    for factor in _FINER:
+        around = [best[1][size_at] * factor, best[1][size_at] / factor]
+        best = min(best, *(tried(size) for size in around if low <= size <= high), key=lambda pair: pair[0])
+    return best
+
+
+def _sizes(effect: Effect[Physics], ratio: float) -> Iterator[float]:
     low, high = searched_coordinates(effect, next(one for one in effect.parameters if is_size(one)))
     largest = min(max(-low, high), _LARGEST)
-    for size in np.geomspace(_SMALLEST, largest, math.ceil(math.log(largest / _SMALLEST, _FINE)) + 1).tolist():
+    for size in np.geomspace(_SMALLEST, largest, math.ceil(math.log(largest / _SMALLEST, ratio)) + 1).tolist():
         yield from (signed for signed in (size, -size) if low <= signed <= high)

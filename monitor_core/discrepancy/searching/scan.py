@@ -11,6 +11,7 @@ they can, which is a projection:
 with the residuals r of the fit, r' with the effect, and Q an orthonormal basis of the fit's derivatives and priors.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -33,6 +34,7 @@ _SIZES = (0.1, 0.4, 1.5, 6.0, 25.0, 100.0)
 _SIZES_FOR_MODES = tuple(0.1 * 2.0**n for n in range(11))
 #: Steps of ln ratio: one of them brings a mode into the reach of its measured frequency.
 _RATIO_STEP = 0.5
+_FINER_STEPS = (0.25, 0.125)  # about the best of them: a coarse one may pass by a narrow minimum
 _FREQUENCIES = 12  # of something that resonates, over the measured band
 _STARTS = 2  # kept of all sizes and shapes that were tried
 _FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, what looks promising may lead into a false minimum
@@ -51,6 +53,7 @@ class Scanned(Generic[Physics]):
     #: χ² per square of the first parameter's scale, the rest refitted: d' is its root times the size. Of what may
     #: resonate anywhere in the measured band, where it is seen least.
     information: float
+    leads_elsewhere: bool = False  # whether the last start lies in another minimum, where looks tell little
 
     @property
     def promise(self) -> float:
@@ -59,14 +62,16 @@ class Scanned(Generic[Physics]):
 
 
 class Projection:
-    """The fit's own coordinates, projected out of residuals."""
+    """The fit's own coordinates, but for those of one effect if it is left out, projected out of residuals."""
 
-    def __init__(self, fitted: Fitted[Physics]) -> None:
+    def __init__(self, fitted: Fitted[Physics], without: Effect[Physics] | None = None) -> None:
         self._chosen = fitted.fitted
         self.n_coordinates = fitted.hypothesis.n_coordinates
+        unknowns = [effect is not without for effect, _ in fitted.hypothesis.unknowns]
+        kept = np.array([True] * fitted.hypothesis.n_uncertain + unknowns, dtype=np.bool_)
         self._prior_residuals = fitted.coordinates[: fitted.hypothesis.n_uncertain]
         prior = np.eye(self._prior_residuals.size, self.n_coordinates)
-        stacked = np.vstack([fitted.jacobian[self._chosen], prior])
+        stacked = np.vstack([fitted.jacobian[self._chosen], prior]) * kept
         left, singular, right = np.linalg.svd(stacked, full_matrices=False)
         seen = singular > 1e-9 * np.max(singular, initial=0.0)
         self._basis = left[:, seen]
@@ -133,34 +138,51 @@ def _freed(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physi
     information = of_one_deviation * (one.scale / spread) ** 2
     here = projection.residuals(fitted.standardised)
     tried = [(decrease, fitted.coordinates)]
-    for ratio in _ratios(one) if not has_lines(fitted.comparison.layout) else ():
+
+    def at_ratio(ratio: float) -> tuple[float, FloatArray]:
         trial = fitted.coordinates.copy()
         trial[index] = ratio / spread
         try:
             left = projection.residuals(fitted.around.residuals(hypothesis.physics(trial)))
         except OutsideValidityError:
-            continue
-        tried.append((float(here @ here - left @ left), trial))
+            return -math.inf, trial
+        return float(here @ here - left @ left), trial
+
+    valley: tuple[FloatArray, ...] = ()
+    if not has_lines(fitted.comparison.layout):
+        far = [at_ratio(ratio) for ratio in sorted(_ratios(one))]
+        valley = _valleys([*far, tried[0]], index)
+        for step in _FINER_STEPS if far else ():
+            nearest = spread * max(far, key=lambda pair: pair[0])[1][index]
+            far += [at_ratio(nearest + way) for way in (step, -step) if one.lower <= nearest + way <= one.upper]
+        tried += [pair for pair in far if math.isfinite(pair[0])]
     tried.sort(key=lambda pair: pair[0], reverse=True)
     with_effect = hypothesis.with_effect(effect)
-    starts = tuple(with_effect.carried_over(hypothesis, coordinates) for _, coordinates in tried[:_STARTS])
-    return Scanned(effect, starts, tried[0][0], decrease, information)
+    starts = tuple(with_effect.carried_over(hypothesis, one) for one in (*(at for _, at in tried[:_STARTS]), *valley))
+    return Scanned(effect, starts, tried[0][0], decrease, information, leads_elsewhere=bool(valley))
+
+
+def _valleys(tried: Sequence[tuple[float, FloatArray]], index: int) -> tuple[FloatArray, ...]:
+    """Return the best of the coordinates that lie in another minimum than those of the fit, the last ones; or none.
+
+    Where a parameter brings another mode to a measured frequency, χ² falls again beyond a ridge. What a look finds
+    there is still far from the data: a fit comes nearer.
+    """
+    at_fit = tried[-1][1][index]
+    ordered = sorted(tried, key=lambda pair: pair[1][index])
+    decreases = [-math.inf, *(decrease for decrease, _ in ordered), -math.inf]
+    lowest = [
+        pair
+        for before, pair, after in zip(decreases, ordered, decreases[2:], strict=False)
+        if before < pair[0] > after and pair[1][index] != at_fit
+    ]
+    return tuple(at for _, at in sorted(lowest, key=lambda pair: pair[0], reverse=True)[:1])
 
 
 def _ratios(one: EffectParameter) -> Iterator[float]:
     """Yield logarithms of ratios over the range of a parameter."""
     for ratio in np.arange(_RATIO_STEP, max(-one.lower, one.upper) + _RATIO_STEP / 2.0, _RATIO_STEP).tolist():
         yield from (sign * ratio for sign in (1.0, -1.0) if one.lower <= sign * ratio <= one.upper)
-
-
-def resonance_of(effect: Effect[Physics]) -> tuple[int, EffectParameter] | None:
-    """Return the parameter of an effect at whose frequency it resonates, with its place; None where it does not."""
-    places = (
-        (index, one)
-        for index, one in enumerate(effect.parameters)
-        if one.unit == "Hz" and one.name.startswith("frequency")
-    )
-    return next(places, None)
 
 
 class _Look(Generic[Physics]):
@@ -173,7 +195,8 @@ class _Look(Generic[Physics]):
         self.tail = self.at.size - len(effect.parameters)
         self.here = projection.residuals(fitted.standardised)
         lines = np.any(np.isfinite(fitted.comparison.layout.frequency))
-        self.resonance = resonance_of(effect) if lines else None
+        one = effect.resonance if lines else None
+        self.resonance = None if one is None else (effect.parameters.index(one), one)
 
     def best(self) -> Scanned[Physics] | None:
         """Return the most promising size and shape; None where the model has no answer with the effect."""

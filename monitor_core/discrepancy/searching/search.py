@@ -9,7 +9,7 @@ What the data cannot tell from an accepted effect is kept beside it.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Generic, TypeVar
@@ -19,13 +19,13 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.comparing.comparison import Comparison
 from monitor_core.discrepancy.comparing.condition_groups import has_lines
-from monitor_core.discrepancy.comparing.conditions import varied_conditions
+from monitor_core.discrepancy.comparing.conditions import is_testable
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, least_difference, yardstick
+from monitor_core.discrepancy.searching.evidence import VERY_STRONG, Yardstick, delta_bic, least_difference, yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, promised_gain
-from monitor_core.discrepancy.searching.instead import instead
+from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, leaves_something, promised_gain
+from monitor_core.discrepancy.searching.instead import in_place_of, instead
 from monitor_core.discrepancy.searching.scan import Scanned, scan
 from monitor_core.discrepancy.subject import Subject
 from monitor_core.errors import OutsideValidityError
@@ -55,6 +55,7 @@ class SearchSettings:
     small_misfit: float = 0.15
     one_minimum: float = 1.5  # in floors: from a smaller gap a fit that improves is taken for the best one
     far: float = 10.0  # in floors: nothing makes up by chance for textbook physics without which a gap is larger
+    most_rise: float = 25.0  # of χ², by a look, for an effect to be refitted in the place of one that was found
     most_effects: int = 4
     n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
 
@@ -89,6 +90,7 @@ class Found(Generic[Physics]):
     accepted: tuple[Accepted[Physics], ...]
     yardstick: Yardstick
     looks: tuple[Scanned[Physics], ...]  # at what is not in the final fit
+    least_delta_bic: float  # that one more effect would have needed
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class Search(Generic[Physics]):
         rivals = self._rivals(first) if self._gap(current) > 1.0 else ()
         for rival in rivals[1 : self.settings.n_first_steps]:
             least = self.settings.least_share_of_gain * rivals[0].delta_bic
-            if rival.delta_bic < max(least, self.comparison.least_delta_bic):
+            if rival.delta_bic < max(least, self._least_evidence(first)):
                 break
             if not self._holds(first, rival.fitted, yardstick(rival.fitted)):
                 continue
@@ -123,7 +125,7 @@ class Search(Generic[Physics]):
                 steps, current = other, other[-1]
         by = yardstick(current)
         accepted = tuple(self._judged(current, effect, by) for effect in current.hypothesis.effects)
-        return Found(baseline, tuple(steps), current, accepted, by, self._looks(current))
+        return Found(baseline, tuple(steps), current, accepted, by, self._looks(current), self._least_evidence(current))
 
     def _from(self, start: Fitted[Physics], steps: Sequence[Fitted[Physics]]) -> list[Fitted[Physics]]:
         """Return the steps of adding one effect after the other, as long as the evidence carries them."""
@@ -154,9 +156,11 @@ class Search(Generic[Physics]):
         """Return the candidates that could still be added."""
         present = {effect.key for effect in fitted.hypothesis.effects}
         physics = fitted.physics()
-        varied = varied_conditions(self.comparison.layout)
+        layout = self.comparison.layout
         return tuple(
-            one for one in self.candidates if one.key not in present and one.needs <= varied and one.applies(physics)
+            one
+            for one in self.candidates
+            if one.key not in present and is_testable(one, layout) and one.applies(physics)
         )
 
     def _with_textbook_physics(self, baseline: Fitted[Physics]) -> Fitted[Physics]:
@@ -185,11 +189,22 @@ class Search(Generic[Physics]):
         rivals = self._rivals(current)
         for rival in rivals:
             by = yardstick(rival.fitted)
-            if delta_bic(current, rival.fitted, by) < self.comparison.least_delta_bic:
+            if delta_bic(current, rival.fitted, by) < self._least_evidence(current):
                 return None
             if self._holds(current, rival.fitted, by):
                 return rival.fitted
         return None
+
+    def _least_evidence(self, without: Fitted[Physics]) -> float:
+        """Return the gain of BIC that one more effect needs.
+
+        Where a fit leaves no more than a healthy axis would, nothing but the choice of this effect among all that were
+        looked at speaks for it, which may gain 2 ln n by chance (Chen and Chen, Biometrika 95 (2008) 759).
+        """
+        least = self.comparison.least_delta_bic
+        if leaves_something(without):
+            return least
+        return max(least, VERY_STRONG + 2.0 * math.log(max(len(self._remaining(without)), 1)))
 
     def _rivals(self, current: Fitted[Physics]) -> tuple[Rival[Physics], ...]:
         """Return the most promising effects, refitted, best first; those of one fit once only."""
@@ -201,15 +216,22 @@ class Search(Generic[Physics]):
     def _refitted(self, current: Fitted[Physics]) -> tuple[Rival[Physics], ...]:
         refitted: list[tuple[Effect[Physics], Fitted[Physics]]] = []
         best = current
-        for look in self._promising(current):
+        promising = self._promising(current)
+        for look in promising:
             surpassed = look.promise < self.settings.least_share_of_gain * (current.cost - best.cost)
-            if surpassed and (self._is_near(current) or (self._gap(best) < 1.0 and not self._looks_mislead(current))):
+            there = self._gap(best) < 1.0 and not self._looks_mislead(current)
+            if surpassed and (self._is_near(current) or there):
                 continue
             self.progress(f"refitting with {look.effect.key}")
             trial = self._from_best_start(current, look)
             if trial is not None:
                 refitted.append((look.effect, trial))
                 best = min(best, trial, key=lambda one: one.cost)
+        for look in self._elsewhere(current):
+            known = any(effect is look.effect for effect, _ in refitted)
+            trial = None if known else self._try(current.hypothesis.with_effect(look.effect), look.starts[-1])
+            if trial is not None:
+                refitted.append((look.effect, trial))
         if not refitted:
             return ()
         by = yardstick(min((trial for _, trial in refitted), key=lambda one: one.cost))
@@ -233,6 +255,12 @@ class Search(Generic[Physics]):
         alike = [one for one in looks if one.promise >= least]
         return list(dict.fromkeys((*chosen, *by_slope, *alike)))
 
+    def _elsewhere(self, current: Fitted[Physics]) -> list[Scanned[Physics]]:
+        """Return the looks from which a fit may come to another minimum, where there is anything to be explained."""
+        if self._gap(current) < self.settings.one_minimum:
+            return []
+        return [one for one in self._looks(current) if one.leads_elsewhere]
+
     def _looks(self, current: Fitted[Physics]) -> tuple[Scanned[Physics], ...]:
         """Return a look at everything that could still be added; at one fit once only."""
         key = _identity(current)
@@ -241,7 +269,7 @@ class Search(Generic[Physics]):
         return self._known_looks[key]
 
     def _from_best_start(self, current: Fitted[Physics], look: Scanned[Physics]) -> Fitted[Physics] | None:
-        """Return the best fit from where a look leads, instead of a parameter, and from where it is absent.
+        """Return the best fit from where a look leads, from another minimum, instead of a parameter, or from nothing.
 
         Of starts from a look and from where the effect is absent, one is enough if it ends at the floor, where there is
         but one minimum, and where it gains what the look has promised, if looks can be relied upon. Two are enough if
@@ -250,8 +278,9 @@ class Search(Generic[Physics]):
         near = self._is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
         absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
-        in_place_of_another = instead(current, look.effect)
-        best = None if in_place_of_another is None else self._try(hypothesis, in_place_of_another)
+        apart = [instead(current, look.effect), look.starts[-1] if look.leads_elsewhere else None]
+        trials = [self._try(hypothesis, start) for start in apart if start is not None]
+        best = min((one for one in trials if one is not None), key=lambda one: one.cost, default=None)
         for start in (*(look.starts[:1] if near else look.starts), absent):
             trial = self._try(hypothesis, start)
             if trial is None:
@@ -298,7 +327,7 @@ class Search(Generic[Physics]):
         """Return the fit without the effects that are no longer needed; the last one added is."""
         for effect in fitted.hypothesis.effects[:-1]:
             without = self._without(fitted, effect)
-            if delta_bic(without, fitted, yardstick(fitted)) < self.comparison.least_delta_bic:
+            if delta_bic(without, fitted, yardstick(fitted)) < self._least_evidence(without):
                 return self._pruned(without)
         return fitted
 
@@ -310,6 +339,24 @@ class Search(Generic[Physics]):
             self._known_fits[keys] = carried_over or self._fit(hypothesis, hypothesis.null)
         return self._known_fits[keys]
 
+    def _in_place_of(
+        self, final: Fitted[Physics], effect: Effect[Physics], known: Collection[str]
+    ) -> list[tuple[Effect[Physics], Fitted[Physics]]]:
+        """Return further effects that may do in the place of one, refitted from where the data are near.
+
+        Whatever looked little promising from far away was not refitted there.
+        """
+        found = []
+        for other in self._remaining(final):
+            if other.key in known:
+                continue
+            rise, start = in_place_of(final, effect, other)
+            hypothesis = final.hypothesis.without(effect.key).with_effect(other)
+            trial = self._try(hypothesis, start) if rise < self.settings.most_rise else None
+            if trial is not None:
+                found.append((other, trial))
+        return found
+
     def _judged(self, final: Fitted[Physics], effect: Effect[Physics], by: Yardstick) -> Accepted[Physics]:
         """Return the evidence for an effect of the final fit, and what else would do in its place.
 
@@ -317,10 +364,11 @@ class Search(Generic[Physics]):
         """
         without = self._without(final, effect)
         plain = _is_at_textbook_value(final, effect) and self._gap(without) > self.settings.far
+        refitted = [] if plain else [(one.effect, one.fitted) for one in self._rivals(without)]
+        if not plain and self._looks_mislead(without):
+            refitted += self._in_place_of(final, effect, {one.key for one, _ in refitted})
         rivals = [
-            Rival(rival.effect, rival.fitted, delta_bic(without, rival.fitted, by))
-            for rival in (() if plain else self._rivals(without))
-            if rival.effect.key != effect.key
+            Rival(other, trial, delta_bic(without, trial, by)) for other, trial in refitted if other.key != effect.key
         ]
         held_out_gain = _held_out_gain(without, final, by)
         return Accepted(effect, delta_bic(without, final, by), held_out_gain, tuple(rivals), without)
