@@ -1,6 +1,6 @@
 """A look at an effect promises what a refit then gives: exactly so where the misfit is linear."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -99,6 +99,29 @@ def test_a_tolerance_that_is_let_go(index, name) -> None:
     scale = effect.parameters[0].scale
     variance = linalg.inv(precision)[index, index] + UNCERTAIN[name] ** 2  # of what the data say less what was stated
     assert look.information == pytest.approx(scale**2 / variance, rel=1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class FoldedSubject(LinearSubject):
+    """An axis whose first quantity comes round again: another value of its parameter says nearly the same."""
+
+    def physics(self, ln_ratios):
+        theta = super().physics(ln_ratios)
+        theta[0] = np.sin(2.0 * np.pi * theta[0] / 2.5)
+        return theta
+
+
+def test_another_minimum_of_a_wrong_parameter_is_a_start_of_its_own() -> None:
+    comparison, plain = linear()
+    folded = FoldedSubject(plain.uncertain, plain.size)
+    at_fit = fit(comparison, Hypothesis(folded), np.zeros(2))
+    (look,) = scan(at_fit, [wrong_quantity(0, "a")])
+    assert look.leads_elsewhere
+    # in coordinates of a tenth: a period from the fit, as near as steps of a half come
+    apart = np.abs(0.1 * look.starts[-1][-1] - 0.3 * at_fit.coordinates[0])
+    assert apart == pytest.approx(2.5, abs=0.3)
+    (of_plain,) = scan(fitted(Hypothesis(plain), comparison), [wrong_quantity(0, "a")])
+    assert not of_plain.leads_elsewhere
 
 
 def test_most_promising_first() -> None:

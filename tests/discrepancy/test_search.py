@@ -82,6 +82,25 @@ def test_a_healthy_axis_lacks_nothing() -> None:
         assert found.steps == ()
 
 
+@pytest.mark.parametrize(("left", "found"), [(0.0, set()), (0.9, {"quantity-1"})])
+def test_weak_evidence_suffices_only_where_something_is_left(left, found) -> None:
+    """An effect of ΔBIC 13, one of eight that are looked at: 10 + 2 ln 8 = 14.2 is asked for where the rest is noise.
+
+    What is left is one more column that nothing explains, as large as raises the gap beyond that of healthy axes.
+    """
+    rng = np.random.default_rng(11)
+    columns = np.linalg.qr(rng.standard_normal((N, 10)))[0] * math.sqrt(N)
+    noise = rng.standard_normal(N)
+    noise -= columns @ (columns.T @ noise) / N
+    noise *= math.sqrt(N / float(noise @ noise))
+    size = math.sqrt((13.0 + math.log(N)) * (1.0 + left**2) / N)
+    layout = layout_of(SIZES, 1.0)
+    data = size * columns[:, 1] + left * columns[:, 9] + noise
+    comparison = LinearComparison(layout, columns[:, :9], data, np.zeros((1, N)))
+    answer = found_in(comparison, [quantity(index) for index in range(1, 9)])
+    assert keys(answer.final) == found
+
+
 def test_a_parameter_far_off_its_tolerance_is_found_wrong() -> None:
     """Eight standard deviations; at two nothing is amiss."""
     rng = np.random.default_rng(3)

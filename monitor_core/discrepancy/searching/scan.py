@@ -34,6 +34,7 @@ _SIZES = (0.1, 0.4, 1.5, 6.0, 25.0, 100.0)
 _SIZES_FOR_MODES = tuple(0.1 * 2.0**n for n in range(11))
 #: Steps of ln ratio: one of them brings a mode into the reach of its measured frequency.
 _RATIO_STEP = 0.5
+_RIDGE = 10.0  # of χ², between one minimum and another
 _FINER_STEPS = (0.25, 0.125)  # about the best of them: a coarse one may pass by a narrow minimum
 _FREQUENCIES = 12  # of something that resonates, over the measured band
 _STARTS = 2  # kept of all sizes and shapes that were tried
@@ -67,7 +68,8 @@ class Projection:
     def __init__(self, fitted: Fitted[Physics], without: Effect[Physics] | None = None) -> None:
         self._chosen = fitted.fitted
         self.n_coordinates = fitted.hypothesis.n_coordinates
-        unknowns = [effect is not without for effect, _ in fitted.hypothesis.unknowns]
+        left_out = None if without is None else without.key
+        unknowns = [effect.key != left_out for effect, _ in fitted.hypothesis.unknowns]
         kept = np.array([True] * fitted.hypothesis.n_uncertain + unknowns, dtype=np.bool_)
         self._prior_residuals = fitted.coordinates[: fitted.hypothesis.n_uncertain]
         prior = np.eye(self._prior_residuals.size, self.n_coordinates)
@@ -169,14 +171,13 @@ def _valleys(tried: Sequence[tuple[float, FloatArray]], index: int) -> tuple[Flo
     there is still far from the data: a fit comes nearer.
     """
     at_fit = tried[-1][1][index]
-    ordered = sorted(tried, key=lambda pair: pair[1][index])
-    decreases = [-math.inf, *(decrease for decrease, _ in ordered), -math.inf]
-    lowest = [
-        pair
-        for before, pair, after in zip(decreases, ordered, decreases[2:], strict=False)
-        if before < pair[0] > after and pair[1][index] != at_fit
-    ]
-    return tuple(at for _, at in sorted(lowest, key=lambda pair: pair[0], reverse=True)[:1])
+    below = sorted((pair for pair in tried[:-1] if pair[1][index] < at_fit), key=lambda pair: -pair[1][index])
+    above = sorted((pair for pair in tried[:-1] if pair[1][index] > at_fit), key=lambda pair: pair[1][index])
+    beyond = []
+    for side in (below, above):
+        ridges = np.minimum.accumulate([decrease for decrease, _ in side])
+        beyond += [pair for pair, ridge in zip(side, ridges, strict=True) if min(pair[0], 0.0) > ridge + _RIDGE]
+    return tuple(at for _, at in sorted(beyond, key=lambda pair: pair[0], reverse=True)[:1])
 
 
 def _ratios(one: EffectParameter) -> Iterator[float]:

@@ -1,0 +1,62 @@
+"""What would do in the place of something that was found: on linear data, where every rise of χ² is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.instead import in_place_of, instead
+from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
+
+N = 90
+#: Three quantities: one uncertain, one that is there, one that looks nearly like it; a fourth is like neither.
+TRUTH = np.array([0.1, 8.0, 0.0, 0.0])
+
+
+def linear(uncertain=0.3, seed=0):
+    rng = np.random.default_rng(seed)
+    design = rng.standard_normal((N, TRUTH.size))
+    design[:, 2] = -0.5 * design[:, 1] + 0.02 * rng.standard_normal(N)
+    comparison = LinearComparison(
+        layout_of((30, 30, 30), 1.0), design, design @ TRUTH + rng.standard_normal(N), rng.standard_normal((1, N))
+    )
+    return comparison, LinearSubject({"a": uncertain}, TRUTH.size)
+
+
+def fitted(comparison, subject, *effects):
+    hypothesis = Hypothesis(subject, effects)
+    return fit(comparison, hypothesis, np.full(hypothesis.n_coordinates, 0.5))
+
+
+def test_rise_is_that_of_a_refit_with_the_other_effect() -> None:
+    comparison, subject = linear()
+    true, alike = quantity(1), quantity(2)
+    found = fitted(comparison, subject, true)
+    rise, start = in_place_of(found, true, alike)
+    refitted = fitted(comparison, subject, alike)
+    # sizes are tried in steps of an eighth of an octave: at worst 4 % beside the best one, of 128 in χ² a percent
+    steps = 0.04**2 * TRUTH[1] ** 2 * float(np.sum(comparison.design[:, 1] ** 2))
+    assert refitted.cost - found.cost - 0.1 <= rise <= refitted.cost - found.cost + steps
+    assert start[-1] == pytest.approx(refitted.coordinates[-1], rel=0.05)
+    assert refitted.cost - found.cost < 25.0
+
+
+def test_what_is_not_alike_takes_no_ones_place() -> None:
+    comparison, subject = linear()
+    rise, _ = in_place_of(fitted(comparison, subject, quantity(1)), quantity(1), quantity(3))
+    assert rise > 1000.0
+
+
+def test_an_effect_starts_in_the_place_of_the_parameter_that_is_pulled_furthest() -> None:
+    """Without the second quantity the uncertain one, which looks the same, is pulled by 8/0.3 standard deviations."""
+    comparison, subject = linear()
+    comparison = replace(comparison, design=comparison.design[:, [1, 1, 2, 3]])
+    pulled = fitted(comparison, subject)
+    start = instead(pulled, quantity(1))
+    assert start is not None
+    assert abs(pulled.coordinates[0]) > 20.0
+    assert start[0] == 0.0
+    assert start[1] == pytest.approx(TRUTH[1], rel=0.15)
+    assert instead(fitted(*linear(uncertain=100.0)), quantity(1)) is None  # pulled by nothing
