@@ -77,7 +77,7 @@ class Accepted(Generic[Physics]):
     delta_bic: float
     held_out_gain: float
     rivals: tuple[Rival[Physics], ...]  # best first, the effect itself left out
-    without: Fitted[Physics]
+    without: Fitted[Physics]  # the effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,10 @@ class Search(Generic[Physics]):
                 best = min(best, trial, key=lambda one: one.cost)
         for look in self._elsewhere(current):
             known = any(effect is look.effect for effect, _ in refitted)
-            trial = None if known else self._try(current.hypothesis.with_effect(look.effect), look.starts[-1])
+            if known:
+                continue
+            self.progress(f"refitting with {look.effect.key}")
+            trial = self._try(current.hypothesis.with_effect(look.effect), look.starts[-1])
             if trial is not None:
                 refitted.append((look.effect, trial))
         if not refitted:
@@ -346,6 +349,7 @@ class Search(Generic[Physics]):
 
         Whatever looked little promising from far away was not refitted there.
         """
+        self.progress(f"looking for what would do in the place of {effect.key}")
         found = []
         for other in self._remaining(final):
             if other.key in known:
@@ -367,9 +371,10 @@ class Search(Generic[Physics]):
         refitted = [] if plain else [(one.effect, one.fitted) for one in self._rivals(without)]
         if not plain and self._looks_mislead(without):
             refitted += self._in_place_of(final, effect, {one.key for one, _ in refitted})
-        rivals = [
+        others = [
             Rival(other, trial, delta_bic(without, trial, by)) for other, trial in refitted if other.key != effect.key
         ]
+        rivals = sorted(others, key=lambda one: one.delta_bic, reverse=True)
         held_out_gain = _held_out_gain(without, final, by)
         return Accepted(effect, delta_bic(without, final, by), held_out_gain, tuple(rivals), without)
 
