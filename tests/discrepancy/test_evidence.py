@@ -1,6 +1,7 @@
 """The yardstick of a decrease of χ²: the information criterion by hand, and what correlated values are worth."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,33 @@ def fits(data, *, size=1, n_settings=1):
     )
     subject = LinearSubject({}, size)
     return [fit(comparison, one, one.null) for one in (Hypothesis(subject), Hypothesis(subject, (quantity(0),)))]
+
+
+def test_a_parameter_that_moves_nothing_costs_nothing() -> None:
+    """As the damping of a base in a table of its frequencies; the same parameter, where it is seen, costs ln n."""
+    n, data = 200, 1.0 + np.random.default_rng(6).standard_normal(200)
+    by = Yardstick(1.0, 0.0, n)
+
+    def gained(index_of_shape):
+        both = (quantity(0).parameters[0], replace(quantity(0).parameters[0], name="shape"))
+
+        def add(theta, values):
+            changed = theta.copy()
+            changed[0] += values["size"]
+            changed[index_of_shape] += 1e-9 * values["shape"]
+            return changed
+
+        comparison = LinearComparison(
+            layout_of([n], 1.0), np.column_stack([np.ones(n), np.zeros(n)]), data, np.zeros((0, n))
+        )
+        shaped = replace(quantity(0), parameters=both, add=add)
+        plain, fuller = (
+            fit(comparison, one, one.null)
+            for one in (Hypothesis(LinearSubject({}, 2)), Hypothesis(LinearSubject({}, 2), (shaped,)))
+        )
+        return delta_bic(plain, fuller, by)
+
+    assert gained(1) - gained(0) == pytest.approx(math.log(n), abs=1e-3)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.8])

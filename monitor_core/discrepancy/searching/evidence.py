@@ -7,8 +7,8 @@ hypotheses leaves, s² per value, is taken for the noise:
 
     \Delta BIC = \frac{1 - \rho}{1 + \rho}\,\frac{\chi^2_0 - \chi^2_1}{s^2} - k \ln n_{eff}
 
-for k parameters more (Schwarz, Ann. Statist. 6 (1978) 461; the number of effective values is that of a first-order
-autoregression).
+for k parameters more that the data see (Schwarz, Ann. Statist. 6 (1978) 461; the number of effective values is that of
+a first-order autoregression).
 """
 
 import math
@@ -88,9 +88,4 @@ def neighbour_correlation(layout: Layout, standardised: FloatArray, chosen: Bool
 
 def delta_bic(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
     """Return BIC of a hypothesis less BIC of a fuller one: above zero speaks for the fuller."""
-    more = _n_unknowns(fuller) - _n_unknowns(without)
-    return by.factor * (without.cost - fuller.cost) - by.penalty(more)
-
-
-def _n_unknowns(fitted: Fitted[Physics]) -> int:
-    return len(fitted.hypothesis.unknowns)
+    return by.factor * (without.cost - fuller.cost) - by.penalty(fuller.n_seen - without.n_seen)

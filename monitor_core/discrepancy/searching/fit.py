@@ -75,6 +75,14 @@ class Fitted(Generic[Physics]):
         return _jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
 
     @cached_property
+    def n_seen(self) -> int:
+        """How many unknowns of the effects move what was measured: of a resonance, no frequency tells the damping."""
+        hypothesis, first = self.hypothesis, self.hypothesis.n_uncertain
+        others = [n for n, (effect, one) in enumerate(hypothesis.unknowns, first) if one is not effect.parameters[0]]
+        still = [n for n in others if not np.any(_one_sided(self.around, hypothesis, self.coordinates, self.misfit, n))]
+        return len(hypothesis.unknowns) - len(still)
+
+    @cached_property
     def held_out(self) -> HeldOut | None:
         """Residuals of held-out values; each of several folds is left out of a fit of its own. None without any."""
         folds = self.comparison.layout.held_out
