@@ -67,6 +67,7 @@ CANDIDATES = (
     Candidate("loss-factor", 2.4, 0.3, 0.0021, "-"),
     Candidate("base-compliance", -11.9, -2.0, 4.3e-10, "m/N"),
     Candidate("wrong-parameter:bearing_stiffness_n_per_m", -13.0, -2.1, math.log(5.0), "-"),
+    Candidate("wrong-parameter:table_mass_kg", -14.0, -2.2, 0.04, "-"),
 )
 LOCALISATION = (
     Misfit("position_mm 500..850, band 150..200 Hz", 8.31, MisfitKind.STIFFNESS, 3.0e-9),
@@ -333,8 +334,10 @@ def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
     for candidate in one.candidates:
         expected += [candidate.delta_bic, candidate.held_out]
         if candidate.detection_limit is not None:
+            ratio = math.exp(candidate.detection_limit)
+            of_parameter = 100.0 * (ratio - 1.0) if ratio < 1.5 else ratio
             is_ratio = candidate.key.startswith("wrong-parameter:")
-            expected += [math.exp(candidate.detection_limit) if is_ratio else candidate.detection_limit]
+            expected += [of_parameter if is_ratio else candidate.detection_limit]
     data = page_of(one).data
     assert sorted(value for value, _ in data) == sorted(value for value in expected if not math.isnan(value))
     for value, shown in data:
@@ -371,7 +374,8 @@ def test_responses_that_the_model_misses_most_come_first_and_other_panels_last()
 def test_report_says_from_what_evidence_and_what_size_on_an_effect_is_found(made) -> None:
     report = made(explanation(Outcome.NONE), MODEL, SUBJECT)
     assert "a ΔBIC of 50" in report
-    assert "5.0 times as stated" in report
+    assert "5.0 times what is stated" in report
+    assert "4.1 % more or less" in report
 
 
 def test_what_is_not_believed_is_flagged() -> None:

@@ -37,6 +37,7 @@ MEANING: Final = {
 
 
 _HARDLY_LESS = 0.95  # of a gap
+_TIMES = 1.5  # from this ratio on people say "times"
 _STRAINED = 3.0  # standard deviations
 
 
@@ -113,12 +114,17 @@ def seen_from(one: Candidate) -> str:
 
 
 def detection_limit(one: Candidate) -> tuple[float, str]:
-    """Return from what size on an effect would be seen, as a number and in words: of a wrong parameter the ratio."""
+    """Return from what size on an effect would be seen, as a number and in words.
+
+    Of a wrong parameter that is a ratio, or the share by which it is off where the ratio is near one.
+    """
     if one.detection_limit is None:
         return math.nan, "not known"
     if one.key.startswith(PREFIX):  # known by its logarithm
         ratio = math.exp(one.detection_limit)
-        return ratio, f"{rounded(ratio, 2)} times as stated, or as many times less"
+        if ratio < _TIMES:
+            return 100.0 * (ratio - 1.0), f"{rounded(100.0 * (ratio - 1.0), 2)} % more or less than stated"
+        return ratio, f"{rounded(ratio, 2)} times what is stated, or as many times less"
     return one.detection_limit, quantity(one.detection_limit, one.unit, 2)
 
 
