@@ -56,13 +56,13 @@ class Fitted(Generic[Physics]):
     comparison: Comparison[Physics]
     hypothesis: Hypothesis[Physics]
     coordinates: FloatArray  # shape (n_coordinates,)
-    around: Linearised[Physics]
+    around: Linearised[Physics]  # around these coordinates
     fitted: BoolArray  # which values took part
 
-    @cached_property
+    @property
     def misfit(self) -> FloatArray:
         """Misfit of all values, held out or not, shape (n_values,)."""
-        return self.around.misfit(self.physics())
+        return self.around.here
 
     @cached_property
     def standardised(self) -> FloatArray:

@@ -186,10 +186,10 @@ class Search(Generic[Physics]):
 
     def _best_addition(self, current: Fitted[Physics]) -> Fitted[Physics] | None:
         """Return the fit with the best further effect, or None if the evidence carries none."""
-        rivals = self._rivals(current)
-        for rival in rivals:
+        least = self._least_evidence(current)
+        for rival in self._rivals(current):
             by = yardstick(rival.fitted)
-            if delta_bic(current, rival.fitted, by) < self._least_evidence(current):
+            if delta_bic(current, rival.fitted, by) < least:
                 return None
             if self._holds(current, rival.fitted, by):
                 return rival.fitted
@@ -216,8 +216,7 @@ class Search(Generic[Physics]):
     def _refitted(self, current: Fitted[Physics]) -> tuple[Rival[Physics], ...]:
         refitted: list[tuple[Effect[Physics], Fitted[Physics]]] = []
         best = current
-        promising = self._promising(current)
-        for look in promising:
+        for look in self._promising(current):
             surpassed = look.promise < self.settings.least_share_of_gain * (current.cost - best.cost)
             there = self._gap(best) < 1.0 and not self._looks_mislead(current)
             if surpassed and (self._is_near(current) or there):
@@ -228,8 +227,7 @@ class Search(Generic[Physics]):
                 refitted.append((look.effect, trial))
                 best = min(best, trial, key=lambda one: one.cost)
         for look in self._elsewhere(current):
-            known = any(effect is look.effect for effect, _ in refitted)
-            if known:
+            if any(effect is look.effect for effect, _ in refitted):
                 continue
             self.progress(f"refitting with {look.effect.key}")
             trial = self._try(current.hypothesis.with_effect(look.effect), look.starts[-1])
