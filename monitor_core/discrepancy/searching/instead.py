@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.hypothesis import is_size, searched_coordinates
 from monitor_core.discrepancy.searching.fit import Fitted
@@ -50,7 +50,7 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
         return None
     there = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
     there[np.argmax(pulls)] = 0.0
-    size_at = there.size - len(effect.parameters) + next(n for n, one in enumerate(effect.parameters) if is_size(one))
+    size_at = there.size - len(effect.parameters) + _size_of(effect)[0]
     best, least = None, math.inf
     for size in _sizes(effect, _FINE):
         trial = there.copy()
@@ -84,7 +84,8 @@ def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[P
     """
     hypothesis = found.hypothesis.without(effect.key).with_effect(other)
     there = hypothesis.carried_over(found.hypothesis, found.coordinates)
-    size_at = there.size - len(other.parameters) + next(n for n, one in enumerate(other.parameters) if is_size(one))
+    place, size_parameter = _size_of(other)
+    size_at = there.size - len(other.parameters) + place
     projection = Projection(found, without=effect)
     here = projection.residuals(found.standardised)
 
@@ -98,15 +99,20 @@ def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[P
         return float(left @ left - here @ here), trial
 
     best = min((tried(size) for size in _sizes(other, _COARSE)), key=lambda pair: pair[0], default=(math.inf, there))
-    low, high = searched_coordinates(other, next(one for one in other.parameters if is_size(one)))
+    low, high = searched_coordinates(other, size_parameter)
     for factor in _FINER:
         around = [best[1][size_at] * factor, best[1][size_at] / factor]
         best = min(best, *(tried(size) for size in around if low <= size <= high), key=lambda pair: pair[0])
     return best
 
 
+def _size_of(effect: Effect[Physics]) -> tuple[int, EffectParameter]:
+    """Return the first size among the parameters of an effect, with its place."""
+    return next((place, one) for place, one in enumerate(effect.parameters) if is_size(one))
+
+
 def _sizes(effect: Effect[Physics], ratio: float) -> Iterator[float]:
-    low, high = searched_coordinates(effect, next(one for one in effect.parameters if is_size(one)))
+    low, high = searched_coordinates(effect, _size_of(effect)[1])
     largest = min(max(-low, high), _LARGEST)
     for size in np.geomspace(_SMALLEST, largest, math.ceil(math.log(largest / _SMALLEST, ratio)) + 1).tolist():
         yield from (signed for signed in (size, -size) if low <= signed <= high)
