@@ -72,7 +72,7 @@ class Effect(Generic[Physics]):
     name: str  # what a person reads
     physics: str  # one or two sentences: what happens, and how it shows
     source: str  # where the formula comes from
-    parameters: tuple[EffectParameter, ...]
+    parameters: tuple[EffectParameter, ...]  # the first is a size, null at 0
     add: Callable[[Physics, Mapping[str, float]], Physics]  # values by the names of the parameters
     needs: frozenset[ConditionAxis] = frozenset()  # what has to vary, or the effect is not seen as such
     applies: Callable[[Physics], bool] = _always  # whether the axis has what it acts on
@@ -90,6 +90,11 @@ class Effect(Generic[Physics]):
         if not names or len(set(names)) < len(names):
             raise OutsideValidityError(
                 f"the effect {self.key} needs parameters with different names; got {', '.join(names) or 'none'}"
+            )
+        if self.parameters[0].null != 0.0:
+            raise OutsideValidityError(
+                f"the first parameter of the effect {self.key} is its size and must be null at 0; "
+                f"got {self.parameters[0].null} of {names[0]}"
             )
 
     def added_to(self, physics: Physics, values: Mapping[str, float]) -> Physics:
@@ -123,8 +128,8 @@ class Effect(Generic[Physics]):
             raise OutsideValidityError(f"the effect {self.key}: {error}") from error
 
     @property
-    def resonance(self) -> EffectParameter | None:
-        """The parameter that is the frequency at which the effect resonates, None where it does not."""
+    def frequency(self) -> EffectParameter | None:
+        """The parameter that is a frequency of its own, such as that of an added mode, None where there is none."""
         named = (one for one in self.parameters if one.unit == "Hz" and one.name.startswith("frequency"))
         return next(named, None)
 

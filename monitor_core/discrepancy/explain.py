@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from monitor_core.discrepancy.comparing.comparison import Comparison
-from monitor_core.discrepancy.comparing.conditions import is_testable, varied_conditions
+from monitor_core.discrepancy.comparing.conditions import varied_conditions
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import (
@@ -35,7 +35,7 @@ from monitor_core.discrepancy.localising.localisation import (
 )
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import gap_of, judged_values
+from monitor_core.discrepancy.searching.holding_out import gain, gap_of, judged_values
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.searching.signatures import signatures
@@ -84,7 +84,7 @@ def explain(
     tell = progress or (lambda _sentence: None)
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
-    classes = tuple(equivalence_class(found, one, candidates) for one in found.accepted)
+    classes = _classes(found, candidates)
     found = replace(found, final=_with_leaders(found, classes))
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
@@ -117,6 +117,15 @@ def explain(
         gap_by_channel=_gap_by_channel(found),
         pulls_before=_parameter_pulls(found.baseline),
     )
+
+
+def _classes(found: Found[Physics], candidates: Sequence[Effect[Physics]]) -> tuple[EquivalenceClass[Physics], ...]:
+    """Return what was found, each effect with what would do in its place; no effect leads twice."""
+    classes: list[EquivalenceClass[Physics]] = []
+    for one in found.accepted:
+        leading = {other.leader.effect.key for other in classes}
+        classes.append(equivalence_class(found, one, candidates, leading))
+    return tuple(classes)
 
 
 def _with_answer(comparison: Comparison[Physics], models: Mapping[str, Physics]) -> dict[str, Physics]:
@@ -225,38 +234,42 @@ def _candidates(
     found: Found[Physics], candidates: Sequence[Effect[Physics]], classes: Sequence[EquivalenceClass[Physics]]
 ) -> tuple[Candidate, ...]:
     """Return what was not found: refitted rivals, mere looks with what they could have seen, and the untestable."""
-    layout = found.final.comparison.layout
-    varied = varied_conditions(layout)
-    named = {one.leader.effect.key for one in classes}
-    rivals = {rival.effect.key: rival for one in found.accepted for rival in one.rivals}
+    told = {key for one in classes for key in (one.leader.effect.key, *one.twins, *one.untested)}
+    rivals = {rival.effect.key: (rival, one.without) for one in found.accepted for rival in one.rivals}
     looks = {look.effect.key: look for look in found.looks}
-    answers: list[Candidate] = []
+    answers: dict[str, Candidate] = {}
     for effect in candidates:
-        if effect.key in named or any(one.key == effect.key for one in answers):
+        if effect.key in told or effect.key in answers:
             continue
-        missing = sorted(str(axis) for axis in effect.needs - varied)
-        limit = _detection_limit(looks.get(effect.key), found)
-        untestable = None
-        if missing and (limit is None or not is_testable(effect, layout)):
-            untestable = f"{', '.join(missing)} does not vary"
-        elif effect.key in looks and limit is None:
-            moves = looks[effect.key].information > 0.0
-            untestable = (
-                "no value within its range would be seen" if moves else "nothing that was measured moves with it"
-            )
-        elif not effect.applies(found.final.physics()) and effect.key not in rivals:
-            continue
-        rival, look = rivals.get(effect.key), looks.get(effect.key)
-        if untestable is not None:
-            evidence, held = math.nan, math.nan
-        elif rival is not None:
-            evidence, held = rival.delta_bic, math.nan  # in the place of what was accepted
+        look = looks.get(effect.key)
+        limit = _detection_limit(look, found)
+        evidence, held, untestable = math.nan, math.nan, None
+        if effect.key in rivals:
+            rival, without = rivals[effect.key]
+            evidence = rival.delta_bic  # in the place of what was accepted
+            held = gain(without.held_out, rival.fitted.held_out, found.yardstick)
+        elif look is not None and limit is not None:
+            evidence = found.yardstick.factor * look.decrease - found.yardstick.penalty(len(effect.parameters))
+        elif (because := _why_untestable(effect, look, found)) is not None:
+            untestable = because
         else:
-            size = len(effect.parameters)
-            evidence = found.yardstick.factor * (look.decrease if look else 0.0) - found.yardstick.penalty(size)
-            held = math.nan
-        answers.append(Candidate(effect.key, evidence, held, limit, effect.parameters[0].unit, untestable))
-    return tuple(sorted(answers, key=lambda one: -one.delta_bic if math.isfinite(one.delta_bic) else math.inf))
+            continue
+        answers[effect.key] = Candidate(effect.key, evidence, held, limit, effect.parameters[0].unit, untestable)
+    return tuple(sorted(answers.values(), key=lambda one: -one.delta_bic if math.isfinite(one.delta_bic) else math.inf))
+
+
+def _why_untestable(effect: Effect[Physics], look: Scanned[Physics] | None, found: Found[Physics]) -> str | None:
+    """Say why nothing could be seen of an effect; None where the axis lacks what it acts on."""
+    missing = sorted(str(axis) for axis in effect.needs - varied_conditions(found.final.comparison.layout))
+    if missing:
+        return f"{', '.join(missing)} does not vary"
+    if look is None:
+        return "the model has no answer with it" if effect.applies(found.final.physics()) else None
+    return (
+        "no value within its range would be seen"
+        if look.information > 0.0
+        else "nothing that was measured moves with it"
+    )
 
 
 def _detection_limit(look: Scanned[Physics] | None, found: Found[Physics]) -> float | None:

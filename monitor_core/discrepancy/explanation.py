@@ -124,8 +124,8 @@ class Candidate:
     """What was thought of, beside what was found."""
 
     key: str
-    delta_bic: float  # against the final model without it; NaN where untestable
-    held_out: float  # gain of log-likelihood on held-out data; NaN where untestable
+    delta_bic: float  # in the place of what was found, or else beside it; NaN where untestable
+    held_out: float  # gain of log-likelihood on held-out data in the place of what was found; else NaN
     detection_limit: float | None  # value of its first parameter that would be seen, in its unit
     unit: str
     untestable_because: str | None = None
@@ -143,7 +143,7 @@ class Explanation:
     steps: tuple[Step, ...]
     candidates: tuple[Candidate, ...]
     pulls: Mapping[str, float]  # spread over settings by kind of error; of each declared parameter [-]
-    least_delta_bic: float  # that an effect needs to be added [-]
+    least_delta_bic: float  # that one more effect would have needed [-]
     next_measurement: str
     ln_ratios: Mapping[str, float]  # ln(refitted/stated) of the parameters of the model file, by names in files
     added: Mapping[str, Mapping[str, float]]  # effects of the augmented model, by key and name

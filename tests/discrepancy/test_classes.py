@@ -66,6 +66,14 @@ def test_effects_that_leave_the_same_residuals_are_one_finding() -> None:
     assert found.held_out_gain == 33.0
 
 
+def test_a_twin_of_another_member_is_not_one_of_the_leader() -> None:
+    """The fourth quantity acts as the third does, the fifth almost so: whichever leads, the others may be the truth."""
+    found = classed(quantity(4), quantity(2), quantity(3), evidence=(102.0, 100.0, 99.0))
+    assert found.leader.effect.key == "quantity-4"
+    assert found.twins == ()
+    assert found.others == ("quantity-2", "quantity-3")
+
+
 @pytest.mark.parametrize("named_first", [True, False])
 def test_of_twins_the_catalogue_leads(named_first) -> None:
     """An added mass and a wrong mass: the mechanism is named, whichever of them the search accepted."""

@@ -464,6 +464,12 @@ def test_a_loss_factor_is_not_searched_beyond_what_the_record_takes() -> None:
     assert 0.6 * math.exp(one.upper) == pytest.approx(0.9)
 
 
+def test_an_effect_without_a_size_is_refused() -> None:
+    factor = EffectParameter("factor", "-", lower=0.2, upper=5.0, scale=0.5, null=1.0)
+    with pytest.raises(OutsideValidityError, match=r"the first parameter .* must be null at 0; got 1\.0 of factor"):
+        Effect("factor", "A factor", "It multiplies.", "this test", (factor,), lambda physics, _values: physics)
+
+
 def test_two_effects_of_one_key_are_refused() -> None:
     mine = Effect("added-mass", "mine", "It is mine.", "none", (EffectParameter("mass_kg", "kg", 0.0, 1.0, 0.1),), max)
     with pytest.raises(OutsideValidityError, match="effects must have different keys; got added-mass twice"):

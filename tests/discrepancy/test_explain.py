@@ -7,8 +7,7 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.comparison import Panel, Setting
-from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.comparing.comparison import Panel
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import MisfitKind, Outcome
@@ -32,7 +31,6 @@ from tests.discrepancy.axes import (
     settings,
     subject,
     true_subject,
-    wrong_quantity,
 )
 
 EFFECTS = effects_by_key()
@@ -334,74 +332,7 @@ def test_a_lumped_baseline_of_a_distributed_screw() -> None:
     assert answer.gap.after.held_out < 1.1 * answer.gap.noise_floor
 
 
-# --- what the words say is what the numbers are ----------------------------------------------------------------------
-
-N = 160
-
-
-def linear(truth, *, columns=None, seed=1, held_out=()):
-    rng = np.random.default_rng(seed)
-    design = rng.standard_normal((N, len(truth))) if columns is None else columns
-    layout = layout_of((40,) * 4, 1.0, held_out=held_out)
-    layout = replace(
-        layout,
-        settings=tuple(Setting(one.name, {ConditionAxis.POSITION: 0.1 * i}) for i, one in enumerate(layout.settings)),
-    )
-    data = design @ truth + rng.standard_normal(N)
-    return LinearComparison(layout, design, data, np.zeros((0, N)), least_delta_bic=30.0)
-
-
-def test_an_effect_at_its_detection_limit_is_found() -> None:
-    """A quarter more is, a quarter less is not; the limit is stated where nothing is missing, in its unit."""
-    healthy = linear(np.zeros(2))
-    subject_, candidate = LinearSubject({}, 2), quantity(1, scale=0.02)
-    answer = explain(healthy, subject_, [candidate])
-    (stated,) = answer.candidates
-    assert (stated.key, stated.unit) == ("quantity-1", "-")
-    # least evidence and ln n against the square of the column: by hand
-    by_hand = math.sqrt((30.0 + math.log(N)) / np.sum(healthy.design[:, 1] ** 2))
-    assert stated.detection_limit == pytest.approx(by_hand, rel=0.15)  # residuals set the noise, too
-    noise = healthy.data - healthy.design[:, 1] * (healthy.design[:, 1] @ healthy.data) / np.sum(
-        healthy.design[:, 1] ** 2
-    )
-    for factor, outcome in ((1.25, ["quantity-1"]), (0.75, [])):
-        data = noise + factor * stated.detection_limit * healthy.design[:, 1]
-        assert keys(explain(replace(healthy, data=data), subject_, [candidate])) == outcome
-
-
-def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
-    """Where a wrong parameter and an effect say the same, the effect is named, and is what is added."""
-    rng = np.random.default_rng(2)
-    columns = rng.standard_normal((N, 3))
-    columns[:, 2] = columns[:, 1]
-    comparison = linear(np.array([0.0, 2.0, 0.0]), columns=columns)
-    answer = explain(comparison, LinearSubject({}, 3), [wrong_quantity(1, "b"), quantity(2)])
-    assert keys(answer) == ["quantity-2"]
-    assert list(answer.added) == ["quantity-2"]
-    assert answer.effects[0].remarks == ("the same finding as wrong-parameter:b",)
-
-
-def test_each_step_says_what_it_left() -> None:
-    truth = np.array([0.0, 3.0, 1.5])
-    answer = explain(linear(truth), LinearSubject({}, 3), [quantity(1), quantity(2)])
-    assert {one.effect for one in answer.steps} == {"quantity-1", "quantity-2"}
-    assert answer.gap.before.fit > answer.steps[0].gap.fit > answer.steps[1].gap.fit == answer.gap.after.fit
-    assert math.isnan(answer.gap.after.held_out)
-
-
 def test_an_axis_without_an_answer_is_refused() -> None:
     comparison = compared(measured(true_subject(0), CONDITIONS))
     with pytest.raises(OutsideValidityError, match="position must lie on the screw"):
         explain(comparison, subject(screw_length=0.6), [wrong_parameter("bearing_stiffness_n_per_m", AXIS)])
-
-
-def test_data_without_any_misfit_are_answered() -> None:
-    comparison = LinearComparison(layout_of([10] * 4, 1.0), np.ones((40, 1)), np.zeros(40), np.zeros((0, 40)))
-    answer = explain(comparison, LinearSubject({}, 1), [quantity(0)])
-    assert answer.outcome is Outcome.NONE
-    assert answer.gap.before.fit == 0.0
-
-
-def test_data_beyond_all_reason_are_answered() -> None:
-    comparison = LinearComparison(layout_of([10] * 4, 1e-6), np.zeros((40, 1)), 10.0 * np.ones(40), np.zeros((0, 40)))
-    assert explain(comparison, LinearSubject({"a": 0.5}, 1), []).outcome is Outcome.UNKNOWN

@@ -1,6 +1,7 @@
 """Natural frequencies alone: what a modal test of a hidden machine gives, and what is said of it."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -95,7 +96,10 @@ def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     assert answer.outcome is Outcome.EQUIVALENT
     (found,) = answer.effects
     assert {found.key, *found.equivalent_to} >= {"base-compliance", "second-mode"}
-    assert "measure whole frequency responses" in answer.next_measurement
+    assert f"measure whole frequency responses, which part {found.key} from" in answer.next_measurement
+    unseen = re.findall("without which (.*?) cannot be seen", answer.next_measurement)
+    assert not {found.key, *found.equivalent_to} & set(", ".join(unseen).split(", "))
+    assert not {found.key, *found.equivalent_to} & {one.key for one in answer.candidates if one.untestable_because}
 
 
 def test_a_mode_that_moves_with_the_table_is_of_the_drive() -> None:

@@ -1,5 +1,6 @@
 """What would do in the place of something that was found: on linear data, where every rise of χ² is known."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +42,22 @@ def test_rise_is_that_of_a_refit_with_the_other_effect() -> None:
     assert refitted.cost - found.cost - 0.1 <= rise <= refitted.cost - found.cost + steps
     assert start[-1] == pytest.approx(refitted.coordinates[-1], rel=0.05)
     assert refitted.cost - found.cost < 25.0
+
+
+def test_each_size_of_an_effect_is_tried() -> None:
+    comparison, subject = linear()
+    idle, like = quantity(3).parameters[0], quantity(2).parameters[0]
+    two_sizes = replace(
+        quantity(3),
+        parameters=(idle, replace(like, name="other_size")),
+        add=lambda theta, values: theta + np.array([0.0, 0.0, values["other_size"], values["size"]]),
+    )
+    found = fitted(comparison, subject, quantity(1))
+    both, _ = in_place_of(found, quantity(1), two_sizes)
+    alone, _ = in_place_of(found, quantity(1), quantity(2))
+    assert both == pytest.approx(alone, rel=0.02)  # other sizes are tried where the range is another one
+    with_its_own_frequency = replace(two_sizes, parameters=(idle, replace(like, name="frequency_hz", unit="Hz")))
+    assert in_place_of(found, quantity(1), with_its_own_frequency)[0] == math.inf
 
 
 def test_what_is_not_alike_takes_no_ones_place() -> None:

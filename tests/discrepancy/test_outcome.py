@@ -29,7 +29,7 @@ GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
 def found(*plausible):
     """Return a class with members that are plausible or not, the leader first."""
     members = tuple(Member(quantity(index), None, 100.0, one) for index, one in enumerate(plausible))
-    return EquivalenceClass(members, (), (), 50.0)
+    return EquivalenceClass(members, (), 50.0)
 
 
 def gap(fit_after, held_out_after=math.nan, before=BEFORE):

@@ -103,11 +103,20 @@ def test_a_tolerance_that_is_let_go(index, name) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FoldedSubject(LinearSubject):
-    """An axis whose first quantity comes round again: another value of its parameter says nearly the same."""
+    """An axis whose first quantity comes round again: another value of its parameter says nearly the same.
+
+    There may be values between at which there is no axis.
+    """
+
+    hole: tuple[float, float] = (0.0, 0.0)
+    folds: bool = True
 
     def physics(self, ln_ratios):
         theta = super().physics(ln_ratios)
-        theta[0] = np.sin(2.0 * np.pi * theta[0] / 2.5)
+        if self.hole[0] < theta[0] < self.hole[1]:
+            raise OutsideValidityError("no axis is like that")
+        if self.folds:
+            theta[0] = np.sin(2.0 * np.pi * theta[0] / 2.5)
         return theta
 
 
@@ -116,12 +125,15 @@ def test_another_minimum_of_a_wrong_parameter_is_a_start_of_its_own() -> None:
     folded = FoldedSubject(plain.uncertain, plain.size)
     at_fit = fit(comparison, Hypothesis(folded), np.zeros(2))
     (look,) = scan(at_fit, [wrong_quantity(0, "a")])
-    assert look.leads_elsewhere
+    assert look.elsewhere is not None
     # in coordinates of a tenth: a period from the fit, as near as steps of a half come
-    apart = np.abs(0.1 * look.starts[-1][-1] - 0.3 * at_fit.coordinates[0])
+    apart = np.abs(0.1 * look.elsewhere[-1] - 0.3 * at_fit.coordinates[0])
     assert apart == pytest.approx(2.5, abs=0.3)
     (of_plain,) = scan(fitted(Hypothesis(plain), comparison), [wrong_quantity(0, "a")])
-    assert not of_plain.leads_elsewhere
+    assert of_plain.elsewhere is None
+    torn = FoldedSubject(plain.uncertain, plain.size, hole=(0.9, 1.1), folds=False)
+    (of_torn,) = scan(fitted(Hypothesis(torn), comparison), [wrong_quantity(0, "a")])
+    assert of_torn.elsewhere is None
 
 
 def test_most_promising_first() -> None:

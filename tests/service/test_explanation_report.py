@@ -375,7 +375,7 @@ def test_report_says_from_what_evidence_and_what_size_on_an_effect_is_found(made
     report = made(explanation(Outcome.NONE), MODEL, SUBJECT)
     assert "a ΔBIC of 50" in report
     assert "5.0 times what is stated" in report
-    assert "4.1 % more or less" in report
+    assert "4.1 % more or 3.9 % less than stated" in report
 
 
 def test_what_is_not_believed_is_flagged() -> None:

@@ -101,11 +101,11 @@ def varied_conditions(layout: Layout) -> frozenset[ConditionAxis]:
 def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
     """Tell whether the data vary what an effect needs to be seen as such.
 
-    What resonates shows in a natural frequency, too, if one stays where it is.
+    What has a frequency of its own shows in a natural frequency, too, if one stays where it is.
     """
     missing = effect.needs - varied_conditions(layout)
-    resonance = effect.resonance
-    if missing != {ConditionAxis.FREQUENCY} or resonance is None:
+    own = effect.frequency
+    if missing != {ConditionAxis.FREQUENCY} or own is None:
         return not missing
     stays = [layout.frequency[layout.channel == channel] for channel in modes_that_stay(layout)]
-    return any(resonance.lower <= float(np.nanmean(one)) <= resonance.upper for one in stays)
+    return any(own.lower <= float(np.nanmean(one)) <= own.upper for one in stays)

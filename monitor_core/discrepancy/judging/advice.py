@@ -5,7 +5,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.discrepancy.comparing.conditions import varied_conditions
+from monitor_core.discrepancy.comparing.comparison import Layout
+from monitor_core.discrepancy.comparing.conditions import is_testable, varied_conditions
 from monitor_core.discrepancy.effect import ConditionAxis, Effect
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.judging.classes import EquivalenceClass
@@ -40,7 +41,8 @@ def next_measurement(
     """
     advice = [words for one in classes for words in _to_part(one)]
     if outcome is not Outcome.NAMED:
-        advice += _to_see_more(found, candidates)
+        told = {key for one in classes for key in (one.leader.effect.key, *one.others, *one.twins)}
+        advice += _to_see_more(found.final.comparison.layout, [one for one in candidates if one.key not in told])
     return "; ".join(advice)
 
 
@@ -77,10 +79,12 @@ def _to_part(one: EquivalenceClass[Physics]) -> Iterator[str]:
     never = [other for other, found in apart.items() if max(found.values(), default=0.0) < _WORTH_MEASURING]
     if never:
         yield f"nothing that could be varied parts {key} from {' or '.join(never)}"
+    if one.untested:
+        yield f"measure whole frequency responses, which part {key} from {' and '.join(one.untested)}"
 
 
-def _to_see_more(found: Found[Physics], candidates: Sequence[Effect[Physics]]) -> Iterator[str]:
-    layout = found.final.comparison.layout
+def _to_see_more(layout: Layout, candidates: Sequence[Effect[Physics]]) -> Iterator[str]:
+    """Yield what has to vary for the other candidates to be seen."""
     varied = varied_conditions(layout)
     stated = {axis for setting in layout.settings for axis in setting.values}
     positions = {
@@ -92,7 +96,7 @@ def _to_see_more(found: Found[Physics], candidates: Sequence[Effect[Physics]]) -
         yield "measure with and without a known added mass"
     waiting: dict[ConditionAxis, list[str]] = {}
     for effect in candidates:
-        for axis in sorted(effect.needs - varied):
+        for axis in () if is_testable(effect, layout) else sorted(effect.needs - varied):
             waiting.setdefault(axis, []).append(effect.key)
     for axis, keys in waiting.items():
         if axis is ConditionAxis.FREQUENCY:

@@ -1,8 +1,8 @@
 """Which effects the data cannot tell apart, and how well a found effect is known."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -38,6 +38,7 @@ class Member(Generic[Physics]):
     fitted: Fitted[Physics]
     delta_bic: float
     plausible: bool
+    twins: tuple[str, ...] = ()  # keys that say the same in another way
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +46,18 @@ class EquivalenceClass(Generic[Physics]):
     """Effects that the data cannot tell apart, the one to be named first in front."""
 
     members: tuple[Member[Physics], ...]
-    twins: tuple[str, ...]  # keys that say what the first member says in another way
     untested: tuple[str, ...]  # keys of what would do as well, as far as such data can tell at all
     held_out_gain: float
 
     @property
     def others(self) -> tuple[str, ...]:
         """Return the keys of what may be the true effect as well as the leader."""
-        return (*(one.effect.key for one in self.members[1:]), *self.untested)
+        return (*(key for one in self.members[1:] for key in (one.effect.key, *one.twins)), *self.untested)
+
+    @property
+    def twins(self) -> tuple[str, ...]:
+        """Return the keys that say what the leader says in another way."""
+        return self.leader.twins
 
     @property
     def leader(self) -> Member[Physics]:
@@ -61,16 +66,33 @@ class EquivalenceClass(Generic[Physics]):
 
 
 def equivalence_class(
-    found: Found[Physics], accepted: Accepted[Physics], candidates: Sequence[Effect[Physics]]
+    found: Found[Physics],
+    accepted: Accepted[Physics],
+    candidates: Sequence[Effect[Physics]],
+    leading: Collection[str] = (),
 ) -> EquivalenceClass[Physics]:
     """Return an accepted effect with what would do in its place.
 
     Among members that leave the same residuals the one of the catalogue leads, unless it takes a value that is not
     plausible: an added mass and a wrong mass are then one finding, not two.
+
+    Parameters
+    ----------
+    found : Found
+    accepted : Accepted
+        One of its effects.
+    candidates : sequence of Effect
+        Whatever the axis may lack.
+    leading : collection of str, optional
+        Keys that lead other classes: no effect is in a model twice.
     """
     by = found.yardstick
     own = _member(accepted.effect, found.final, accepted.delta_bic, by)
-    rivals = [_member(rival.effect, rival.fitted, rival.delta_bic, by) for rival in accepted.rivals]
+    rivals = [
+        _member(rival.effect, rival.fitted, rival.delta_bic, by)
+        for rival in accepted.rivals
+        if rival.effect.key not in leading
+    ]
     n_effective = by.n_values * by.share
     of_gain = min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective)
     margin = max(least_difference(found.final.comparison), of_gain)
@@ -78,15 +100,15 @@ def equivalence_class(
     inside = [own, *(one for one in rivals if one.delta_bic >= best - margin)]
     ordered = sorted(inside, key=_precedence)
     members: list[Member[Physics]] = []
-    twins: list[str] = []
     for one in ordered:
-        if any(_are_twins(one, other) for other in members):
-            twins.append(one.effect.key)
-        else:
+        alike = next((n for n, other in enumerate(members) if _are_twins(one, other)), None)
+        if alike is None:
             members.append(one)
+        else:
+            members[alike] = replace(members[alike], twins=(*members[alike].twins, one.effect.key))
     members.sort(key=lambda one: (not one.plausible, -one.delta_bic))
     untested = modes_of_their_own(accepted.without, candidates)
-    return EquivalenceClass(tuple(members), tuple(twins), untested, accepted.held_out_gain)
+    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain)
 
 
 def _precedence(one: Member[Physics]) -> tuple[bool, bool, float]:

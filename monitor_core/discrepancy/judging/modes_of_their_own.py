@@ -38,7 +38,7 @@ def modes_of_their_own(without: Fitted[Physics], effects: Sequence[Effect[Physic
 
 def _may_hide_at(effect: Effect[Physics], frequency: float, without: Fitted[Physics]) -> bool:
     """Tell whether an effect resonates at a frequency and moves no other: nothing that was measured tells of it."""
-    one = effect.resonance
+    one = effect.frequency
     if one is None or not one.lower <= frequency <= one.upper or not effect.applies(without.physics()):
         return False
     hypothesis = without.hypothesis.with_effect(effect)

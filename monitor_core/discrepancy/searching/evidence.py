@@ -66,10 +66,10 @@ def yardstick(fitted: Fitted[Physics]) -> Yardstick:
     """Return the yardstick that a fit makes: its residuals count as noise.
 
     A parameter within a tolerance brings one value more, its prior, and takes one: with the priors' residuals so many
-    are free as there are values, less the unknowns that nothing holds.
+    are free as there are values, less the unknowns that are seen and that nothing holds.
     """
     residuals = fitted.standardised[fitted.fitted]
-    free = max(residuals.size - len(fitted.hypothesis.unknowns), 1)
+    free = max(residuals.size - fitted.n_seen, 1)
     scale = max((float(residuals @ residuals) + fitted.prior_cost) / free, _LEAST_SCALE)
     correlation = neighbour_correlation(fitted.comparison.layout, fitted.standardised, fitted.fitted)
     return Yardstick(scale, min(max(correlation, 0.0), _HIGHEST_CORRELATION), residuals.size)

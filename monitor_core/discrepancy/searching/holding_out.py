@@ -23,8 +23,10 @@ def fitted_values(layout: Layout) -> BoolArray:
     return ~layout.held_out[0] if len(layout.held_out) == 1 else np.ones(layout.n_values, dtype=np.bool_)
 
 
-def gain(before: HeldOut, after: HeldOut, by: Yardstick) -> float:
-    """Return the gain of log-likelihood on values that neither fit saw."""
+def gain(before: HeldOut | None, after: HeldOut | None, by: Yardstick) -> float:
+    """Return the gain of log-likelihood on values that neither fit saw, NaN without any."""
+    if before is None or after is None:
+        return math.nan
     first, second = before.standardised[before.chosen], after.standardised[after.chosen]
     return 0.5 * by.factor * float(first @ first - second @ second)
 

@@ -6,7 +6,7 @@ away pass by effects that would do as well.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -41,28 +41,23 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
     -------
     ndarray, shape (n_coordinates,), or None
         With the size that fits best and the parameter as stated. None where no parameter is pulled far, where the
-        effect resonates or frees a parameter itself, or where the model has no answer with it.
+        effect has a frequency of its own or frees a parameter itself, or where the model has no answer with it.
     """
     hypothesis = fitted.hypothesis.with_effect(effect)
     pulls = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
     frees = effect.key.removeprefix(PREFIX) in fitted.hypothesis.uncertain
-    if frees or effect.resonance is not None or np.max(pulls, initial=0.0) < _PULLED:
+    if frees or effect.frequency is not None or np.max(pulls, initial=0.0) < _PULLED:
         return None
     there = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
     there[np.argmax(pulls)] = 0.0
-    size_at = there.size - len(effect.parameters) + _size_of(effect)[0]
-    best, least = None, math.inf
-    for size in _sizes(effect, _FINE):
-        trial = there.copy()
-        trial[size_at] = size
-        try:
-            standardised = fitted.around.residuals(hypothesis.physics(trial))
-        except OutsideValidityError:
-            continue
-        cost = float(np.sum(standardised[fitted.fitted] ** 2))
-        if cost < least:
-            best, least = trial, cost
-    return best
+
+    def cost(trial: FloatArray) -> float:
+        standardised = fitted.around.residuals(hypothesis.physics(trial))
+        return float(np.sum(standardised[fitted.fitted] ** 2))
+
+    size_at = there.size - len(effect.parameters)
+    least, best = _best(there, size_at, _sizes(effect, effect.parameters[0], _FINE), cost)
+    return best if math.isfinite(least) else None
 
 
 def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[Physics]) -> tuple[float, FloatArray]:
@@ -77,42 +72,56 @@ def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[P
     Returns
     -------
     float
-        Rise of χ² at the best size of the other effect, what is left taken up linearly; infinite where the model has no
-        answer.
+        Rise of χ² at the best of the sizes of the other effect, what is left taken up linearly. Infinite where the
+        model has no answer, and for what has a frequency of its own: a few sizes do not tell of that.
     ndarray, shape (n_coordinates,)
         Coordinates there, of the hypothesis with the other effect as its last.
     """
     hypothesis = found.hypothesis.without(effect.key).with_effect(other)
     there = hypothesis.carried_over(found.hypothesis, found.coordinates)
-    place, size_parameter = _size_of(other)
-    size_at = there.size - len(other.parameters) + place
+    if other.frequency is not None:
+        return math.inf, there
     projection = Projection(found, without=effect)
     here = projection.residuals(found.standardised)
 
-    def tried(size: float) -> tuple[float, FloatArray]:
-        trial = there.copy()
-        trial[size_at] = size
+    def rise(trial: FloatArray) -> float:
+        left = projection.residuals(found.around.residuals(hypothesis.physics(trial)))
+        return float(left @ left - here @ here)
+
+    first = there.size - len(other.parameters)
+    least, best = math.inf, there
+    for at, one in enumerate(other.parameters, first):
+        if not is_size(one):
+            continue
+        found_there = _best(there, at, _sizes(other, one, _COARSE), rise)
+        low, high = searched_coordinates(other, one)
+        for factor in _FINER:
+            size = found_there[1][at]
+            around = [finer for finer in (size * factor, size / factor) if low <= finer <= high]
+            found_there = min(found_there, _best(found_there[1], at, around, rise), key=lambda pair: pair[0])
+        least, best = min((least, best), found_there, key=lambda pair: pair[0])
+    return least, best
+
+
+def _best(
+    at: FloatArray, index: int, values: Iterable[float], cost: Callable[[FloatArray], float]
+) -> tuple[float, FloatArray]:
+    """Return the least cost of values of one coordinate, and where; infinite, at ``at``, where there is no answer."""
+    least, best = math.inf, at
+    for value in values:
+        trial = at.copy()
+        trial[index] = value
         try:
-            left = projection.residuals(found.around.residuals(hypothesis.physics(trial)))
+            here = cost(trial)
         except OutsideValidityError:
-            return math.inf, trial
-        return float(left @ left - here @ here), trial
-
-    best = min((tried(size) for size in _sizes(other, _COARSE)), key=lambda pair: pair[0], default=(math.inf, there))
-    low, high = searched_coordinates(other, size_parameter)
-    for factor in _FINER:
-        around = [best[1][size_at] * factor, best[1][size_at] / factor]
-        best = min(best, *(tried(size) for size in around if low <= size <= high), key=lambda pair: pair[0])
-    return best
+            continue
+        if here < least:
+            least, best = here, trial
+    return least, best
 
 
-def _size_of(effect: Effect[Physics]) -> tuple[int, EffectParameter]:
-    """Return the first size among the parameters of an effect, with its place."""
-    return next((place, one) for place, one in enumerate(effect.parameters) if is_size(one))
-
-
-def _sizes(effect: Effect[Physics], ratio: float) -> Iterator[float]:
-    low, high = searched_coordinates(effect, _size_of(effect)[1])
+def _sizes(effect: Effect[Physics], one: EffectParameter, ratio: float) -> Iterator[float]:
+    low, high = searched_coordinates(effect, one)
     largest = min(max(-low, high), _LARGEST)
     for size in np.geomspace(_SMALLEST, largest, math.ceil(math.log(largest / _SMALLEST, ratio)) + 1).tolist():
         yield from (signed for signed in (size, -size) if low <= signed <= high)

@@ -54,7 +54,7 @@ class Scanned(Generic[Physics]):
     #: χ² per square of the first parameter's scale, the rest refitted: d' is its root times the size. Of what may
     #: resonate anywhere in the measured band, where it is seen least.
     information: float
-    leads_elsewhere: bool = False  # whether the last start lies in another minimum, where looks tell little
+    elsewhere: FloatArray | None = None  # a start in another minimum, where looks tell little
 
     @property
     def promise(self) -> float:
@@ -150,34 +150,35 @@ def _freed(fitted: Fitted[Physics], projection: Projection, effect: Effect[Physi
             return -math.inf, trial
         return float(here @ here - left @ left), trial
 
-    valley: tuple[FloatArray, ...] = ()
+    elsewhere: FloatArray | None = None
     if not has_lines(fitted.comparison.layout):
         far = [at_ratio(ratio) for ratio in sorted(_ratios(one))]
-        valley = _valleys([*far, tried[0]], index)
+        elsewhere = _beyond_a_ridge(far, index, float(fitted.coordinates[index]))
         for step in _FINER_STEPS if far else ():
             nearest = spread * max(far, key=lambda pair: pair[0])[1][index]
             far += [at_ratio(nearest + way) for way in (step, -step) if one.lower <= nearest + way <= one.upper]
         tried += [pair for pair in far if math.isfinite(pair[0])]
     tried.sort(key=lambda pair: pair[0], reverse=True)
     with_effect = hypothesis.with_effect(effect)
-    starts = tuple(with_effect.carried_over(hypothesis, one) for one in (*(at for _, at in tried[:_STARTS]), *valley))
-    return Scanned(effect, starts, tried[0][0], decrease, information, leads_elsewhere=bool(valley))
+    starts = tuple(with_effect.carried_over(hypothesis, at) for _, at in tried[:_STARTS])
+    apart = None if elsewhere is None else with_effect.carried_over(hypothesis, elsewhere)
+    return Scanned(effect, starts, tried[0][0], decrease, information, apart)
 
 
-def _valleys(tried: Sequence[tuple[float, FloatArray]], index: int) -> tuple[FloatArray, ...]:
-    """Return the best of the coordinates that lie in another minimum than those of the fit, the last ones; or none.
+def _beyond_a_ridge(tried: Sequence[tuple[float, FloatArray]], index: int, at_fit: float) -> FloatArray | None:
+    """Return the best of the coordinates that lie in another minimum than those of the fit; None if none does.
 
     Where a parameter brings another mode to a measured frequency, χ² falls again beyond a ridge. What a look finds
-    there is still far from the data: a fit comes nearer.
+    there is still far from the data: a fit comes nearer. Where the model has no answer there is no ridge.
     """
-    at_fit = tried[-1][1][index]
-    below = sorted((pair for pair in tried[:-1] if pair[1][index] < at_fit), key=lambda pair: -pair[1][index])
-    above = sorted((pair for pair in tried[:-1] if pair[1][index] > at_fit), key=lambda pair: pair[1][index])
-    beyond = []
+    tried = [pair for pair in tried if math.isfinite(pair[0])]
+    below = sorted((pair for pair in tried if pair[1][index] < at_fit), key=lambda pair: -pair[1][index])
+    above = sorted((pair for pair in tried if pair[1][index] > at_fit), key=lambda pair: pair[1][index])
+    beyond: list[tuple[float, FloatArray]] = []
     for side in (below, above):
         ridges = np.minimum.accumulate([decrease for decrease, _ in side])
         beyond += [pair for pair, ridge in zip(side, ridges, strict=True) if min(pair[0], 0.0) > ridge + _RIDGE]
-    return tuple(at for _, at in sorted(beyond, key=lambda pair: pair[0], reverse=True)[:1])
+    return max(beyond, key=lambda pair: pair[0])[1] if beyond else None
 
 
 def _ratios(one: EffectParameter) -> Iterator[float]:
@@ -196,7 +197,7 @@ class _Look(Generic[Physics]):
         self.tail = self.at.size - len(effect.parameters)
         self.here = projection.residuals(fitted.standardised)
         lines = np.any(np.isfinite(fitted.comparison.layout.frequency))
-        one = effect.resonance if lines else None
+        one = effect.frequency if lines else None
         self.resonance = None if one is None else (effect.parameters.index(one), one)
 
     def best(self) -> Scanned[Physics] | None:

@@ -14,14 +14,19 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Generic, TypeVar
 
-import numpy as np
-
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.comparing.comparison import Comparison
-from monitor_core.discrepancy.comparing.condition_groups import has_lines
 from monitor_core.discrepancy.comparing.conditions import is_testable
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.searching.distance import (
+    gap,
+    has_one_minimum,
+    is_far,
+    is_near,
+    looks_mislead,
+    may_be_elsewhere,
+)
 from monitor_core.discrepancy.searching.evidence import VERY_STRONG, Yardstick, delta_bic, least_difference, yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, leaves_something, promised_gain
@@ -51,10 +56,6 @@ class SearchSettings:
     n_refitted_by_slope: int = 1
     #: Of what a refit has gained: what promises less is not refitted beside it, where looks can be relied upon.
     least_share_of_gain: float = 0.3
-    #: Misfit that all but 2 % of the values stay within, for looks to foretell what refits find.
-    small_misfit: float = 0.15
-    one_minimum: float = 1.5  # in floors: from a smaller gap a fit that improves is taken for the best one
-    far: float = 10.0  # in floors: nothing makes up by chance for textbook physics without which a gap is larger
     most_rise: float = 25.0  # of χ², by a look, for an effect to be refitted in the place of one that was found
     most_effects: int = 4
     n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
@@ -113,7 +114,7 @@ class Search(Generic[Physics]):
         first = self._with_textbook_physics(baseline)
         steps = self._from(first, [first] if first is not baseline else [])
         current = steps[-1] if steps else baseline
-        rivals = self._rivals(first) if self._gap(current) > 1.0 else ()
+        rivals = self._rivals(first) if gap(current) > 1.0 else ()
         for rival in rivals[1 : self.settings.n_first_steps]:
             least = self.settings.least_share_of_gain * rivals[0].delta_bic
             if rival.delta_bic < max(least, self._least_evidence(first)):
@@ -218,19 +219,20 @@ class Search(Generic[Physics]):
         best = current
         for look in self._promising(current):
             surpassed = look.promise < self.settings.least_share_of_gain * (current.cost - best.cost)
-            there = self._gap(best) < 1.0 and not self._looks_mislead(current)
-            if surpassed and (self._is_near(current) or there):
+            there = gap(best) < 1.0 and not looks_mislead(current)
+            if surpassed and (is_near(current) or there):
                 continue
             self.progress(f"refitting with {look.effect.key}")
             trial = self._from_best_start(current, look)
             if trial is not None:
                 refitted.append((look.effect, trial))
                 best = min(best, trial, key=lambda one: one.cost)
-        for look in self._elsewhere(current):
-            if any(effect is look.effect for effect, _ in refitted):
+        done = {effect.key for effect, _ in refitted}
+        for look in self._looks(current) if may_be_elsewhere(current) else ():
+            if look.elsewhere is None or look.effect.key in done:
                 continue
             self.progress(f"refitting with {look.effect.key}")
-            trial = self._try(current.hypothesis.with_effect(look.effect), look.starts[-1])
+            trial = self._try(current.hypothesis.with_effect(look.effect), look.elsewhere)
             if trial is not None:
                 refitted.append((look.effect, trial))
         if not refitted:
@@ -256,12 +258,6 @@ class Search(Generic[Physics]):
         alike = [one for one in looks if one.promise >= least]
         return list(dict.fromkeys((*chosen, *by_slope, *alike)))
 
-    def _elsewhere(self, current: Fitted[Physics]) -> list[Scanned[Physics]]:
-        """Return the looks from which a fit may come to another minimum, where there is anything to be explained."""
-        if self._gap(current) < self.settings.one_minimum:
-            return []
-        return [one for one in self._looks(current) if one.leads_elsewhere]
-
     def _looks(self, current: Fitted[Physics]) -> tuple[Scanned[Physics], ...]:
         """Return a look at everything that could still be added; at one fit once only."""
         key = _identity(current)
@@ -276,10 +272,10 @@ class Search(Generic[Physics]):
         but one minimum, and where it gains what the look has promised, if looks can be relied upon. Two are enough if
         they end in one minimum that gains something.
         """
-        near = self._is_near(current)
+        near = is_near(current)
         hypothesis = current.hypothesis.with_effect(look.effect)
         absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
-        apart = [instead(current, look.effect), look.starts[-1] if look.leads_elsewhere else None]
+        apart = [instead(current, look.effect), look.elsewhere]
         trials = [self._try(hypothesis, start) for start in apart if start is not None]
         best = min((one for one in trials if one is not None), key=lambda one: one.cost, default=None)
         for start in (*(look.starts[:1] if near else look.starts), absent):
@@ -292,27 +288,9 @@ class Search(Generic[Physics]):
             if again and best.cost < current.cost:
                 break
             gained = current.cost - best.cost
-            if gained > 0.0 and (self._has_one_minimum(best) or (near and 2.0 * gained > look.decrease)):
+            if gained > 0.0 and (has_one_minimum(best) or (near and 2.0 * gained > look.decrease)):
                 break
         return best
-
-    def _looks_mislead(self, current: Fitted[Physics]) -> bool:
-        """Tell whether looks promise much less than refits gain: of frequencies of modes, far from the data."""
-        return not has_lines(self.comparison.layout) and self._gap(current) > self.settings.far
-
-    def _is_near(self, fitted: Fitted[Physics]) -> bool:
-        """Tell whether misfits are so small that the model is nearly linear in what may be added."""
-        return float(np.quantile(np.abs(fitted.misfit[fitted.fitted]), 0.98)) < self.settings.small_misfit
-
-    def _has_one_minimum(self, fitted: Fitted[Physics]) -> bool:
-        """Tell whether a fit that improves is the best one: false minima come from phases, far from the data."""
-        phases = np.any(np.isfinite(self.comparison.layout.period))
-        return not phases or self._gap(fitted) < self.settings.one_minimum
-
-    def _gap(self, fitted: Fitted[Physics]) -> float:
-        """Return the gap on the fitted values, in floors."""
-        comparison = self.comparison
-        return comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted) / comparison.noise_floor
 
     def _holds(self, without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> bool:
         """Tell whether an effect that helps where it was fitted helps where it was not."""
@@ -365,21 +343,16 @@ class Search(Generic[Physics]):
         Physics without which the model is far from the data, and that is found at its textbook value, has no rival.
         """
         without = self._without(final, effect)
-        plain = _is_at_textbook_value(final, effect) and self._gap(without) > self.settings.far
+        plain = _is_at_textbook_value(final, effect) and is_far(without)
         refitted = [] if plain else [(one.effect, one.fitted) for one in self._rivals(without)]
-        if not plain and self._looks_mislead(without):
+        if not plain and looks_mislead(without):
             refitted += self._in_place_of(final, effect, {one.key for one, _ in refitted})
         others = [
             Rival(other, trial, delta_bic(without, trial, by)) for other, trial in refitted if other.key != effect.key
         ]
         rivals = sorted(others, key=lambda one: one.delta_bic, reverse=True)
-        held_out_gain = _held_out_gain(without, final, by)
+        held_out_gain = gain(without.held_out, final.held_out, by)
         return Accepted(effect, delta_bic(without, final, by), held_out_gain, tuple(rivals), without)
-
-
-def _held_out_gain(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
-    before, after = without.held_out, fuller.held_out
-    return math.nan if before is None or after is None else gain(before, after, by)
 
 
 def _is_at_textbook_value(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:

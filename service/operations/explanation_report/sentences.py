@@ -6,7 +6,7 @@ from typing import Final
 
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, GapPair, Outcome
-from service.operations.explanation_report.rounding import quantity, rounded, unit_shown
+from service.operations.explanation_report.rounding import evidence, quantity, rounded, unit_shown
 
 #: What each outcome means, and what it does not.
 MEANING: Final = {
@@ -116,21 +116,22 @@ def seen_from(one: Candidate) -> str:
 def detection_limit(one: Candidate) -> tuple[float, str]:
     """Return from what size on an effect would be seen, as a number and in words.
 
-    Of a wrong parameter that is a ratio, or the share by which it is off where the ratio is near one.
+    Of a wrong parameter that is a ratio, or the share by which it is above what is stated where the ratio is near one.
     """
     if one.detection_limit is None:
         return math.nan, "not known"
     if one.key.startswith(PREFIX):  # known by its logarithm
         ratio = math.exp(one.detection_limit)
         if ratio < _TIMES:
-            return 100.0 * (ratio - 1.0), f"{rounded(100.0 * (ratio - 1.0), 2)} % more or less than stated"
+            more, less = 100.0 * (ratio - 1.0), 100.0 * (1.0 - 1.0 / ratio)
+            return more, f"{rounded(more, 2)} % more or {rounded(less, 2)} % less than stated"
         return ratio, f"{rounded(ratio, 2)} times what is stated, or as many times less"
     return one.detection_limit, quantity(one.detection_limit, one.unit, 2)
 
 
 def threshold(explanation: Explanation) -> str:
-    """Say how much evidence an effect needs."""
-    return f"It takes a ΔBIC of {explanation.least_delta_bic:g} for an effect to be added."
+    """Say how much evidence one more effect needs."""
+    return f"One more effect would need a ΔBIC of {evidence(explanation.least_delta_bic)}."
 
 
 def _gap_sentence(explanation: Explanation) -> str:

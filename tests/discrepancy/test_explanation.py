@@ -1,0 +1,112 @@
+"""What the words of an answer say is what its numbers are: on linear data, where every number is known."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy.comparing.comparison import Setting
+from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explanation import Outcome
+from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity, wrong_quantity
+
+N = 160
+
+
+def keys(answer):
+    return [one.key for one in answer.effects]
+
+
+def linear(truth, *, columns=None, seed=1, held_out=()):
+    rng = np.random.default_rng(seed)
+    design = rng.standard_normal((N, len(truth))) if columns is None else columns
+    layout = layout_of((40,) * 4, 1.0, held_out=held_out)
+    layout = replace(
+        layout,
+        settings=tuple(Setting(one.name, {ConditionAxis.POSITION: 0.1 * i}) for i, one in enumerate(layout.settings)),
+    )
+    data = design @ truth + rng.standard_normal(N)
+    return LinearComparison(layout, design, data, np.zeros((0, N)), least_delta_bic=30.0)
+
+
+def test_an_effect_at_its_detection_limit_is_found() -> None:
+    """A quarter more is, a quarter less is not; the limit is stated where nothing is missing, in its unit."""
+    healthy = linear(np.zeros(2))
+    subject_, candidate = LinearSubject({}, 2), quantity(1, scale=0.02)
+    answer = explain(healthy, subject_, [candidate])
+    (stated,) = answer.candidates
+    assert (stated.key, stated.unit) == ("quantity-1", "-")
+    # least evidence and ln n against the square of the column: by hand
+    by_hand = math.sqrt((30.0 + math.log(N)) / np.sum(healthy.design[:, 1] ** 2))
+    assert stated.detection_limit == pytest.approx(by_hand, rel=0.15)  # residuals set the noise, too
+    noise = healthy.data - healthy.design[:, 1] * (healthy.design[:, 1] @ healthy.data) / np.sum(
+        healthy.design[:, 1] ** 2
+    )
+    for factor, outcome in ((1.25, ["quantity-1"]), (0.75, [])):
+        data = noise + factor * stated.detection_limit * healthy.design[:, 1]
+        assert keys(explain(replace(healthy, data=data), subject_, [candidate])) == outcome
+
+
+def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
+    """Where a wrong parameter and an effect say the same, the effect is named, and is what is added."""
+    rng = np.random.default_rng(2)
+    columns = rng.standard_normal((N, 3))
+    columns[:, 2] = columns[:, 1]
+    comparison = linear(np.array([0.0, 2.0, 0.0]), columns=columns)
+    answer = explain(comparison, LinearSubject({}, 3), [wrong_quantity(1, "b"), quantity(2)])
+    assert keys(answer) == ["quantity-2"]
+    assert list(answer.added) == ["quantity-2"]
+    assert answer.effects[0].remarks == ("the same finding as wrong-parameter:b",)
+
+
+def test_each_step_says_what_it_left() -> None:
+    truth = np.array([0.0, 3.0, 1.5])
+    answer = explain(linear(truth), LinearSubject({}, 3), [quantity(1), quantity(2)])
+    assert {one.effect for one in answer.steps} == {"quantity-1", "quantity-2"}
+    assert answer.gap.before.fit > answer.steps[0].gap.fit > answer.steps[1].gap.fit == answer.gap.after.fit
+    assert math.isnan(answer.gap.after.held_out)
+
+
+def test_no_effect_stands_in_the_model_twice() -> None:
+    """Two wrong parameters are found, and an effect that is nearly their sum might lead the classes of both."""
+    rng = np.random.default_rng(0)
+    columns = rng.standard_normal((N, 3))
+    columns[:, 2] = columns[:, 0] + columns[:, 1]
+    for truth in (0.4, -0.4):
+        comparison = linear(np.array([2.5, truth, 0.0]), columns=columns / 0.3)
+        once = replace(quantity(2, "sum"), applies=lambda theta: theta[2] == 0.0)
+        answer = explain(comparison, LinearSubject({}, 3), [wrong_quantity(0, "a"), wrong_quantity(1, "b"), once])
+        assert len(set(keys(answer))) == 2
+        assert answer.gap.after.fit < 1.1 * answer.gap.noise_floor
+
+
+def test_what_would_do_as_well_is_no_untestable_candidate() -> None:
+    """Whatever looks like what was found shows nothing beside it; in its place it has evidence, held out as well."""
+    rng = np.random.default_rng(3)
+    columns = rng.standard_normal((N, 4))
+    columns[:, 2] = columns[:, 1] + 0.01 * rng.standard_normal(N)
+    held_out = (np.arange(N) % 4 == 0,)
+    comparison = linear(np.array([0.0, 8.0, 0.0, 0.0]), columns=columns, held_out=held_out)
+    answer = explain(comparison, LinearSubject({}, 4), [quantity(1), quantity(2), quantity(3)])
+    (found,) = answer.effects
+    alike = {one.key: one for one in answer.candidates}[found.equivalent_to[0]]
+    assert alike.untestable_because is None
+    assert alike.delta_bic == pytest.approx(found.delta_bic, rel=0.01)
+    assert alike.held_out == pytest.approx(found.held_out_log_likelihood_gain, rel=0.01)
+    other = {one.key: one for one in answer.candidates}["quantity-3"]
+    assert other.delta_bic < 0.0
+    assert math.isnan(other.held_out)
+
+
+def test_data_without_any_misfit_are_answered() -> None:
+    comparison = LinearComparison(layout_of([10] * 4, 1.0), np.ones((40, 1)), np.zeros(40), np.zeros((0, 40)))
+    answer = explain(comparison, LinearSubject({}, 1), [quantity(0)])
+    assert answer.outcome is Outcome.NONE
+    assert answer.gap.before.fit == 0.0
+
+
+def test_data_beyond_all_reason_are_answered() -> None:
+    comparison = LinearComparison(layout_of([10] * 4, 1e-6), np.zeros((40, 1)), 10.0 * np.ones(40), np.zeros((0, 40)))
+    assert explain(comparison, LinearSubject({"a": 0.5}, 1), []).outcome is Outcome.UNKNOWN
