@@ -4,6 +4,9 @@
 hits both. A turn is several measurements in a row, as an axis sends them: the first after another program had the
 processor finds its caches cold. The sender is not what is timed: it writes requests encoded beforehand to a socket. The
 bare core gates and judges the same windows in this process (``check_window``, ``judge_measurement``).
+
+One by one, what a request costs whatever is done with it weighs most. So a service that does nothing but receive, store
+and acknowledge (``benchmarks.least_service``) runs beside: with the bare core after it, no ratio could be higher.
 """
 
 import argparse
@@ -178,14 +181,17 @@ class Service:
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+OUR_SERVICE, LEAST_SERVICE = ("service.cli.main", "serve"), ("benchmarks.least_service",)
+
+
 @contextmanager
-def running_service() -> Iterator[Service]:
+def running(module: str, *arguments: str) -> Iterator[Service]:
     """Start a service on an empty folder and wait until it answers."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with tempfile.TemporaryDirectory(prefix="preload-benchmark-") as folder:
-        command = [sys.executable, "-m", "service.cli.main", "serve", "--data-dir", folder, "--port", str(port)]
+        command = [sys.executable, "-m", module, *arguments, "--data-dir", folder, "--port", str(port)]
         process = subprocess.Popen(command, env=os.environ | {"PRELOAD_LOG_LEVEL": "WARNING"})
         try:
             while process.poll() is None:
@@ -228,6 +234,28 @@ def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[f
     return {name: (of_way[1:], of_core[1:]) for name, (of_way, of_core) in rates.items()}  # the first warms up
 
 
+def highest_ratio(turns: int) -> list[tuple[float, float, float]]:
+    """Return, turn by turn, milliseconds a window of the bare core and of the least service, and the ratio of both."""
+    samples = [measurement(np.random.default_rng(2))]
+    configuration, in_force = AxisConfiguration.model_validate(CONFIGURATION), calibration()
+    one_by_one = next(way for way in WAYS if way.windows_per_request == 1)
+    figures = []
+    with running(*LEAST_SERVICE) as service:
+        for turn in range(turns):
+            measurements = [renamed(samples[0], turn * IN_A_ROW + number) for number in range(IN_A_ROW)]
+            requests = [one for windows in measurements for one in one_by_one.requests("axis", windows)]
+            started = time.perf_counter()
+            for windows in measurements:
+                judge_bare(windows, configuration, in_force)
+            of_core = 1e3 * (time.perf_counter() - started) / len(requests)
+            started = time.perf_counter()
+            for request in requests:
+                service.send(request)
+            of_least = 1e3 * (time.perf_counter() - started) / len(requests)
+            figures.append((of_core, of_least, of_core / (of_core + of_least)))
+    return figures[1:]  # the first warms up
+
+
 def memory(service: Service, n_windows: int) -> list[tuple[int, float]]:
     """Return the memory of the service while it takes windows: (windows so far, MiB)."""
     windows = measurement(np.random.default_rng(3))
@@ -248,7 +276,7 @@ def main() -> None:
     parser.add_argument("--memory-windows", type=int, default=10_000)
     options = parser.parse_args()
     threadpool_limits(limits=1)  # as the service does
-    with running_service() as service:
+    with running(*OUR_SERVICE) as service:
         print(f"{'windows of 2 × 20 000 float32':36} windows/s   bare core   ratio: median   quartiles")
         for name, (of_way, of_core) in compare(service, options.turns).items():
             low, middle, high = np.quantile(np.divide(of_way, of_core), [0.25, 0.5, 0.75])
@@ -262,6 +290,12 @@ def main() -> None:
                 f"memory: {rss[0]:.0f} MiB after {count[0]:.0f} windows, {rss[-1]:.0f} MiB after {count[-1]:.0f}; "
                 f"{1000 * slope:+.2f} MiB per 1000 windows over the last three quarters"
             )
+    core, least, ratio = np.array(highest_ratio(options.turns)).T
+    low, middle, high = np.quantile(ratio, [0.25, 0.5, 0.75])
+    print(
+        f"one by one, a service that only receives and stores takes {np.median(least):.2f} ms a window, the bare core "
+        f"{np.median(core):.2f} ms: one after the other the ratio would be {middle:.3f} ({low:.3f}–{high:.3f})"
+    )
 
 
 if __name__ == "__main__":

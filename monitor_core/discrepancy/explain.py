@@ -23,9 +23,8 @@ from monitor_core.discrepancy.explanation import (
     Outcome,
     Step,
 )
-from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.advice import next_measurement
-from monitor_core.discrepancy.judging.classes import EquivalenceClass, equivalence_class, found_parameters
+from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member, equivalence_class, found_parameters
 from monitor_core.discrepancy.judging.outcome import OutcomeSettings, explained_share, outcome_of, variances_of_pulls
 from monitor_core.discrepancy.localising.localisation import (
     HealthyScatter,
@@ -84,8 +83,8 @@ def explain(
     tell = progress or (lambda _sentence: None)
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
-    classes = _classes(found, candidates)
-    found = replace(found, final=_with_leaders(found, classes))
+    classes, final = _classes(found, candidates)
+    found = replace(found, final=final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
     n_judged = int(np.count_nonzero(judged_values(found.final)))
@@ -94,9 +93,8 @@ def explain(
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
     models = {"before": found.baseline.physics(), "after": found.final.physics()}
-    final = found.final.hypothesis
-    values = final.values(found.final.coordinates)
-    ratios = final.ln_ratios(found.final.coordinates) | {
+    values = final.hypothesis.values(final.coordinates)
+    ratios = final.hypothesis.ln_ratios(final.coordinates) | {
         key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
     }
     return Explanation(
@@ -119,13 +117,44 @@ def explain(
     )
 
 
-def _classes(found: Found[Physics], candidates: Sequence[Effect[Physics]]) -> tuple[EquivalenceClass[Physics], ...]:
-    """Return what was found, each effect with what would do in its place; no effect leads twice."""
+def _classes(
+    found: Found[Physics], candidates: Sequence[Effect[Physics]]
+) -> tuple[tuple[EquivalenceClass[Physics], ...], Fitted[Physics]]:
+    """Return what was found, each effect with what would do in its place, and the fit with those that lead.
+
+    The model is what the words say: what has no answer beside the others leads no class.
+    """
     classes: list[EquivalenceClass[Physics]] = []
+    final = found.final
     for one in found.accepted:
         leading = {other.leader.effect.key for other in classes}
-        classes.append(equivalence_class(found, one, candidates, leading))
-    return tuple(classes)
+        barred: set[str] = set()
+        while True:
+            of_one = equivalence_class(found, one, candidates, leading=leading, barred=barred)
+            with_leader = _with_leader(final, one.effect, of_one.leader)
+            if with_leader is not None:
+                break
+            barred.add(of_one.leader.effect.key)
+        final = with_leader
+        classes.append(of_one)
+    return tuple(classes), final
+
+
+def _with_leader(final: Fitted[Physics], accepted: Effect[Physics], leader: Member[Physics]) -> Fitted[Physics] | None:
+    """Return a fit with the leader in the place of the effect that was accepted; None where it has no answer."""
+    if leader.effect.key == accepted.key:
+        return final
+    hypothesis = final.hypothesis.without(accepted.key).with_effect(leader.effect)
+    if {one.key for one in hypothesis.effects} == {one.key for one in leader.fitted.hypothesis.effects}:
+        return leader.fitted
+    start = hypothesis.carried_over(final.hypothesis, final.coordinates)
+    own = hypothesis.carried_over(leader.fitted.hypothesis, leader.fitted.coordinates)
+    n_own = len(leader.effect.parameters)
+    start[start.size - n_own :] = own[own.size - n_own :]
+    try:
+        return fit(final.comparison, hypothesis, start, final.fitted)
+    except OutsideValidityError:
+        return None
 
 
 def _with_answer(comparison: Comparison[Physics], models: Mapping[str, Physics]) -> dict[str, Physics]:
@@ -136,22 +165,6 @@ def _with_answer(comparison: Comparison[Physics], models: Mapping[str, Physics])
             comparison.misfit(physics)
             found[name] = physics
     return found
-
-
-def _with_leaders(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> Fitted[Physics]:
-    """Return the fit with the effects that lead their classes, so that the model is what the words say."""
-    leaders = [one.leader for one in classes]
-    if {one.effect.key for one in leaders} == {one.key for one in found.final.hypothesis.effects}:
-        return found.final
-    if len(leaders) == 1:
-        return leaders[0].fitted
-    hypothesis = Hypothesis(found.final.hypothesis.subject, tuple(one.effect for one in leaders))
-    start = hypothesis.carried_over(found.final.hypothesis, found.final.coordinates)
-    for one in leaders:
-        own = hypothesis.carried_over(one.fitted.hypothesis, one.fitted.coordinates)
-        at = [n for n, (effect, _) in enumerate(hypothesis.unknowns, hypothesis.n_uncertain) if effect is one.effect]
-        start[at] = own[at]
-    return fit(found.final.comparison, hypothesis, start, found.final.fitted)
 
 
 def _gap_pair(fitted: Fitted[Physics]) -> GapPair:

@@ -45,9 +45,10 @@ def fitted_with(effect):
     return fit(COMPARISON, hypothesis, np.full(hypothesis.n_coordinates, 0.3))
 
 
-def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic):
+def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_delta_bic, floor=COMPARISON.noise_floor):
     """Return the class of an accepted effect with rivals; their ΔBIC as fitted, or as told."""
-    final = replace(fitted_with(effect), comparison=replace(COMPARISON, least_delta_bic=threshold))
+    comparison = replace(COMPARISON, least_delta_bic=threshold, noise_floor=floor)
+    final = replace(fitted_with(effect), comparison=comparison)
     refitted = [fitted_with(one) for one in rivals]
     told = evidence or [delta_bic(BASELINE, one, by) for one in (final, *refitted)]
     entries = zip(rivals, refitted, told[1:], strict=True)
@@ -107,9 +108,9 @@ def test_the_plausible_member_leads_whatever_it_is_worth() -> None:
     assert [one.plausible for one in first.members] == [True, False]
 
 
-#: 6 of BIC (Kass and Raftery, 1995: strong evidence), or 5 % of the gain, but then no more than 1 % of the values.
+#: 10 of BIC (Kass and Raftery, 1995: very strong), or 5 % of the gain, but then no more than 1 % of the values.
 MARGINS = {
-    "a small gain": (100.0, 1000, 94.5, 93.5),
+    "a small gain": (100.0, 1000, 90.5, 89.5),
     "5 % of the gain": (1000.0, 10_000, 951.0, 949.0),
     "1 % of the values": (10_000.0, 2000, 9981.0, 9979.0),
 }
@@ -121,6 +122,14 @@ def test_margin(what) -> None:
     by = Yardstick(1.0, 0.0, n_values)
     assert len(classed(quantity(2), quantity(4), by=by, evidence=(best, inside)).members) == 2
     assert len(classed(quantity(2), quantity(4), by=by, evidence=(best, outside)).members) == 1
+
+
+def test_where_something_is_left_the_margin_is_a_share_of_the_gain() -> None:
+    """A gap of two floors is no noise: 5 % of a gain of 10 000, and not 1 % of 2000 values."""
+    by = Yardstick(1.0, 0.0, 2000)
+    for evidence, n_members in ((9501.0, 2), (9499.0, 1)):
+        found = classed(quantity(2), quantity(4), by=by, evidence=(10_000.0, evidence), floor=0.5)
+        assert len(found.members) == n_members
 
 
 def test_margin_grows_with_the_least_evidence_for_an_effect() -> None:

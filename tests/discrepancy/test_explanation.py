@@ -82,6 +82,27 @@ def test_no_effect_stands_in_the_model_twice() -> None:
         assert answer.gap.after.fit < 1.1 * answer.gap.noise_floor
 
 
+def test_what_has_no_answer_beside_the_others_does_not_lead() -> None:
+    """Of each of two wrong parameters there is a twin in the catalogue, but an axis cannot have both of those."""
+    rng = np.random.default_rng(4)
+    columns = rng.standard_normal((N, 4))
+    columns[:, 2:] = columns[:, :2]
+    comparison = linear(np.array([2.5, -1.5, 0.0, 0.0]), columns=4.0 * columns)
+    candidates = [
+        wrong_quantity(0, "a"),
+        wrong_quantity(1, "b"),
+        replace(quantity(2), applies=lambda theta: theta[3] == 0.0),
+        replace(quantity(3), applies=lambda theta: theta[2] == 0.0),
+    ]
+    answer = explain(comparison, LinearSubject({}, 4), candidates)
+    assert answer.outcome is Outcome.NAMED
+    assert keys(answer)[0] in {"quantity-2", "quantity-3"}
+    assert keys(answer)[1] in {"wrong-parameter:a", "wrong-parameter:b"}
+    (other,) = {"quantity-2", "quantity-3"} - set(keys(answer))
+    assert answer.effects[1].remarks == (f"the same finding as {other}",)
+    assert {*answer.added, *(f"wrong-parameter:{name}" for name in answer.ln_ratios)} >= set(keys(answer))
+
+
 def test_what_would_do_as_well_is_no_untestable_candidate() -> None:
     """Whatever looks like what was found shows nothing beside it; in its place it has evidence, held out as well."""
     rng = np.random.default_rng(3)

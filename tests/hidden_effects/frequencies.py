@@ -158,9 +158,10 @@ def draw_modal_case(
     true_settings = set_truly(design.settings, Scatter(), rng)
     tested = replace(axis, parts=replace(axis.parts, motor_inertia=_HELD)) if _held(design) else axis
     table: list[ModalObservation] = []
-    n_settings = len(design.settings)
-    for index, (stated, true) in enumerate(zip(design.settings, true_settings, strict=True)):
-        ordered = replace(true, order=index / max(n_settings - 1, 1))
+    # In random order, as a test is to be made: a drift is not taken for what was varied last.
+    turns = np.random.default_rng([seed, 2]).permutation(len(design.settings))
+    for turn, stated, true in zip(turns.tolist(), design.settings, true_settings, strict=True):
+        ordered = replace(true, order=turn / max(len(design.settings) - 1, 1))
         table += _observed(stated, modal_test(accelerances, tested, ordered)[: design.n_modes], uncertainty, rng)
     return ModalCase(tuple(table), design.motor_end, baseline_text(Parts(), "receptance"), truth, axis)
 

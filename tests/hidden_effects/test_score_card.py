@@ -45,11 +45,12 @@ def test_parameters_that_a_family_does_not_have_are_null() -> None:
 def test_the_size_is_judged_and_not_what_stands_first_in_the_file() -> None:
     truth = {"second-mode": {"damping_ratio": 0.02, "frequency_hz": 300.0, "residue_per_kg": 1e-5}}
     found = {
-        "residue_per_kg": [1.1e-5, 0.9e-5, 1.3e-5],
+        "residue_per_kg": [1.05e-5, 0.85e-5, 1.25e-5],
         "frequency_hz": [310.0, 309.0, 311.0],
         "damping_ratio": [0.5, 0.4, 0.6],
     }
     text = card(scored(1, "second-mode", truth, outcome="named", found=found, d_prime=50.0))
     assert "| 1 of 1 (100.0 %) |" in row(text, "95 % intervals of the parameter")
-    assert "| 10.0, 10.0, 10.0 % |" in row(text, "error of the parameter at d' ≥ 30")
-    assert "| 1 | 10.0 % | 10.2 % |" in row(text, "second-mode")
+    assert "| 1 of 1 (100.0 %) |" in row(text, "error of the parameter at d' ≥ 30")
+    assert "| 5.0, 5.0, 5.0 % |" in row(text, "the same: median, 90 %, largest")
+    assert "| 1 | 5.0 % | 10.2 % |" in row(text, "second-mode")

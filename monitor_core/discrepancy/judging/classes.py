@@ -15,6 +15,7 @@ from monitor_core.discrepancy.hypothesis import is_size
 from monitor_core.discrepancy.judging.modes_of_their_own import modes_of_their_own
 from monitor_core.discrepancy.searching.evidence import STRONG, Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
+from monitor_core.discrepancy.searching.holding_out import leaves_something
 from monitor_core.discrepancy.searching.search import Accepted, Found
 from monitor_core.uncertainty import Estimate
 
@@ -25,7 +26,8 @@ _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
 _AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
-#: Effects are not held apart by less of their gain of BIC either: the form of no model is known better.
+#: Effects are not held apart by less of their gain of BIC either: the form of no model is known better. Where something
+#: is left the model lacks more, and what that does to the evidence has no cap.
 _MARGIN_OF_GAIN = 0.05
 _MARGIN_OF_COST = 0.01
 
@@ -69,7 +71,9 @@ def equivalence_class(
     found: Found[Physics],
     accepted: Accepted[Physics],
     candidates: Sequence[Effect[Physics]],
+    *,
     leading: Collection[str] = (),
+    barred: Collection[str] = (),
 ) -> EquivalenceClass[Physics]:
     """Return an accepted effect with what would do in its place.
 
@@ -85,6 +89,8 @@ def equivalence_class(
         Whatever the axis may lack.
     leading : collection of str, optional
         Keys that lead other classes: no effect is in a model twice.
+    barred : collection of str, optional
+        Keys that may not lead.
     """
     by = found.yardstick
     own = _member(accepted.effect, found.final, accepted.delta_bic, by)
@@ -93,12 +99,13 @@ def equivalence_class(
         for rival in accepted.rivals
         if rival.effect.key not in leading
     ]
-    n_effective = by.n_values * by.share
-    of_gain = min(_MARGIN_OF_GAIN * accepted.delta_bic, _MARGIN_OF_COST * n_effective)
+    of_gain = _MARGIN_OF_GAIN * accepted.delta_bic
+    if not leaves_something(found.final):
+        of_gain = min(of_gain, _MARGIN_OF_COST * by.n_values * by.share)
     margin = max(least_difference(found.final.comparison), of_gain)
     best = max([own.delta_bic, *(one.delta_bic for one in rivals)])
     inside = [own, *(one for one in rivals if one.delta_bic >= best - margin)]
-    ordered = sorted(inside, key=_precedence)
+    ordered = sorted(inside, key=lambda one: (one.effect.key in barred, *_precedence(one)))
     members: list[Member[Physics]] = []
     for one in ordered:
         alike = next((n for n, other in enumerate(members) if _are_twins(one, other)), None)
@@ -106,7 +113,7 @@ def equivalence_class(
             members.append(one)
         else:
             members[alike] = replace(members[alike], twins=(*members[alike].twins, one.effect.key))
-    members.sort(key=lambda one: (not one.plausible, -one.delta_bic))
+    members.sort(key=lambda one: (one.effect.key in barred, not one.plausible, -one.delta_bic))
     untested = modes_of_their_own(accepted.without, candidates)
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain)
 

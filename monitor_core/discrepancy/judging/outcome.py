@@ -69,8 +69,8 @@ def outcome_of(
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
-    if not plausible or (left and explained < settings.least_share):
-        return Outcome.UNKNOWN
+    if not plausible or (left and (explained < settings.least_share or all(one.others for one in classes))):
+        return Outcome.UNKNOWN  # where something is left, one at least must be told apart
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL
     return Outcome.EQUIVALENT if any(one.others for one in classes) else Outcome.NAMED
