@@ -18,6 +18,7 @@ from monitor_core.discrepancy.comparing.condition_groups import previous_in_seri
 from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.explanation import MisfitKind
 from monitor_core.discrepancy.localising.localisation import LEVEL, HealthyScatter, localise, misfit_map
+from monitor_core.discrepancy.localising.misfit_kind import KindFound, take_out
 from monitor_core.discrepancy.localising.misfit_tests import (
     amount_trend_p_value,
     holm,
@@ -448,3 +449,14 @@ def test_scatter_that_cannot_be_is_refused(values):
 
 def test_signatures_that_say_nothing_find_nothing():
     assert localise(TABLE, np.zeros(18), {STIFFNESS: np.zeros((2, 18)), MASS: np.zeros((0, 18))}) == ()
+
+
+def test_what_values_do_not_see_is_not_taken_out_of_the_others() -> None:
+    """A damping moves a natural frequency by rounding alone: its amount would be anything."""
+    rng = np.random.default_rng(0)
+    residuals, of = rng.standard_normal(40), np.arange(40) < 20
+    seen, hardly = rng.standard_normal((2, 40))
+    hardly[of] *= 1e-170
+    left = take_out(residuals, KindFound(MisfitKind.DAMPING, np.stack([seen, hardly]), np.zeros((0, 40)), 1.0), of)
+    amount = seen[of] @ residuals[of] / (seen[of] @ seen[of])
+    np.testing.assert_allclose(left, residuals - amount * seen)

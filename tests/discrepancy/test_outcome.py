@@ -51,6 +51,7 @@ TABLE = {
     "a remainder on held-out data": ((GOOD,), gap(FLOOR, LEFT), QUIET, Outcome.PARTIAL),
     "a remainder, not told apart": ((TWO,), gap(LEFT), QUIET, Outcome.UNKNOWN),
     "a remainder, one told apart": ((TWO, GOOD), gap(LEFT), QUIET, Outcome.PARTIAL),
+    "settings drift, not told apart": ((TWO,), gap(AT_FLOOR), PULLED, Outcome.PARTIAL),
     "settings drift": ((GOOD,), gap(AT_FLOOR), PULLED, Outcome.PARTIAL),
     "a stand-in alone": ((STAND_IN,), gap(AT_FLOOR), QUIET, Outcome.UNKNOWN),
     "a stand-in beside an effect": ((GOOD, STAND_IN), gap(AT_FLOOR), QUIET, Outcome.PARTIAL),

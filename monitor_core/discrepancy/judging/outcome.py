@@ -65,12 +65,15 @@ def outcome_of(
     settings : OutcomeSettings
     """
     pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
-    left = in_floors(gap.noise_floor, gap.after.fit, gap.after.held_out) > most_of_healthy(n_judged) or pulled
+    misses = in_floors(gap.noise_floor, gap.after.fit, gap.after.held_out) > most_of_healthy(n_judged)
+    left = misses or pulled
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
-    if not plausible or (left and (explained < settings.least_share or all(one.others for one in classes))):
-        return Outcome.UNKNOWN  # where something is left, one at least must be told apart
+    if not plausible or (left and explained < settings.least_share):
+        return Outcome.UNKNOWN
+    if misses and all(one.others for one in classes):  # a model that misses something tells look-alikes apart by chance
+        return Outcome.UNKNOWN
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL
     return Outcome.EQUIVALENT if any(one.others for one in classes) else Outcome.NAMED

@@ -33,6 +33,7 @@ _LEAST_SHARE, _LEAST_SHARE_FOR_LAW = 0.6, 0.8
 #: looked for as far as the third on either side.
 _STANDS_STILL, _NARROW, _AROUND = 0.05, 2.0, 1.3
 _RANK = 1e-10  # of a normalised Gram matrix
+_UNSEEN = 1e-9  # share of a direction: less of it in some values is rounding, and its amount there would be anything
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +105,7 @@ def kind_of(
     """
     chosen = _select(residuals, signatures, compared)
     rows = _rows_of(chosen, layout.n_values)
-    amounts = _amounts(rows[:, compared], residuals[compared])
+    amounts = _amounts(rows, residuals, compared)
     share = _share(residuals, residuals - amounts @ rows, place)
     if not chosen or share < _LEAST_SHARE:
         extra = _is_extra_mode(layout, residuals, signatures, place)
@@ -122,7 +123,7 @@ def kind_of(
 def take_out(residuals: FloatArray, found: KindFound, of: BoolArray) -> FloatArray:
     """Return the residuals without what the kind explains of the chosen values beside its companions."""
     rows = np.vstack([found.rows, found.companions])
-    amounts = _amounts(rows[:, of], residuals[of])
+    amounts = _amounts(rows, residuals, of)
     return residuals - amounts[: found.rows.shape[0]] @ found.rows
 
 
@@ -136,10 +137,15 @@ def explained(rows: FloatArray, residuals: FloatArray) -> tuple[float, int]:
     return float(np.sum(along)), int(np.count_nonzero(kept))
 
 
-def _amounts(rows: FloatArray, residuals: FloatArray) -> FloatArray:
-    norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(np.float64).tiny)
-    scaled = rows / norms[:, None]
-    return np.asarray(np.linalg.pinv(scaled @ scaled.T, rcond=_RANK, hermitian=True) @ (scaled @ residuals) / norms)
+def _amounts(rows: FloatArray, residuals: FloatArray, of: BoolArray) -> FloatArray:
+    """Return the amounts of rows that explain the chosen residuals best, 0 of rows that these values do not see."""
+    norms = np.linalg.norm(rows[:, of], axis=1)
+    seen = norms > _UNSEEN * np.linalg.norm(rows, axis=1)
+    scaled = rows[seen][:, of] / norms[seen, None]
+    amounts = np.zeros(norms.size)
+    amounts[seen] = np.linalg.pinv(scaled @ scaled.T, rcond=_RANK, hermitian=True) @ (scaled @ residuals[of])
+    amounts[seen] /= norms[seen]
+    return amounts
 
 
 def _select(
