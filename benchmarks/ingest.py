@@ -6,7 +6,7 @@ processor finds its caches cold. The sender is not what is timed: it writes requ
 bare core gates and judges the same windows in this process (``check_window``, ``judge_measurement``).
 
 One by one, what a request costs whatever is done with it weighs most. So a service that does nothing but receive, store
-and acknowledge (``benchmarks.least_service``) runs beside: with the bare core after it, no ratio could be higher.
+and acknowledge (``benchmarks.least_service``) is timed as well: what it leaves for the core, one after the other.
 """
 
 import argparse

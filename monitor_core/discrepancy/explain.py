@@ -168,9 +168,7 @@ def _with_answer(comparison: Comparison[Physics], models: Mapping[str, Physics])
 
 
 def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
-    comparison = fitted.comparison
-    of_fit = comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)
-    return GapPair(of_fit, gap_of(comparison, fitted.held_out))
+    return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
 
 
 def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
@@ -263,10 +261,10 @@ def _candidates(
             held = gain(without.held_out, rival.fitted.held_out, found.yardstick)
         elif look is not None and limit is not None:
             evidence = found.yardstick.factor * look.decrease - found.yardstick.penalty(len(effect.parameters))
-        elif (because := _why_untestable(effect, look, found)) is not None:
-            untestable = because
         else:
-            continue
+            untestable = _why_untestable(effect, look, found)
+            if untestable is None:
+                continue
         answers[effect.key] = Candidate(effect.key, evidence, held, limit, effect.parameters[0].unit, untestable)
     return tuple(sorted(answers.values(), key=lambda one: -one.delta_bic if math.isfinite(one.delta_bic) else math.inf))
 

@@ -246,7 +246,10 @@ def compare_modes(
 def _modes(
     physics: AxisPhysics, conditions: tuple[DriveConditions, ...], motor_end: MotorEnd, highest_frequency: float
 ) -> DriveModes:
-    return drive_modes(physics, conditions, [motor_end] * len(conditions), highest_frequency)
+    modes = drive_modes(physics, conditions, [motor_end] * len(conditions), highest_frequency)
+    for values in (modes.condition, modes.undamped_omega, modes.pole):
+        values.setflags(write=False)
+    return modes
 
 
 @dataclass(frozen=True, slots=True)

@@ -171,10 +171,9 @@ def _log_prior(causes: Sequence[Cause], *, told: bool) -> FloatArray:
 
 def _tried(trial: _Trial, size: Estimate | None, none: _Trial, probability: float, by: Yardstick) -> TriedChange:
     fitted = trial.fitted
-    gap = fitted.comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)
     evidence = delta_bic(none.fitted, fitted, by)
     if trial.change is None or size is None:
-        return TriedChange(Cause.NONE, "none", None, "", True, gap, evidence, probability, "nothing has changed")
+        return TriedChange(Cause.NONE, "none", None, "", True, fitted.gap, evidence, probability, "nothing has changed")
     change = trial.change
     return TriedChange(
         cause=change.cause,
@@ -182,7 +181,7 @@ def _tried(trial: _Trial, size: Estimate | None, none: _Trial, probability: floa
         size=size,
         unit=change.effect.parameters[0].unit,
         plausible=2.0 * size.standard_uncertainty < abs(size.value) < abs(change.usual) + _LARGEST * change.spread,
-        gap=gap,
+        gap=fitted.gap,
         delta_bic=evidence,
         probability=probability,
         words=change.in_words(size.value, 1.959964 * size.standard_uncertainty),

@@ -126,5 +126,4 @@ def _about(drive: DriveSubject, fitted: Fitted[ThenAndNow], *, at_nut: bool) -> 
     deviations = np.array([drive.uncertain[name] for name in hypothesis.uncertain])
     root = deviations[:, None] * directions[:, open_ones] * np.sqrt(variances[open_ones])
     ratios = hypothesis.ln_ratios(fitted.coordinates)
-    gap = fitted.comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)
-    return ReferenceAxis(drive, hypothesis.uncertain, np.array(list(ratios.values())), root, at_nut, gap)
+    return ReferenceAxis(drive, hypothesis.uncertain, np.array(list(ratios.values())), root, at_nut, fitted.gap)

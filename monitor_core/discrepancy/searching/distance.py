@@ -20,8 +20,7 @@ _SMALL_MISFIT, _ALMOST_ALL = 0.15, 0.98  # a misfit that this share of the value
 
 def gap(fitted: Fitted[Physics]) -> float:
     """Return the gap on the fitted values, in floors of the data."""
-    comparison = fitted.comparison
-    return comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted) / comparison.noise_floor
+    return fitted.gap / fitted.comparison.noise_floor
 
 
 def is_near(fitted: Fitted[Physics]) -> bool:

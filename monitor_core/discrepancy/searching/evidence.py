@@ -57,8 +57,8 @@ class Yardstick:
 def least_difference(comparison: Comparison[Physics]) -> float:
     """Return by how much BIC of one effect must surpass that of another to hold them apart.
 
-    By 10 one of a hundred and fifty true effects scores less, and there are several others to surpass it. What the form
-    of a model may feign where nothing is missing shows in the least evidence for an effect.
+    Another effect scores 10 more than the true one once in a hundred and fifty times, and there are several others.
+    What the form of a model may feign where nothing is missing shows in the least evidence for an effect.
     """
     return max(VERY_STRONG, _SHARE_OF_THRESHOLD * comparison.least_delta_bic)
 

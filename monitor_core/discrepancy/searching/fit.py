@@ -97,6 +97,11 @@ class Fitted(Generic[Physics]):
         return HeldOut(np.any(folds, axis=0), misfit, standardised)
 
     @property
+    def gap(self) -> float:
+        """Gap on the fitted values, in the unit of the comparison."""
+        return self.comparison.gap(self.misfit, self.standardised, self.fitted)
+
+    @property
     def prior_cost(self) -> float:
         """Sum of squares of the uncertain parameters in their standard deviations."""
         return float(np.sum(self.coordinates[: self.hypothesis.n_uncertain] ** 2))

@@ -50,8 +50,7 @@ def judged_values(fitted: Fitted[Physics]) -> BoolArray:
 def leaves_something(fitted: Fitted[Physics]) -> bool:
     """Tell whether a fit leaves a larger gap than a healthy axis would."""
     comparison = fitted.comparison
-    of_fit = comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)
-    gap = in_floors(comparison.noise_floor, of_fit, gap_of(comparison, fitted.held_out))
+    gap = in_floors(comparison.noise_floor, fitted.gap, gap_of(comparison, fitted.held_out))
     return gap > most_of_healthy(int(np.count_nonzero(judged_values(fitted))))
 
 

@@ -47,10 +47,6 @@ class DriveModes:
     undamped_omega: FloatArray  # [rad/s]
     pole: ComplexArray  # s = jω at the zero of the characteristic function [1/s]
 
-    def __post_init__(self) -> None:
-        for values in (self.condition, self.undamped_omega, self.pole):
-            values.setflags(write=False)  # they may be handed out more than once
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drives:
