@@ -1,9 +1,10 @@
 """The connection: SQLite in WAL mode by default, PostgreSQL by URL; migrations at start."""
 
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from alembic import command
 from alembic.config import Config
@@ -26,7 +27,6 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _create_engine(url)
-        self._writing = self.engine.execution_options(sqlite_begin="IMMEDIATE")
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -38,6 +38,7 @@ class Database:
     def reading(self) -> Iterator[Connection]:
         """Open a connection for reading plain records."""
         with _translated(), self.engine.connect() as connection:
+            _begin(connection, "DEFERRED")
             yield connection
 
     @contextmanager
@@ -49,7 +50,8 @@ class Database:
         StorageError, BusyError
             If the database did not take it; then nothing was changed.
         """
-        with _translated(), self._writing.begin() as connection:
+        with _translated(), self.engine.begin() as connection:
+            _begin(connection, "IMMEDIATE")
             yield connection
 
     @contextmanager
@@ -61,7 +63,7 @@ class Database:
 
     def migrate(self) -> None:
         """Bring the schema to the newest version."""
-        with self._writing.begin() as connection:
+        with self.writing() as connection:
             if connection.dialect.name == "postgresql":  # two services starting together must not both migrate
                 connection.execute(text("SELECT pg_advisory_xact_lock(7102018)"))
             command.upgrade(alembic_config(connection), "head")
@@ -76,6 +78,12 @@ class Database:
         self.engine.dispose()
 
 
+def _begin(connection: Connection, mode: str) -> None:
+    # Not by an event of the engine: where there is one, listeners are looked for at each statement.
+    if connection.dialect.name == "sqlite":
+        cast(sqlite3.Connection, connection.connection.driver_connection).execute(f"BEGIN {mode}")
+
+
 @contextmanager
 def _translated() -> Iterator[None]:
     """Turn the driver's errors into those of the service."""
@@ -85,12 +93,10 @@ def _translated() -> Iterator[None]:
         raise BusyError("another process changed the same thing at this moment; send the request again") from error
     except PoolTimeoutError as error:
         raise BusyError("every database connection is taken; send the request again") from error
-    except DBAPIError as error:
-        raise StorageError(f"the database refused: {_first_line(error.orig)}; send the request again") from error
-
-
-def _first_line(error: BaseException | None) -> str:
-    return str(error).strip().partition("\n")[0]
+    except (DBAPIError, sqlite3.Error) as error:
+        driver_error = error.orig if isinstance(error, DBAPIError) else error
+        reason = str(driver_error).strip().partition("\n")[0]
+        raise StorageError(f"the database refused: {reason}; send the request again") from error
 
 
 def alembic_config(connection: Connection) -> Config:
@@ -111,16 +117,11 @@ def _create_engine(url: str) -> Engine:
 
     @event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: Any) -> None:  # noqa: ANN401 - the driver's own connection
-        connection.isolation_level = None  # the driver's own BEGIN comes too late for IMMEDIATE
+        connection.isolation_level = None  # the driver's own BEGIN comes too late for IMMEDIATE: see _begin
         cursor = connection.cursor()
         # FULL: an acknowledged window must survive a power cut, which NORMAL does not promise in WAL mode.
         for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=30000"):
             cursor.execute(f"PRAGMA {pragma}")
         cursor.close()
-
-    @event.listens_for(engine, "begin")
-    def _begin(connection: Connection) -> None:
-        mode = connection.get_execution_options().get("sqlite_begin", "DEFERRED")
-        connection.connection.cursor().execute(f"BEGIN {mode}")
 
     return engine

@@ -32,7 +32,7 @@ def postgresql() -> Iterator[str]:
 def emptied(url: str) -> str:
     """Empty a PostgreSQL database and return its address."""
     database = Database(url)
-    with database.engine.begin() as connection:
+    with database.writing() as connection:
         connection.execute(text("DROP SCHEMA public CASCADE"))
         connection.execute(text("CREATE SCHEMA public"))
     database.close()
@@ -57,7 +57,7 @@ def test_migrations_make_the_tables(database_url: str) -> None:
     database = Database(database_url)
     database.migrate()
     database.migrate()  # a second start finds nothing to do
-    with database.engine.connect() as connection:
+    with database.reading() as connection:
         differences = compare_metadata(
             MigrationContext.configure(connection, opts={"compare_type": True}), Base.metadata
         )
@@ -69,10 +69,10 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)
     database = Database(database_url)
-    with database.engine.begin() as connection:
+    with database.writing() as connection:
         assert connection.execute(text("SELECT count(*) FROM windows")).scalar() == 8
         command.downgrade(alembic_config(connection), "base")
-    with database.engine.begin() as connection:
+    with database.writing() as connection:
         assert inspect(connection).get_table_names() == ["alembic_version"]
     database.migrate()
     database.close()
