@@ -23,7 +23,8 @@ from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database
 from service.store.intake import AxisRecord, MeasurementRecord
 from service.store.measurements import accepted_places
-from service.store.waveforms import WaveformPlace, WaveformStore, content_sha256
+from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.window_format import content_sha256
 
 
 class WindowStatus(StrEnum):
@@ -205,7 +206,8 @@ def _window_rows(admission: Admission, places: Iterable[WaveformPlace], received
             "received_at": received_at,
             "content_sha256": place.content_sha256,
             "file_path": place.path,
-            "index_in_file": place.index,
+            "offset_in_file": place.offset,
+            "index_in_frame": place.index,
             "refusal_reason": None if item.refusal is None else str(item.refusal.reason),
             "refusal_detail": None if item.refusal is None else item.refusal.detail[:500],
         }

@@ -28,7 +28,7 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
 def accepted_places(session: Session, measurement_id: int) -> list[WaveformPlace]:
     """Tell where the accepted windows of a measurement lie, in time order."""
     query = (
-        select(WindowRow.file_path, WindowRow.index_in_file, WindowRow.content_sha256)
+        select(WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
         .where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
         .order_by(WindowRow.started_at)
     )

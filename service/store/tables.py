@@ -136,7 +136,8 @@ class WindowRow(Base):
     received_at: Mapped[datetime]
     content_sha256: Mapped[str] = mapped_column(String(64))
     file_path: Mapped[str] = mapped_column(String(400))
-    index_in_file: Mapped[int]
+    offset_in_file: Mapped[int] = mapped_column(BigInteger)  # of the frame [bytes]
+    index_in_frame: Mapped[int]
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
     refusal_detail: Mapped[str | None] = mapped_column(String(500))
 

@@ -1,34 +1,34 @@
 """Raw waveforms as files: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``; each window is checked by SHA-256 when read.
 
-One file holds the windows of one request: zstd around MessagePack, so it can be read without this program. A file is
-written before the rows that name it are committed: a crash in between leaves a file that no row names, which costs
-room and nothing else.
+A file takes the windows of an axis that arrive on one day, request after request: each adds a zstd frame around
+MessagePack, so that a file can be read without this program. A frame is on disk before the rows that name it are
+committed: a crash in between leaves a frame that no row names, which costs room and nothing else.
 """
 
-import hashlib
 import os
 import threading
 import uuid
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import BinaryIO, Self
 
-import msgpack
-import numpy as np
 import zstandard
 
-from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+from monitor_core.recording import Window
 from service.errors import StorageError, WaveformDamagedError
+from service.store.window_format import content_sha256, pack_windows, size_of, unpack_windows
 
 #: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
 COMPRESSION_LEVEL = 1
+#: A file that has grown beyond this is followed by another: what is copied or lost at once stays small.
+LARGEST_FILE_BYTES = 64 * 2**20
 WRITERS = 4
 #: To hand less than this over to a thread takes longer than to pack it.
 HANDED_OVER_BYTES = 512 * 1024
@@ -38,57 +38,36 @@ REMEMBERED_BYTES = 64 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class WaveformPlace:
-    """Where a window lies (path relative to the store, index in the file), and what its content must hash to."""
+    """Where a window lies, and what its content must hash to."""
 
-    path: str
-    index: int
+    path: str  # of the file, relative to the store
+    offset: int  # of the frame in the file [bytes]
+    index: int  # of the window in the frame
     content_sha256: str
 
 
-def content_sha256(window: Window) -> str:
-    """Hash what a window says: two posts with the same hash are the same window.
-
-    Numbers are compared as float32, the precision of the wire: neither the encoding of the samples nor the last bits
-    that a conversion of units costs make another window of it.
-    """
-    digest = hashlib.sha256()
-    for samples in (window.excitation, window.response, window.position_trace):
-        digest.update(b"-" if samples is None else np.ascontiguousarray(_float32(samples)).data)
-    words = {
-        name: float(_float32(value)) if isinstance(value, int | float) else value
-        for name, value in _metadata(window).items()
-    }
-    digest.update(repr(words).encode())
-    return digest.hexdigest()
-
-
-def _float32(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401 - a number or an array of them
-    with np.errstate(over="ignore"):  # beyond float32 is infinite: as good as any other name for it
-        return np.asarray(values).astype("<f4", copy=False)
-
-
 class Writing:
-    """A file that is being written while the caller does something else; unless it is kept, it is removed."""
+    """A frame that is being written while the caller does something else; unless it is kept, it is taken back."""
 
-    def __init__(self, store: "WaveformStore", begun: "Future[_Begun]") -> None:
+    def __init__(self, store: "WaveformStore", begun: "Future[_Frame]") -> None:
         self._store = store
         self._begun = begun
         self._kept = False
 
     def sync(self) -> list[WaveformPlace]:
-        """Wait until the file is on disk, and tell where each window lies.
+        """Wait until the frame is on disk, and tell where each window lies.
 
         Raises
         ------
         StorageError
-            If the disk does not take it; then there is no file.
+            If the disk does not take it; then nothing of it is left.
         """
-        begun = self._begun.result()
-        self._store.sync(begun)
-        return begun.places
+        frame = self._begun.result()
+        self._store.sync(frame)
+        return frame.places
 
     def keep(self) -> None:
-        """Let the file be: rows are about to be committed that name it."""
+        """Let the frame be: rows are about to be committed that name it."""
         self._kept = True
 
     def __enter__(self) -> Self:
@@ -98,33 +77,39 @@ class Writing:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Remove the file if nothing names it."""
+        """Take the frame back if nothing names it."""
         if self._begun.exception() is None:
-            begun = self._begun.result()
-            begun.file.close()
-            if not self._kept:
-                self._store.remove(begun.path)
+            frame = self._begun.result()
+            if self._kept:
+                frame.file.close()
+            else:
+                self._store.take_back(frame)
 
 
 class WaveformStore:
-    """Writes and reads the files below one folder."""
+    """Writes and reads the files below one folder.
+
+    Each store begins files of its own, so that several may share a folder. In one store an axis is written by one
+    thread at a time.
+    """
 
     def __init__(self, root: Path) -> None:
         self._root = root
         self._writers = ThreadPoolExecutor(max_workers=WRITERS, thread_name_prefix="waveforms")
+        self._growing: dict[str, str] = {}  # by axis: the file that its next frame is added to
         self._recent = _RecentWindows(REMEMBERED_BYTES)
 
     def begin_write(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> Writing:
-        """Write windows to one new file; what takes long is done beside what the caller does next.
+        """Write windows into one new frame; what takes long is done beside what the caller does next.
 
         Raises
         ------
         StorageError
-            Here or later, if the disk does not take it; then there is no file.
+            Here or later, if the disk does not take it; then nothing of it is left.
         """
-        if _size(windows) > HANDED_OVER_BYTES:
+        if size_of(windows) > HANDED_OVER_BYTES:
             return Writing(self, self._writers.submit(self._begin, axis_id, windows, received_at))
-        begun: Future[_Begun] = Future()
+        begun: Future[_Frame] = Future()
         begun.set_result(self._begin(axis_id, windows, received_at))
         return Writing(self, begun)
 
@@ -132,175 +117,159 @@ class WaveformStore:
         """Wait for what is being written."""
         self._writers.shutdown()
 
-    def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Begun":
+    def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system, which begins to write them."""
-        packed = msgpack.packb([_pack(window) for window in windows])
-        compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(packed)
-        day = Path("raw") / received_at.astimezone(UTC).strftime("%Y/%m/%d") / axis_id
-        path = str(day / f"{uuid.uuid4().hex}.windows.zst")
-        with self._removed_unless_taken(path):
-            _make_folder(self._root / day)
-            file = (self._root / path).open("xb", buffering=0)
-            try:
-                _write_all(file, compressed)
+        content = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(pack_windows(windows))
+        with _storage_errors():
+            path, file = self._open(axis_id, f"raw/{received_at.astimezone(UTC):%Y/%m/%d}/{axis_id}")
+        offset = file.tell()
+        places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
+        frame = _Frame(axis_id, path, file, offset, places)
+        try:
+            with self._given_up_where_it_fails(frame):
+                _write_all(file, content)
                 _give_back_cache(file)
-            except OSError:
-                file.close()
-                raise
-        self._recent.add(path, windows)
-        places = [WaveformPlace(path, index, content_sha256(window)) for index, window in enumerate(windows)]
-        return _Begun(path, file, places)
+        except StorageError:
+            self.take_back(frame)
+            raise
+        self._recent.add((path, offset), windows)
+        return frame
 
-    def sync(self, begun: "_Begun") -> None:
-        """Wait until a file is on disk."""
-        with self._removed_unless_taken(begun.path):
-            os.fsync(begun.file.fileno())
-            _give_back_cache(begun.file)
-            _sync_folder((self._root / begun.path).parent)
+    def _open(self, axis_id: str, folder: str) -> tuple[str, FileIO]:
+        """Open the file that takes the next frame of an axis, at its end."""
+        path = self._growing.get(axis_id, "")
+        if path.startswith(f"{folder}/"):
+            with suppress(FileNotFoundError):  # somebody may have put it away
+                file = FileIO(f"{self._root}/{path}", "r+")
+                if file.seek(0, os.SEEK_END) < LARGEST_FILE_BYTES:
+                    return path, file
+                file.close()
+        path = f"{folder}/{uuid.uuid4().hex}.windows.zst"
+        _make_folder(self._root / folder)
+        file = FileIO(f"{self._root}/{path}", "x")
+        self._growing[axis_id] = path
+        return path, file
+
+    def sync(self, frame: "_Frame") -> None:
+        """Wait until a frame is on disk."""
+        with self._given_up_where_it_fails(frame):
+            os.fsync(frame.file.fileno())
+            _give_back_cache(frame.file)
+            if not frame.offset:
+                _sync_folder((self._root / frame.path).parent)
 
     @contextmanager
-    def _removed_unless_taken(self, path: str) -> Iterator[None]:
+    def _given_up_where_it_fails(self, frame: "_Frame") -> Iterator[None]:
         try:
-            yield
-        except OSError as error:
-            self.remove(path)
-            raise StorageError(
-                f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
-            ) from error
+            with _storage_errors():
+                yield
+        except StorageError:
+            self._growing.pop(frame.axis_id, None)  # nobody knows what the file holds from here on
+            raise
+
+    def take_back(self, frame: "_Frame") -> None:
+        """Remove a frame that no row names. It is the last of its file: an axis is written by one thread at a time."""
+        self._recent.forget((frame.path, frame.offset))
+        with frame.file, suppress(OSError):  # what cannot be removed costs room
+            if frame.offset:
+                frame.file.truncate(frame.offset)
+            else:
+                (self._root / frame.path).unlink(missing_ok=True)
 
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
-        """Read windows, or remember them; each file is read once.
+        """Read windows, or remember them; each frame is read once.
 
         Raises
         ------
         WaveformDamagedError
             If a file cannot be read, or a window is not what was stored.
         """
-        files: dict[str, Sequence[Window]] = {}
+        frames: dict[tuple[str, int], Sequence[Window]] = {}
         windows = []
         for place in places:
-            remembered = self._recent.get(place.path)
+            key = (place.path, place.offset)
+            remembered = self._recent.get(key)
             if remembered is not None:
                 windows.append(remembered[place.index])
                 continue
-            if place.path not in files:
-                files[place.path] = self._read_file(place.path)
-            windows.append(_checked(files[place.path], place))
+            if key not in frames:
+                frames[key] = self._read_frame(*key)
+            windows.append(_checked(frames[key], place))
         return windows
 
-    def _read_file(self, path: str) -> Sequence[Window]:
+    def _read_frame(self, path: str, offset: int) -> Sequence[Window]:
         try:
-            compressed = (self._root / path).read_bytes()
-            return [_unpack(item) for item in msgpack.unpackb(zstandard.ZstdDecompressor().decompress(compressed))]
+            with (self._root / path).open("rb") as file:
+                file.seek(offset)
+                return unpack_windows(_one_frame(file))
         except OSError as error:
             raise WaveformDamagedError(f"the waveform file {path} cannot be read: {error.strerror}") from error
-        except (zstandard.ZstdError, msgpack.UnpackException, ValueError, KeyError, TypeError) as error:
+        except (zstandard.ZstdError, ValueError, KeyError, TypeError) as error:
             raise WaveformDamagedError(f"the waveform file {path} is damaged: {error}") from error
 
-    def remove(self, path: str) -> None:
-        """Remove a file that no row names."""
-        self._recent.forget(path)
-        (self._root / path).unlink(missing_ok=True)
+
+def _one_frame(file: BinaryIO) -> bytes:
+    reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
+    while not reader.eof and (chunk := file.read(2**16)):
+        content += reader.decompress(chunk)
+    return bytes(content)
+
+
+@contextmanager
+def _storage_errors() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(
+            f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
+        ) from error
 
 
 def _checked(windows: Sequence[Window], place: WaveformPlace) -> Window:
     if place.index >= len(windows) or content_sha256(windows[place.index]) != place.content_sha256:
-        raise WaveformDamagedError(f"window {place.index} of the waveform file {place.path} is not what was stored")
+        raise WaveformDamagedError(
+            f"window {place.index} at byte {place.offset} of the waveform file {place.path} is not what was stored"
+        )
     return windows[place.index]
 
 
 @dataclass(frozen=True, slots=True)
-class _Begun:
-    """A file that the operating system has, and the disk perhaps not yet."""
+class _Frame:
+    """Windows that the operating system has, and the disk perhaps not yet."""
 
+    axis_id: str
     path: str
     file: FileIO
+    offset: int
     places: list[WaveformPlace]
 
 
 class _RecentWindows:
-    """Windows of the files written last, as long as they fit into a number of bytes."""
+    """Windows of the frames written last, as long as they fit into a number of bytes."""
 
     def __init__(self, most_bytes: int) -> None:
         self._most_bytes = most_bytes
         self._bytes = 0
-        self._files: OrderedDict[str, Sequence[Window]] = OrderedDict()
+        self._frames: OrderedDict[tuple[str, int], Sequence[Window]] = OrderedDict()
         self._guard = threading.Lock()
 
-    def add(self, path: str, windows: Sequence[Window]) -> None:
+    def add(self, frame: tuple[str, int], windows: Sequence[Window]) -> None:
         """Remember windows, and forget the oldest for their sake."""
         with self._guard:
-            self._files[path] = windows
-            self._bytes += _size(windows)
+            self._frames[frame] = windows
+            self._bytes += size_of(windows)
             while self._bytes > self._most_bytes:
-                self._bytes -= _size(self._files.popitem(last=False)[1])
+                self._bytes -= size_of(self._frames.popitem(last=False)[1])
 
-    def get(self, path: str) -> Sequence[Window] | None:
-        """Return the windows of a file if they are remembered."""
+    def get(self, frame: tuple[str, int]) -> Sequence[Window] | None:
+        """Return the windows of a frame if they are remembered."""
         with self._guard:
-            return self._files.get(path)
+            return self._frames.get(frame)
 
-    def forget(self, path: str) -> None:
-        """Let the windows of a file go."""
+    def forget(self, frame: tuple[str, int]) -> None:
+        """Let the windows of a frame go."""
         with self._guard:
-            self._bytes -= _size(self._files.pop(path, ()))
-
-
-def _size(windows: Sequence[Window]) -> int:
-    traces = (window.position_trace for window in windows)
-    return sum(window.excitation.nbytes + window.response.nbytes for window in windows) + sum(
-        trace.nbytes for trace in traces if trace is not None
-    )
-
-
-def _metadata(window: Window) -> dict[str, Any]:
-    conditions = window.conditions
-    return {
-        "started_at": window.started_at.astimezone(UTC).isoformat(),
-        "sample_rate_hz": window.sample_rate,
-        "measurement": window.measurement,
-        "excitation_quantity": str(window.excitation_quantity),
-        "excitation_source": str(window.excitation_source),
-        "direction": str(window.direction),
-        "position_span_m": window.position_span,
-        "position_m": conditions.position,
-        "payload_kg": conditions.payload_mass,
-        "temperature_c": conditions.temperature,
-        "preload_n": conditions.preload,
-    }
-
-
-def _pack(window: Window) -> dict[str, Any]:
-    def samples(values: np.ndarray[Any, Any]) -> dict[str, Any]:
-        kind = values.dtype.newbyteorder("<")
-        return {"dtype": kind.str, "bytes": np.ascontiguousarray(values, dtype=kind).data.cast("B")}
-
-    trace = window.position_trace
-    return _metadata(window) | {
-        "excitation": samples(window.excitation),
-        "response": samples(window.response),
-        "position_trace_m": None if trace is None else samples(trace),
-    }
-
-
-def _unpack(item: dict[str, Any]) -> Window:
-    def samples(packed: dict[str, Any]) -> np.ndarray[Any, Any]:
-        return np.frombuffer(packed["bytes"], dtype=packed["dtype"])
-
-    trace = item["position_trace_m"]
-    return Window(
-        excitation=samples(item["excitation"]),
-        response=samples(item["response"]),
-        sample_rate=item["sample_rate_hz"],
-        started_at=datetime.fromisoformat(item["started_at"]),
-        conditions=Conditions(item["position_m"], item["payload_kg"], item["temperature_c"], item["preload_n"]),
-        measurement=item["measurement"],
-        excitation_quantity=ExcitationQuantity(item["excitation_quantity"]),
-        excitation_source=ExcitationSource(item["excitation_source"]),
-        direction=Direction(item["direction"]),
-        position_span=item["position_span_m"],
-        position_trace=None if trace is None else samples(trace),
-    )
+            self._bytes -= size_of(self._frames.pop(frame, ()))
 
 
 def _write_all(file: FileIO, content: bytes) -> None:

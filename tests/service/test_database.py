@@ -9,10 +9,12 @@ import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import inspect, text
+from sqlalchemy import inspect, select, text
 
 from service.store.database import Database, alembic_config
-from service.store.tables import Base
+from service.store.measurements import accepted_places
+from service.store.tables import Base, MeasurementRow
+from service.store.waveforms import WaveformStore
 from tests.service.conftest import Api, running_service, simulated_measurement
 
 
@@ -80,6 +82,21 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
         assert api.http.get("/v1/axes").json() == {"axes": []}
         fill(api)
         assert len(api.trend("axis")) == 1
+
+
+def test_waveforms_of_an_older_version_are_read(database_url: str, tmp_path: Path) -> None:
+    """Before 0004 each file held one frame."""
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        fill(api)
+    database, store = Database(database_url), WaveformStore(tmp_path / "var")
+    with database.writing() as connection:
+        command.downgrade(alembic_config(connection), "0003")
+    database.migrate()
+    with database.read() as session:
+        places = accepted_places(session, session.scalars(select(MeasurementRow.id)).one())
+    assert len(store.read(places)) == 8
+    store.close()
+    database.close()
 
 
 def test_whole_way_on_postgresql_gives_what_sqlite_gives(postgresql: str, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sqlalchemy.exc import OperationalError
 from service.operations import ingest
 from service.store import intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
-from tests.service.test_ingest import stored_files
+from tests.service.test_ingest import stored_frames
 
 
 def failing_once(real: Callable[..., object], error: Exception, *, afterwards: bool = False) -> Callable[..., object]:
@@ -42,7 +42,7 @@ def test_full_disk_stores_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> 
     problem = assert_problem(answer, 503, "storage-failed")
     assert "No space left" in problem["detail"]
     assert answer.headers["retry-after"] == "1"
-    assert stored_files(api.data_dir) == []
+    assert stored_frames(api.data_dir) == []
     assert api.accept("axis", windows)["accepted"] == 15
 
 
@@ -54,7 +54,7 @@ def test_database_failure_stores_nothing(api: Api, monkeypatch: pytest.MonkeyPat
         broken.setattr(intake, "add_windows", failing_once(intake.add_windows, error))
         problem = assert_problem(api.post("axis", windows), 503, "storage-failed")
     assert "disk I/O error" in problem["detail"]
-    assert stored_files(api.data_dir) == []
+    assert stored_frames(api.data_dir) == []
     assert api.trend("axis") == []
     assert api.accept("axis", windows)["accepted"] == 15
 
@@ -74,7 +74,7 @@ def test_failure_at_the_commit_leaves_rows_with_their_waveforms(
     assert answer["already_there" if committed else "accepted"] == 15
     (outcome,) = answer["measurements"]
     assert outcome["reason"] == "not-calibrated"  # judged: its waveforms were all there
-    assert len(stored_files(api.data_dir)) == (1 if committed else 2)
+    assert len(stored_frames(api.data_dir)) == (1 if committed else 2)
 
 
 def test_change_by_another_process_meanwhile_is_not_overwritten(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +92,7 @@ def test_change_by_another_process_meanwhile_is_not_overwritten(api: Api, monkey
     with monkeypatch.context() as meanwhile:
         meanwhile.setattr(ingest, "judge", judge_while_another_process_activates)
         assert_problem(api.post("axis", windows), 503, "busy")
-    assert stored_files(api.data_dir) == []
+    assert stored_frames(api.data_dir) == []
     assert api.trend("axis") == []
     assert api.axis("axis")["name"] == "changed"
     assert api.accept("axis", windows)["accepted"] == 15

@@ -11,9 +11,10 @@ import httpx
 import msgpack
 import numpy as np
 import pytest
+import zstandard
 
 from service.cli.client import window_document
-from service.store.waveforms import content_sha256
+from service.store.window_format import content_sha256
 from tests.service.conftest import START, Api, assert_problem, axial_frequency, running_service, simulated_measurement
 
 
@@ -25,8 +26,17 @@ def as_base64(document: dict[str, Any]) -> dict[str, Any]:
     return {key: base64.b64encode(v).decode() if isinstance(v, bytes) else v for key, v in document.items()}
 
 
-def stored_files(data_dir: Path) -> list[Path]:
-    return sorted((data_dir / "raw").rglob("*.zst"))
+def stored_frames(data_dir: Path) -> list[tuple[Path, bytes]]:
+    """Return what requests left in the waveform files: the file and the bytes of each frame."""
+    frames = []
+    for file in sorted((data_dir / "raw").rglob("*.zst")):
+        rest = file.read_bytes()
+        while rest:
+            reader = zstandard.ZstdDecompressor().decompressobj()
+            reader.decompress(rest)
+            frames.append((file, rest[: len(rest) - len(reader.unused_data)]))
+            rest = reader.unused_data
+    return frames
 
 
 def test_whole_way_from_windows_to_newtons(shared_api: Api) -> None:
@@ -53,7 +63,7 @@ def test_whole_way_from_windows_to_newtons(shared_api: Api) -> None:
 def test_all_encodings_store_the_same_window(shared_api: Api) -> None:
     (window,) = simulated_measurement(np.random.default_rng(2), "m", n_windows=1)
     document = window_document(window)
-    files = []
+    frames = []
     for axis, send in (
         ("lists", {"json": as_lists(document)}),
         ("base64", {"json": as_base64(document)}),
@@ -63,11 +73,11 @@ def test_all_encodings_store_the_same_window(shared_api: Api) -> None:
         answer = shared_api.http.post(f"/v1/axes/{axis}/windows", **send)
         assert answer.status_code == 201, answer.text
         assert answer.json()["accepted"] == 1
-        (file,) = [path for path in stored_files(shared_api.data_dir) if path.parent.name == axis]
-        files.append(file.read_bytes())
+        (frame,) = [frame for path, frame in stored_frames(shared_api.data_dir) if path.parent.name == axis]
+        frames.append(frame)
         for again in ({"json": as_lists(document)}, {"json": as_base64(document)}):
             assert shared_api.http.post(f"/v1/axes/{axis}/windows", **again).json()["already_there"] == 1
-    assert files[0] == files[1] == files[2]
+    assert frames[0] == frames[1] == frames[2]
 
 
 def test_conversion_of_units_does_not_make_another_window() -> None:
@@ -86,12 +96,12 @@ def test_repeating_a_request_changes_nothing(shared_api: Api) -> None:
     shared_api.register("repeat")
     windows = simulated_measurement(np.random.default_rng(3), "m")
     first = shared_api.post("repeat", windows)
-    before = stored_files(shared_api.data_dir)
+    before = stored_frames(shared_api.data_dir)
     second = shared_api.post("repeat", windows, complete=True)
     assert (first.status_code, second.status_code) == (201, 200)
     assert second.json()["already_there"] == 15
     assert second.json()["measurements"] == first.json()["measurements"]  # who missed the answer gets it now
-    assert stored_files(shared_api.data_dir) == before
+    assert stored_frames(shared_api.data_dir) == before
     assert len(shared_api.trend("repeat")) == 1
 
 
@@ -108,14 +118,14 @@ def test_conflicting_window_is_refused_and_nothing_of_its_request_stored(shared_
     rng = np.random.default_rng(4)
     first, *others = simulated_measurement(rng, "m", n_windows=4)
     shared_api.accept("conflict", [first])
-    before = stored_files(shared_api.data_dir)
+    before = stored_frames(shared_api.data_dir)
     (contradiction,) = simulated_measurement(rng, "m", n_windows=1)
     problem = assert_problem(shared_api.post("conflict", [*others, contradiction]), 409, "conflict")
     assert "2026-03-02T06:00:00+00:00" in problem["detail"]
     # also when the two contradict each other within one request
     at_odds = [others[0], replace(others[0], response=others[1].response)]
     assert_problem(shared_api.post("conflict", at_odds), 409, "conflict")
-    assert stored_files(shared_api.data_dir) == before
+    assert stored_frames(shared_api.data_dir) == before
     assert shared_api.accept("conflict", others)["accepted"] == 3
 
 
@@ -239,7 +249,7 @@ def test_damaged_waveform_is_a_named_refusal(tmp_path: Path) -> None:
     with running_service(tmp_path) as api:
         api.register("axis")
         api.accept("axis", windows)
-        (file,) = stored_files(tmp_path)
+        ((file, _),) = stored_frames(tmp_path)
         content = bytearray(file.read_bytes())
         content[len(content) // 2] ^= 1
         file.write_bytes(content)

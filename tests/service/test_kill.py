@@ -20,6 +20,7 @@ from service.api.body import MSGPACK_TYPE
 from service.cli.client import window_document
 from service.store.waveforms import WaveformPlace, WaveformStore
 from tests.service.conftest import START, Api, ServerProcess, free_port, running_service, simulated_measurement
+from tests.service.test_ingest import stored_frames
 
 N_KILLS = 20
 N_MEASUREMENTS, N_WINDOWS = 120, 10
@@ -98,14 +99,16 @@ def stored_windows(data_dir: Path, axis: str) -> list[str]:
 
 
 def assert_waveforms_are_whole(data_dir: Path) -> int:
-    """Read every file that a row names, and check each window; return how many files no row names."""
+    """Read every frame that a row names, and check each window; return how many frames no row names."""
     with sqlite3.connect(data_dir / "preload.db") as connection:
-        named = connection.execute("SELECT file_path, index_in_file, content_sha256 FROM windows").fetchall()
+        named = connection.execute(
+            "SELECT file_path, offset_in_file, index_in_frame, content_sha256 FROM windows"
+        ).fetchall()
     connection.close()
     store = WaveformStore(data_dir)
     store.read(WaveformPlace(*row) for row in named)
     store.close()
-    return len(list((data_dir / "raw").rglob("*.zst"))) - len({path for path, _, _ in named})
+    return len(stored_frames(data_dir)) - len({(path, offset) for path, offset, *_ in named})
 
 
 def errors_in_logs(folder: Path) -> list[str]:

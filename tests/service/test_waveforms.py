@@ -1,15 +1,22 @@
 """Waveform files: what is remembered, what is read back, what is removed."""
 
-from datetime import UTC, datetime
+import errno
+import os
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
+import zstandard
 
 from monitor_core.recording import Conditions, Window
+from service.errors import StorageError, WaveformDamagedError
 from service.store import waveforms
-from service.store.waveforms import WaveformStore, content_sha256
+from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.window_format import content_sha256
 from tests.service.conftest import START
+from tests.service.test_failures import failing_once
 
 NOW = datetime(2026, 3, 2, tzinfo=UTC)
 
@@ -33,21 +40,77 @@ def test_what_was_written_is_read_back(tmp_path: Path, n_samples: int) -> None:
         assert content_sha256(fresh[i]) == content_sha256(item)
 
 
+def written(store: WaveformStore, item: Window, at: datetime = NOW) -> WaveformPlace:
+    with store.begin_write("axis", [item], at) as writing:
+        (place,) = writing.sync()
+        writing.keep()
+    return place
+
+
+def test_file_grows_request_by_request_and_is_plain_zstd_around_messagepack(tmp_path: Path) -> None:
+    store, posted = WaveformStore(tmp_path), [window(seed) for seed in range(3)]
+    places = [written(store, item) for item in posted]
+    assert [place.path for place in places] == [places[0].path] * 3
+    fresh = WaveformStore(tmp_path).read(places[::-1])
+    assert [content_sha256(item) for item in fresh] == [content_sha256(item) for item in posted[::-1]]
+    with (tmp_path / places[0].path).open("rb") as file:
+        reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+        frames = list(msgpack.Unpacker(reader))
+    assert [item["measurement"] for frame in frames for item in frame] == ["m0", "m1", "m2"]
+
+
 @pytest.mark.parametrize("n_samples", [1000, 200_000])
-def test_a_file_that_is_not_kept_is_removed(tmp_path: Path, n_samples: int) -> None:
-    with WaveformStore(tmp_path).begin_write("axis", [window(1, n_samples)], NOW) as writing:
-        path = tmp_path / writing.sync()[0].path
-        assert path.is_file()
-    assert not path.exists()
+@pytest.mark.parametrize("n_before", [0, 2])
+def test_what_is_not_kept_is_taken_back(tmp_path: Path, n_samples: int, n_before: int) -> None:
+    store = WaveformStore(tmp_path)
+    before = [written(store, window(seed)) for seed in range(n_before)]
+    size = sum(file.stat().st_size for file in tmp_path.rglob("*.zst"))
+    with store.begin_write("axis", [window(10, n_samples)], NOW) as writing:
+        (place,) = writing.sync()
+        assert (tmp_path / place.path).stat().st_size > size
+    assert sum(file.stat().st_size for file in tmp_path.rglob("*.zst")) == size
+    with pytest.raises(WaveformDamagedError):
+        store.read([place])
+    places = [*before, written(store, window(11))]
+    assert [item.measurement for item in WaveformStore(tmp_path).read(places)] == [f"m{i}" for i in range(n_before)] + [
+        "m11"
+    ]
+
+
+def test_another_file_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = WaveformStore(tmp_path)
+    first = written(store, window(0))
+    next_day = written(store, window(1), NOW + timedelta(days=1))
+    assert (first.path.split("/")[:4], next_day.path.split("/")[:4]) == (
+        ["raw", "2026", "03", "02"],
+        ["raw", "2026", "03", "03"],
+    )
+    monkeypatch.setattr(waveforms, "LARGEST_FILE_BYTES", 1)
+    beside = written(store, window(2), NOW + timedelta(days=1))
+    assert beside.path not in (first.path, next_day.path)
+    monkeypatch.undo()
+    (tmp_path / beside.path).unlink()  # somebody put it away
+    after = written(store, window(3), NOW + timedelta(days=1))
+    assert (after.path != beside.path, after.offset) == (True, 0)
+    assert len(WaveformStore(tmp_path).read([first, next_day, after])) == 3
+
+
+def test_file_that_failed_takes_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = WaveformStore(tmp_path)
+    first = written(store, window(0))
+    with monkeypatch.context() as broken, store.begin_write("axis", [window(1)], NOW) as writing:
+        broken.setattr(os, "fsync", failing_once(os.fsync, OSError(errno.EIO, os.strerror(errno.EIO))))
+        with pytest.raises(StorageError, match="Input/output error"):
+            writing.sync()
+    second = written(store, window(2))
+    assert second.path != first.path
+    assert [item.measurement for item in WaveformStore(tmp_path).read([first, second])] == ["m0", "m2"]
 
 
 def test_memory_of_windows_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = window(0)
     monkeypatch.setattr(waveforms, "REMEMBERED_BYTES", 3 * (one.excitation.nbytes + one.response.nbytes))
-    store, posted, places = WaveformStore(tmp_path), [window(seed) for seed in range(5)], []
-    for item in posted:
-        with store.begin_write("axis", [item], NOW) as writing:
-            places += writing.sync()
-            writing.keep()
+    store, posted = WaveformStore(tmp_path), [window(seed) for seed in range(5)]
+    places = [written(store, item) for item in posted]
     remembered = [store.read([place])[0] is item for place, item in zip(places, posted, strict=True)]
     assert remembered == [False, False, True, True, True]

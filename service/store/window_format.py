@@ -1,0 +1,110 @@
+"""A window as bytes: MessagePack, so that it can be read without this program, and the hash of what it says."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+
+
+def pack_windows(windows: Iterable[Window]) -> bytes:
+    """Return windows as MessagePack; samples keep the precision in which they were recorded."""
+    packed: bytes = msgpack.packb([_pack(window) for window in windows])
+    return packed
+
+
+def unpack_windows(packed: bytes) -> list[Window]:
+    """Return the windows that were packed.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        If these are no packed windows. (Whether they are the right ones, their hashes say.)
+    """
+    try:
+        return [_unpack(item) for item in msgpack.unpackb(packed)]
+    except msgpack.UnpackException as error:
+        raise ValueError(str(error) or type(error).__name__) from error
+
+
+def content_sha256(window: Window) -> str:
+    """Hash what a window says: two posts with the same hash are the same window.
+
+    Numbers are compared as float32, the precision of the wire: neither the encoding of the samples nor the last bits
+    that a conversion of units costs make another window of it.
+    """
+    digest = hashlib.sha256()
+    for samples in (window.excitation, window.response, window.position_trace):
+        digest.update(b"-" if samples is None else np.ascontiguousarray(_float32(samples)).data)
+    words = _metadata(window)
+    numbers = {name: value for name, value in words.items() if isinstance(value, int | float)}
+    words |= zip(numbers, _float32(list(numbers.values())).tolist(), strict=True)
+    digest.update(repr(words).encode())
+    return digest.hexdigest()
+
+
+def _float32(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401 - a number or an array of them
+    with np.errstate(over="ignore"):  # beyond float32 is infinite: as good as any other name for it
+        return np.asarray(values).astype("<f4", copy=False)
+
+
+def size_of(windows: Sequence[Window]) -> int:
+    """Return the bytes that the samples of windows take in memory."""
+    traces = (window.position_trace for window in windows)
+    return sum(window.excitation.nbytes + window.response.nbytes for window in windows) + sum(
+        trace.nbytes for trace in traces if trace is not None
+    )
+
+
+def _metadata(window: Window) -> dict[str, Any]:
+    conditions = window.conditions
+    return {
+        "started_at": window.started_at.astimezone(UTC).isoformat(),
+        "sample_rate_hz": window.sample_rate,
+        "measurement": window.measurement,
+        "excitation_quantity": str(window.excitation_quantity),
+        "excitation_source": str(window.excitation_source),
+        "direction": str(window.direction),
+        "position_span_m": window.position_span,
+        "position_m": conditions.position,
+        "payload_kg": conditions.payload_mass,
+        "temperature_c": conditions.temperature,
+        "preload_n": conditions.preload,
+    }
+
+
+def _pack(window: Window) -> dict[str, Any]:
+    def samples(values: np.ndarray[Any, Any]) -> dict[str, Any]:
+        kind = values.dtype.newbyteorder("<")
+        return {"dtype": kind.str, "bytes": np.ascontiguousarray(values, dtype=kind).data.cast("B")}
+
+    trace = window.position_trace
+    return _metadata(window) | {
+        "excitation": samples(window.excitation),
+        "response": samples(window.response),
+        "position_trace_m": None if trace is None else samples(trace),
+    }
+
+
+def _unpack(item: dict[str, Any]) -> Window:
+    def samples(packed: dict[str, Any]) -> np.ndarray[Any, Any]:
+        return np.frombuffer(packed["bytes"], dtype=packed["dtype"])
+
+    trace = item["position_trace_m"]
+    return Window(
+        excitation=samples(item["excitation"]),
+        response=samples(item["response"]),
+        sample_rate=item["sample_rate_hz"],
+        started_at=datetime.fromisoformat(item["started_at"]),
+        conditions=Conditions(item["position_m"], item["payload_kg"], item["temperature_c"], item["preload_n"]),
+        measurement=item["measurement"],
+        excitation_quantity=ExcitationQuantity(item["excitation_quantity"]),
+        excitation_source=ExcitationSource(item["excitation_source"]),
+        direction=Direction(item["direction"]),
+        position_span=item["position_span_m"],
+        position_trace=None if trace is None else samples(trace),
+    )
