@@ -1,11 +1,13 @@
 """Windows in: gated, judged when they complete a measurement, on disk and committed, then acknowledged."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
+
+from sqlalchemy import Connection
 
 from monitor_core.pipeline import MeasurementOutcome, check_window
 from monitor_core.preload import Calibration
@@ -20,7 +22,7 @@ from service.operations.lanes import Lanes
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
-from service.store.database import Database
+from service.store.database import Database, reading, writing
 from service.store.intake import AxisRecord, MeasurementRecord
 from service.store.measurements import accepted_places
 from service.store.waveforms import WaveformPlace, WaveformStore
@@ -103,46 +105,51 @@ class Ingest:
         Whatever is raised, nothing of the request is stored.
         """
         names = {window.measurement for window in windows}
-        with self._lanes.of(axis_id):
-            known = self._read(axis_id, windows, names)
+        with self._lanes.of(axis_id), self._database.connect() as connection:
+            known = self._read(connection, axis_id, windows, names)
             new = _new_windows(axis_id, windows, known.contents)
             judged_before = [row.outcome for row in known.measurements.values() if row.outcome is not None]
-            admission, verdicts = self._take(known, new, names if complete else set())
+            admission, verdicts = self._take(connection, known, new, names if complete else set())
         receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
         self._count(receipts, verdicts)
         if known.configuration.drive_model is not None and _leave_in_alarm(verdicts):
             self._follow_alarm(axis_id)
         return IngestReceipt(receipts, (*(verdict.document for verdict in verdicts), *judged_before))
 
-    def _read(self, axis_id: str, windows: Iterable[Window], names: Iterable[str]) -> _Known:
-        with self._database.reading() as connection:
+    def _read(self, connection: Connection, axis_id: str, windows: Collection[Window], names: Iterable[str]) -> _Known:
+        moments = [window.started_at for window in windows]
+        with reading(connection):
             axis, measurements = intake.read_axis(connection, axis_id, names)
             return _Known(
                 axis,
                 AxisConfiguration.model_validate(axis.configuration),
                 self._in_force.of(connection, axis),
-                intake.contents_at(connection, axis_id, [window.started_at for window in windows]),
+                intake.contents_between(connection, axis_id, min(moments), max(moments)),
                 measurements,
             )
 
-    def _take(self, known: _Known, new: Sequence[Window], complete_names: set[str]) -> tuple[Admission, list[Verdict]]:
+    def _take(
+        self, connection: Connection, known: _Known, new: Sequence[Window], complete_names: set[str]
+    ) -> tuple[Admission, list[Verdict]]:
         """Write the waveforms, gate and judge meanwhile, then commit all of it."""
         received_at = now()
         with ExitStack() as files:
-            writing = files.enter_context(self._waveforms.begin_write(known.axis.id, new, received_at)) if new else None
+            frame = files.enter_context(self._waveforms.begin_write(known.axis.id, new, received_at)) if new else None
             admission = self._admit(known, new)
-            judged = [(row, self._judge(row, known, admission)) for row in admission.complete(complete_names)]
-            if writing is None and not judged:
+            judged = [
+                (row, self._judge(connection, row, known, admission)) for row in admission.complete(complete_names)
+            ]
+            if frame is None and not judged:
                 return admission, []
-            places = [] if writing is None else writing.sync()
-            with self._database.writing() as connection:
+            places = [] if frame is None else frame.sync()
+            with writing(connection):
                 for row in admission.changed():
                     intake.save_admitted(connection, row)
                 if places:
                     intake.add_windows(connection, _window_rows(admission, places, received_at))
                 verdicts = [record(connection, known.axis, row, outcome, known.calibration) for row, outcome in judged]
-                if writing is not None:
-                    writing.keep()  # before the commit: one that fails may yet have happened (a lost connection)
+                if frame is not None:
+                    frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
         return admission, verdicts
 
     def _admit(self, known: _Known, windows: Iterable[Window]) -> Admission:
@@ -153,17 +160,21 @@ class Ingest:
             admission.admit(window, quality if isinstance(quality, Rejection) else None)
         return admission
 
-    def _judge(self, row: MeasurementRecord, known: _Known, admission: Admission) -> MeasurementOutcome:
+    def _judge(
+        self, connection: Connection, row: MeasurementRecord, known: _Known, admission: Admission
+    ) -> MeasurementOutcome:
         with self._metrics.judging.time():
-            return judge(self._accepted(row, admission), known.configuration, known.calibration)
+            return judge(self._accepted(connection, row, admission), known.configuration, known.calibration)
 
-    def _accepted(self, row: MeasurementRecord, admission: Admission) -> list[Window] | Rejection:
+    def _accepted(
+        self, connection: Connection, row: MeasurementRecord, admission: Admission
+    ) -> list[Window] | Rejection:
         """Return the accepted windows of a measurement, those of this request and those on disk, in time order."""
         windows = [item.window for item in admission.admitted if item.measurement is row and item.refusal is None]
         if row.id is not None and len(windows) < row.n_accepted:
             try:
-                with self._database.read() as session:
-                    places = accepted_places(session, row.id)
+                with reading(connection):
+                    places = accepted_places(connection, row.id)
                 windows += self._waveforms.read(places)
             except WaveformDamagedError as error:
                 return Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))

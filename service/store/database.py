@@ -29,41 +29,33 @@ class Database:
         self.engine = _create_engine(url)
 
     @contextmanager
-    def read(self) -> Iterator[Session]:
-        """Open a session for reading; in WAL mode it never waits for a writer."""
-        with self.reading() as connection, Session(connection, expire_on_commit=False) as session:
-            yield session
-
-    @contextmanager
-    def reading(self) -> Iterator[Connection]:
-        """Open a connection for reading plain records."""
-        with _translated(), self.engine.connect() as connection:
-            _begin(connection, "DEFERRED")
-            yield connection
-
-    @contextmanager
-    def writing(self) -> Iterator[Connection]:
-        """Open a connection that takes the write lock at once and commits at the end, durably.
+    def connect(self) -> Iterator[Connection]:
+        """Open a connection, for one transaction (:func:`reading`, :func:`writing`) after another.
 
         Raises
         ------
         StorageError, BusyError
-            If the database did not take it; then nothing was changed.
+            If the database did not take what a transaction wrote; then it changed nothing.
         """
-        with _translated(), self.engine.begin() as connection:
-            _begin(connection, "IMMEDIATE")
+        with _translated(), self.engine.connect() as connection:
             yield connection
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
-        """Open a session upon :meth:`writing`."""
-        with self.writing() as connection, Session(connection, expire_on_commit=False) as session:
+    def read(self) -> Iterator[Session]:
+        """Open a session for reading."""
+        with self.connect() as connection, reading(connection), Session(connection, expire_on_commit=False) as session:
             yield session
-            session.commit()  # hands everything to the connection, which commits it
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """Open a session for writing, which commits at the end."""
+        with self.connect() as connection, writing(connection), Session(connection, expire_on_commit=False) as session:
+            yield session
+            session.flush()
 
     def migrate(self) -> None:
         """Bring the schema to the newest version."""
-        with self.writing() as connection:
+        with self.connect() as connection, writing(connection):
             if connection.dialect.name == "postgresql":  # two services starting together must not both migrate
                 connection.execute(text("SELECT pg_advisory_xact_lock(7102018)"))
             command.upgrade(alembic_config(connection), "head")
@@ -76,6 +68,23 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+
+@contextmanager
+def reading(connection: Connection) -> Iterator[None]:
+    """Read what was committed at one moment; in WAL mode this never waits for a writer."""
+    with connection.begin() as transaction:
+        _begin(connection, "DEFERRED")
+        yield
+        transaction.rollback()
+
+
+@contextmanager
+def writing(connection: Connection) -> Iterator[None]:
+    """Take the write lock at once, and commit at the end, durably."""
+    with connection.begin():
+        _begin(connection, "IMMEDIATE")
+        yield
 
 
 def _begin(connection: Connection, mode: str) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, and_, bindparam, insert, or_, select, update
+from sqlalchemy import Connection, and_, bindparam, insert, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import UnknownResourceError
@@ -59,20 +59,19 @@ _AXES, _MEASUREMENTS, _WINDOWS = (
 )
 # Statements are built once: to build one takes longer than to run it.
 _CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
-_AXIS_AND_MEASUREMENTS = (
+_AXIS_AND_OPEN_MEASUREMENTS = (
     select(*(_AXES.c[n] for n in AxisRecord.__slots__), *(_MEASUREMENTS.c[n] for n in MeasurementRecord.__slots__))
     .select_from(_AXES)
-    .outerjoin(
-        _MEASUREMENTS,
-        and_(
-            _MEASUREMENTS.c.axis_id == _AXES.c.id,
-            or_(_MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))),
-        ),
-    )
+    .outerjoin(_MEASUREMENTS, and_(_MEASUREMENTS.c.axis_id == _AXES.c.id, _MEASUREMENTS.c.status == OPEN))
     .where(_AXES.c.id == bindparam("axis_id"))
 )
+_NAMED_MEASUREMENTS = select(*(_MEASUREMENTS.c[n] for n in MeasurementRecord.__slots__)).where(
+    _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))
+)
 _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
-    _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("moments", expanding=True))
+    _WINDOWS.c.axis_id == bindparam("axis_id"),
+    _WINDOWS.c.started_at >= bindparam("first"),
+    _WINDOWS.c.started_at <= bindparam("last"),
 )
 _NEW_MEASUREMENT, _NEW_WINDOWS = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id), insert(_WINDOWS)
 _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
@@ -91,12 +90,17 @@ def read_axis(
     UnknownResourceError
         If there is no axis of that name.
     """
-    rows = connection.execute(_AXIS_AND_MEASUREMENTS, {"axis_id": axis_id, "names": list(names)}).all()
+    rows = connection.execute(_AXIS_AND_OPEN_MEASUREMENTS, {"axis_id": axis_id}).all()
     if not rows:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
     n_of_axis = len(AxisRecord.__slots__)
-    measurements = (MeasurementRecord(*row[n_of_axis:]) for row in rows)
-    return AxisRecord(*rows[0][:n_of_axis]), {row.name: row for row in measurements if row.id is not None}
+    found = [MeasurementRecord(*row[n_of_axis:]) for row in rows]
+    measurements = {row.name: row for row in found if row.id is not None}
+    others = [name for name in names if name not in measurements]
+    if others:  # new ones, and those that are closed: seldom, when windows come one by one
+        for row in connection.execute(_NAMED_MEASUREMENTS, {"axis_id": axis_id, "names": others}):
+            measurements[row.name] = MeasurementRecord(*row)
+    return AxisRecord(*rows[0][:n_of_axis]), measurements
 
 
 def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
@@ -104,9 +108,9 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     return ChartsRecord(*connection.execute(_CHARTS, {"axis_id": axis.id}).one())
 
 
-def contents_at(connection: Connection, axis_id: str, moments: Iterable[datetime]) -> dict[datetime, str]:
-    """Return the hashes of the stored windows of an axis that started at these moments."""
-    rows = connection.execute(_CONTENTS, {"axis_id": axis_id, "moments": list(moments)})
+def contents_between(connection: Connection, axis_id: str, first: datetime, last: datetime) -> dict[datetime, str]:
+    """Return the hashes of the stored windows of an axis that started within a time, by their start."""
+    rows = connection.execute(_CONTENTS, {"axis_id": axis_id, "first": first, "last": last})
     return {row.started_at: row.content_sha256 for row in rows}
 
 

@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import Select, and_, func, or_, select
+from sqlalchemy import Connection, Select, and_, func, or_, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
@@ -25,14 +25,14 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
     return list(session.scalars(query.order_by(WindowRow.started_at)))
 
 
-def accepted_places(session: Session, measurement_id: int) -> list[WaveformPlace]:
+def accepted_places(connection: Session | Connection, measurement_id: int) -> list[WaveformPlace]:
     """Tell where the accepted windows of a measurement lie, in time order."""
     query = (
         select(WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
         .where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
         .order_by(WindowRow.started_at)
     )
-    return [WaveformPlace(*row) for row in session.execute(query)]
+    return [WaveformPlace(*row) for row in connection.execute(query)]
 
 
 def refused_windows(session: Session, axis_id: str) -> dict[str, int]:

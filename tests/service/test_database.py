@@ -11,7 +11,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import inspect, select, text
 
-from service.store.database import Database, alembic_config
+from service.store.database import Database, alembic_config, reading, writing
 from service.store.measurements import accepted_places
 from service.store.tables import Base, MeasurementRow
 from service.store.waveforms import WaveformStore
@@ -34,7 +34,7 @@ def postgresql() -> Iterator[str]:
 def emptied(url: str) -> str:
     """Empty a PostgreSQL database and return its address."""
     database = Database(url)
-    with database.writing() as connection:
+    with database.connect() as connection, writing(connection):
         connection.execute(text("DROP SCHEMA public CASCADE"))
         connection.execute(text("CREATE SCHEMA public"))
     database.close()
@@ -59,7 +59,7 @@ def test_migrations_make_the_tables(database_url: str) -> None:
     database = Database(database_url)
     database.migrate()
     database.migrate()  # a second start finds nothing to do
-    with database.reading() as connection:
+    with database.connect() as connection, reading(connection):
         differences = compare_metadata(
             MigrationContext.configure(connection, opts={"compare_type": True}), Base.metadata
         )
@@ -71,10 +71,10 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)
     database = Database(database_url)
-    with database.writing() as connection:
+    with database.connect() as connection, writing(connection):
         assert connection.execute(text("SELECT count(*) FROM windows")).scalar() == 8
         command.downgrade(alembic_config(connection), "base")
-    with database.writing() as connection:
+    with database.connect() as connection, writing(connection):
         assert inspect(connection).get_table_names() == ["alembic_version"]
     database.migrate()
     database.close()
@@ -89,7 +89,7 @@ def test_waveforms_of_an_older_version_are_read(database_url: str, tmp_path: Pat
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)
     database, store = Database(database_url), WaveformStore(tmp_path / "var")
-    with database.writing() as connection:
+    with database.connect() as connection, writing(connection):
         command.downgrade(alembic_config(connection), "0003")
     database.migrate()
     with database.read() as session:
