@@ -124,7 +124,7 @@ class Ingest:
                 axis,
                 AxisConfiguration.model_validate(axis.configuration),
                 self._in_force.of(connection, axis),
-                intake.contents_between(connection, axis_id, min(moments), max(moments)),
+                intake.contents_between(connection, axis, min(moments), max(moments)),
                 measurements,
             )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, and_, bindparam, insert, select, update
+from sqlalchemy import Connection, and_, bindparam, func, insert, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import UnknownResourceError
@@ -27,6 +27,7 @@ class AxisRecord:
     configuration: dict[str, Any]
     active_calibration_id: int | None
     revision: int
+    newest_window_at: datetime | None  # start of the last of its stored windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +60,16 @@ _AXES, _MEASUREMENTS, _WINDOWS = (
 )
 # Statements are built once: to build one takes longer than to run it.
 _CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
+_NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
+_AXIS = (_AXES.c.id, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
+_MEASUREMENT = tuple(_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__)
 _AXIS_AND_OPEN_MEASUREMENTS = (
-    select(*(_AXES.c[n] for n in AxisRecord.__slots__), *(_MEASUREMENTS.c[n] for n in MeasurementRecord.__slots__))
+    select(*_AXIS, *_MEASUREMENT)
     .select_from(_AXES)
     .outerjoin(_MEASUREMENTS, and_(_MEASUREMENTS.c.axis_id == _AXES.c.id, _MEASUREMENTS.c.status == OPEN))
     .where(_AXES.c.id == bindparam("axis_id"))
 )
-_NAMED_MEASUREMENTS = select(*(_MEASUREMENTS.c[n] for n in MeasurementRecord.__slots__)).where(
+_NAMED_MEASUREMENTS = select(*_MEASUREMENT).where(
     _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))
 )
 _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
@@ -93,7 +97,7 @@ def read_axis(
     rows = connection.execute(_AXIS_AND_OPEN_MEASUREMENTS, {"axis_id": axis_id}).all()
     if not rows:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
-    n_of_axis = len(AxisRecord.__slots__)
+    n_of_axis = len(_AXIS)
     found = [MeasurementRecord(*row[n_of_axis:]) for row in rows]
     measurements = {row.name: row for row in found if row.id is not None}
     others = [name for name in names if name not in measurements]
@@ -108,9 +112,11 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     return ChartsRecord(*connection.execute(_CHARTS, {"axis_id": axis.id}).one())
 
 
-def contents_between(connection: Connection, axis_id: str, first: datetime, last: datetime) -> dict[datetime, str]:
+def contents_between(connection: Connection, axis: AxisRecord, first: datetime, last: datetime) -> dict[datetime, str]:
     """Return the hashes of the stored windows of an axis that started within a time, by their start."""
-    rows = connection.execute(_CONTENTS, {"axis_id": axis_id, "first": first, "last": last})
+    if axis.newest_window_at is None or first > axis.newest_window_at:
+        return {}  # as it should be: windows arrive in order
+    rows = connection.execute(_CONTENTS, {"axis_id": axis.id, "first": first, "last": last})
     return {row.started_at: row.content_sha256 for row in rows}
 
 
