@@ -37,7 +37,7 @@ class Database:
         StorageError, BusyError
             If the database did not take what a transaction wrote; then it changed nothing.
         """
-        with _translated(), self.engine.connect() as connection:
+        with _translated(self.engine.dialect.loaded_dbapi), self.engine.connect() as connection:
             yield connection
 
     @contextmanager
@@ -62,7 +62,7 @@ class Database:
 
     def check(self) -> None:
         """Raise if the database does not answer."""
-        with _translated(), self.engine.connect() as connection:
+        with _translated(self.engine.dialect.loaded_dbapi), self.engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
     def close(self) -> None:
@@ -94,17 +94,16 @@ def _begin(connection: Connection, mode: str) -> None:
 
 
 @contextmanager
-def _translated() -> Iterator[None]:
-    """Turn the driver's errors into those of the service."""
+def _translated(driver: Any) -> Iterator[None]:  # noqa: ANN401 - a module, whichever
+    """Turn errors of SQLAlchemy and of the driver (a DB-API module) into those of the service."""
     try:
         yield
-    except (IntegrityError, StaleDataError) as error:
+    except (IntegrityError, driver.IntegrityError, StaleDataError) as error:
         raise BusyError("another process changed the same thing at this moment; send the request again") from error
     except PoolTimeoutError as error:
         raise BusyError("every database connection is taken; send the request again") from error
-    except (DBAPIError, sqlite3.Error) as error:
-        driver_error = error.orig if isinstance(error, DBAPIError) else error
-        reason = str(driver_error).strip().partition("\n")[0]
+    except (DBAPIError, driver.Error) as error:
+        reason = str(error.orig if isinstance(error, DBAPIError) else error).strip().partition("\n")[0]
         raise StorageError(f"the database refused: {reason}; send the request again") from error
 
 

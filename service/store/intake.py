@@ -1,7 +1,7 @@
 """What a window's way through the service reads and writes: plain records, one statement each.
 
 The other repositories work with mapped rows. Here, where every window passes, looking after mapped rows would take
-several times as long as the statements themselves.
+several times as long as the statements themselves. What a single window needs is prepared as well.
 """
 
 from collections.abc import Iterable
@@ -13,6 +13,7 @@ from sqlalchemy import Connection, and_, bindparam, func, insert, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import UnknownResourceError
+from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.tables import AxisRow, MeasurementRow, WindowRow
 
 #: Life of a measurement: windows arrive → looked at.
@@ -63,7 +64,7 @@ _CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXE
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
 _AXIS = (_AXES.c.id, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
 _MEASUREMENT = tuple(_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__)
-_AXIS_AND_OPEN_MEASUREMENTS = (
+_AXIS_AND_OPEN_MEASUREMENTS = PreparedSelect(
     select(*_AXIS, *_MEASUREMENT)
     .select_from(_AXES)
     .outerjoin(_MEASUREMENTS, and_(_MEASUREMENTS.c.axis_id == _AXES.c.id, _MEASUREMENTS.c.status == OPEN))
@@ -77,11 +78,13 @@ _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
     _WINDOWS.c.started_at >= bindparam("first"),
     _WINDOWS.c.started_at <= bindparam("last"),
 )
-_NEW_MEASUREMENT, _NEW_WINDOWS = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id), insert(_WINDOWS)
+_NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
+_NEW_WINDOW = PreparedChange(insert(_WINDOWS), [column.name for column in _WINDOWS.c if column.name != "id"])
 _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
     for table in (_AXES, _MEASUREMENTS)
 )
+_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, ["started_at", "n_accepted", "revision"])
 
 
 def read_axis(
@@ -94,7 +97,7 @@ def read_axis(
     UnknownResourceError
         If there is no axis of that name.
     """
-    rows = connection.execute(_AXIS_AND_OPEN_MEASUREMENTS, {"axis_id": axis_id}).all()
+    rows = _AXIS_AND_OPEN_MEASUREMENTS.rows(connection, {"axis_id": axis_id})
     if not rows:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
     n_of_axis = len(_AXIS)
@@ -122,7 +125,8 @@ def contents_between(connection: Connection, axis: AxisRecord, first: datetime, 
 
 def add_windows(connection: Connection, rows: list[dict[str, Any]]) -> None:
     """Store windows, given by the names of their columns."""
-    connection.execute(_NEW_WINDOWS, rows)
+    for row in rows:
+        _NEW_WINDOW.run(connection, row)
 
 
 def save_admitted(connection: Connection, measurement: MeasurementRecord) -> None:
@@ -138,22 +142,27 @@ def save_admitted(connection: Connection, measurement: MeasurementRecord) -> Non
         values = {name: getattr(measurement, name) for name in MeasurementRecord.__slots__ if name != "id"}
         measurement.id = connection.execute(_NEW_MEASUREMENT, values).scalar_one()
     else:
-        _change(connection, measurement, {"started_at": measurement.started_at, "n_accepted": measurement.n_accepted})
+        columns = {"started_at": measurement.started_at, "n_accepted": measurement.n_accepted}
+        _expect_one(measurement, _CHANGE_ADMITTED.run(connection, _next_revision(measurement, columns)))
 
 
 def save_judged(connection: Connection, measurement: MeasurementRecord, columns: dict[str, Any]) -> None:
     """Store what came of a measurement, given by the names of its columns."""
-    _change(connection, measurement, columns)
+    changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, columns))
+    _expect_one(measurement, changed.rowcount)
 
 
 def save_state(connection: Connection, axis: AxisRecord, monitor_state: dict[str, Any]) -> None:
     """Store where the charts of an axis stand."""
-    _change(connection, axis, {"monitor_state": monitor_state})
+    changed = connection.execute(_CHANGE_AXIS, _next_revision(axis, {"monitor_state": monitor_state}))
+    _expect_one(axis, changed.rowcount)
 
 
-def _change(connection: Connection, record: AxisRecord | MeasurementRecord, columns: dict[str, Any]) -> None:
-    statement = _CHANGE_AXIS if isinstance(record, AxisRecord) else _CHANGE_MEASUREMENT
-    values = columns | {"_id": record.id, "_seen": record.revision, "revision": record.revision + 1}
-    if connection.execute(statement, values).rowcount != 1:
+def _next_revision(record: AxisRecord | MeasurementRecord, columns: dict[str, Any]) -> dict[str, Any]:
+    return columns | {"_id": record.id, "_seen": record.revision, "revision": record.revision + 1}
+
+
+def _expect_one(record: AxisRecord | MeasurementRecord, n_rows: int) -> None:
+    if n_rows != 1:
         raise StaleDataError(f"row {record.id} is no longer at revision {record.revision}")
     record.revision += 1

@@ -1,0 +1,89 @@
+"""Statements that every window needs: SQLAlchemy writes them once for the database in use, then its driver runs them.
+
+Whatever a statement says, SQLAlchemy takes some 400 lines of Python to run it, of 6000 that a window takes in all.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, Dialect, Insert, Select, Update
+
+_Convert = Callable[[Any], Any] | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """A statement as one database wants it."""
+
+    text: str
+    constants: dict[str, Any]  # values that stand in the statement itself, by parameter
+    to_driver: list[tuple[str, _Convert]]  # by parameter, in the order of the text
+    by_position: bool
+
+
+class _Prepared:
+    """A statement with named parameters. Values are converted as SQLAlchemy converts them, both ways."""
+
+    def __init__(self, statement: Select[Any] | Insert | Update, columns: Sequence[str] = ()) -> None:
+        self._statement = statement
+        self._columns = columns
+        self._written: dict[str, _Written] = {}  # by name of the dialect
+
+    def _run(self, connection: Connection, values: dict[str, Any]) -> Any:  # noqa: ANN401 - a cursor of the driver
+        dialect = connection.dialect
+        written = self._written.get(dialect.name)
+        if written is None:
+            written = self._written[dialect.name] = _write(self._statement, self._columns, dialect)
+        given = written.constants | values
+        converted = {name: _converted(given[name], convert) for name, convert in written.to_driver}
+        cursor = connection.connection.cursor()
+        cursor.execute(written.text, tuple(converted.values()) if written.by_position else converted)
+        return cursor
+
+
+class PreparedSelect(_Prepared):
+    """A SELECT."""
+
+    def __init__(self, statement: Select[Any]) -> None:
+        super().__init__(statement)
+        self._kinds = [column.type for column in statement.selected_columns]
+        self._from_driver: dict[str, list[_Convert]] = {}  # by name of the dialect, for each column
+
+    def rows(self, connection: Connection, values: dict[str, Any]) -> list[list[Any]]:
+        """Return what it finds."""
+        cursor, dialect = self._run(connection, values), connection.dialect
+        convert = self._from_driver.get(dialect.name)
+        if convert is None:
+            convert = self._from_driver[dialect.name] = [
+                kind.dialect_impl(dialect).result_processor(dialect, described[1])
+                for kind, described in zip(self._kinds, cursor.description, strict=True)
+            ]
+        return [[_converted(*item) for item in zip(row, convert, strict=True)] for row in cursor.fetchall()]
+
+
+class PreparedChange(_Prepared):
+    """An INSERT or UPDATE, given the columns that it sets."""
+
+    def __init__(self, statement: Insert | Update, columns: Sequence[str]) -> None:
+        super().__init__(statement, columns)
+
+    def run(self, connection: Connection, values: dict[str, Any]) -> int:
+        """Run it, and return how many rows it met."""
+        n_rows: int = self._run(connection, values).rowcount
+        return n_rows
+
+
+def _write(statement: Select[Any] | Insert | Update, columns: Sequence[str], dialect: Dialect) -> _Written:
+    compiled = statement.compile(dialect=dialect, column_keys=list(columns) or None)
+    names = compiled.positiontup or list(compiled.binds)
+    return _Written(
+        text=compiled.string,
+        constants={name: bind.value for name, bind in compiled.binds.items() if not bind.required},
+        to_driver=[(name, compiled.binds[name].type.dialect_impl(dialect).bind_processor(dialect)) for name in names],
+        by_position=compiled.positiontup is not None,
+    )
+
+
+def _converted(value: Any, convert: _Convert) -> Any:  # noqa: ANN401 - whatever the column holds
+    return value if convert is None else convert(value)
