@@ -17,11 +17,6 @@ MSGPACK_TYPE = "application/msgpack"
 MSGPACK_TYPES = (MSGPACK_TYPE, "application/x-msgpack", "application/vnd.msgpack")
 
 
-async def raw_body(request: Request) -> bytes:
-    """Read the body. The only asynchronous step; the rest runs in a worker thread."""
-    return await request.body()
-
-
 def require_json(request: Request) -> None:
     """Refuse a body that is not declared to be JSON (routes that read nothing else)."""
     if request.headers.get("content-length", "0") != "0" or "transfer-encoding" in request.headers:

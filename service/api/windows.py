@@ -4,13 +4,14 @@ from collections import Counter
 from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
+from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.units import metres
-from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body, raw_body
+from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
 from service.api.fields import AxisId, Label, Moment
 from service.api.services import Services, services
 from service.operations.ingest import IngestReceipt, WindowStatus
@@ -155,18 +156,18 @@ def _posted(document: object) -> WindowsIn:
 
 
 @router.post("/axes/{axis}/windows", response_model=WindowsOut, status_code=200, openapi_extra=_REQUEST)
-def post_windows(
-    axis: AxisId,
-    request: Request,
-    body: Annotated[bytes, Depends(raw_body)],
-    on: Annotated[Services, Depends(services)],
-) -> Response:
+async def post_windows(axis: AxisId, request: Request) -> Response:
     """Store one window or a whole measurement, judge what is complete, and say what came of it.
 
     Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
     the same `started_at` is refused with 409, and then nothing of the request is stored.
     """
-    posted = _posted(parse_body(body, request.headers.get("content-type")))
+    body = await request.body()  # the only asynchronous step; the rest is done in a worker thread
+    return await run_in_threadpool(_take, await services(request), axis, body, request.headers.get("content-type"))
+
+
+def _take(on: Services, axis: str, body: bytes, content_type: str | None) -> Response:
+    posted = _posted(parse_body(body, content_type))
     receipt = on.ingest.ingest(axis, [window.to_core() for window in posted.windows], complete=posted.complete)
     answer = _answer(receipt)
     # A response of our own: FastAPI would validate what is valid, in yet another thread.
