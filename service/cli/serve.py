@@ -1,5 +1,6 @@
 """``preload serve``: the service on this machine."""
 
+import gc
 import socket
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         config = uvicorn.Config(
             create_app(settings), log_config=None, access_log=False, timeout_graceful_shutdown=GRACE_S
         )
+        gc.freeze()  # modules and routes stay: the collector need not look at them again and again
         try:
             uvicorn.Server(config).run(sockets=[listening])
         except SystemExit as error:  # the start failed; the log says why
