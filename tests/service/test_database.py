@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,15 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import inspect, select, text
 
+from service.store import intake
 from service.store.database import Database, alembic_config, reading, writing
+from service.store.intake import MeasurementRecord
 from service.store.measurements import accepted_places
-from service.store.tables import Base, MeasurementRow
+from service.store.tables import AxisRow, Base, MeasurementRow, WindowRow
 from service.store.waveforms import WaveformStore
-from tests.service.conftest import Api, running_service, simulated_measurement
+from tests.service.conftest import START, Api, running_service, simulated_measurement
+
+LATER = START + timedelta(hours=1)
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +87,27 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
         assert api.http.get("/v1/axes").json() == {"axes": []}
         fill(api)
         assert len(api.trend("axis")) == 1
+
+
+def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_path: Path) -> None:
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        fill(api)
+        api.accept("axis", simulated_measurement(np.random.default_rng(2), "open", n_windows=3, started_at=LATER))
+    database = Database(database_url)
+    with database.connect() as connection, reading(connection):
+        axis, measurements = intake.read_axis(connection, "axis", {"m", "open", "new"})
+        contents = intake.contents_between(connection, axis, LATER, LATER + timedelta(days=1))
+    with database.read() as session:
+        row = session.get_one(AxisRow, "axis")
+        assert all(getattr(axis, name) == getattr(row, name) for name in ("id", "configuration", "revision"))
+        windows = session.scalars(select(WindowRow).where(WindowRow.started_at >= LATER)).all()
+        assert contents == {one.started_at: one.content_sha256 for one in windows}
+        assert axis.newest_window_at == max(one.started_at for one in windows)
+        assert measurements.keys() == {"m", "open"}
+        for one in session.scalars(select(MeasurementRow)):
+            read = measurements[one.name]
+            assert all(getattr(read, name) == getattr(one, name) for name in MeasurementRecord.__slots__)
+    database.close()
 
 
 def test_waveforms_of_an_older_version_are_read(database_url: str, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.exc import OperationalError
 
 from service.operations import ingest
-from service.store import intake
+from service.store import database, intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_ingest import stored_frames
 
@@ -56,6 +56,18 @@ def test_database_failure_stores_nothing(api: Api, monkeypatch: pytest.MonkeyPat
     assert "disk I/O error" in problem["detail"]
     assert stored_frames(api.data_dir) == []
     assert api.trend("axis") == []
+    assert api.accept("axis", windows)["accepted"] == 15
+
+
+def test_locked_database_asks_to_send_again(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    api.register("axis")
+    windows = simulated_measurement(np.random.default_rng(2), "m")
+    with monkeypatch.context() as broken:
+        error = sqlite3.OperationalError("database is locked")  # of the driver, as it comes from BEGIN IMMEDIATE
+        broken.setattr(database, "_begin", failing_once(database._begin, error))
+        problem = assert_problem(api.post("axis", windows), 503, "storage-failed")
+    assert "database is locked" in problem["detail"]
+    assert stored_frames(api.data_dir) == []
     assert api.accept("axis", windows)["accepted"] == 15
 
 

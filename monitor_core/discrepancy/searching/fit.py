@@ -34,6 +34,7 @@ _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
 _STEP = 1e-4  # of a coordinate, for derivatives
+_MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _MOST_EVALUATIONS = 60
 _MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
@@ -173,6 +174,23 @@ def fit(
         around = likely(at)
     around = likely_from(around.errors, layout.standard_deviation, at)  # resolved at the errors that are likely now
     return Fitted(comparison, hypothesis, at, around, chosen)
+
+
+def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
+    """Return the same hypothesis at other coordinates, around the errors of the settings that are likely there.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the model has no answer there.
+    """
+    comparison, hypothesis, errors = fitted.comparison, fitted.hypothesis, fitted.around.errors
+    for _ in range(_MOST_ROUNDS):
+        around = _at_likely_errors(comparison, hypothesis, errors, comparison.layout.standard_deviation, coordinates)
+        if np.max(np.abs(around.errors - errors), initial=0.0) < _SAME_ERRORS:
+            break
+        errors = around.errors
+    return Fitted(comparison, hypothesis, coordinates, around, fitted.fitted)
 
 
 def _at_likely_errors(

@@ -1,0 +1,109 @@
+"""The mode of the posterior, against the likelihood integrated over the errors of the settings."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import simpson
+from scipy.optimize import minimize
+
+from monitor_core.discrepancy.effect import Effect, EffectParameter
+from monitor_core.discrepancy.hypothesis import Hypothesis
+from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.mode import at_mode
+from tests.discrepancy.axes import LinearSubject, layout_of
+from tests.discrepancy.test_fit import linear
+
+N_SETTINGS, N_VALUES = 24, 6
+NOISE, TAG = 0.1, 0.5  # of a value; of the phase of a setting [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class WaveComparison:
+    """Amplitude a cos(φ + e) + b sin(φ + e) at settings whose phase is known to e only, some values at each."""
+
+    layout: object
+    phase: np.ndarray
+    data: np.ndarray
+    errors: np.ndarray | float = 0.0
+    unit: str = "sigma"
+    noise_floor: float = 1.0
+    least_delta_bic: float = 10.0
+    setting_error_names: tuple = ("phase",)
+
+    def _there(self):
+        errors = np.broadcast_to(self.errors, (N_SETTINGS, 1))
+        return (self.phase + TAG * errors[:, 0])[self.layout.setting]
+
+    def misfit(self, physics):
+        there = self._there()
+        return physics[0] * np.cos(there) + physics[1] * np.sin(there) - self.data
+
+    def setting_errors(self, physics, misfit):
+        there = self._there()
+        return TAG * (-physics[0] * np.sin(there) + physics[1] * np.cos(there))[None, :]
+
+    def shifted(self, errors):
+        return replace(self, errors=errors)
+
+    def resolved(self, physics, errors):
+        return self
+
+
+def add_wave(theta, values):
+    return theta + np.array([values["cosine"], values["sine"]])
+
+
+WAVE = Effect(
+    "wave",
+    "A wave",
+    "It adds.",
+    "this test",
+    tuple(EffectParameter(name, "-", lower=-5.0, upper=5.0, scale=1.0) for name in ("cosine", "sine")),
+    add_wave,
+)
+
+
+def wave(seed):
+    rng = np.random.default_rng(seed)
+    phase = rng.uniform(0.0, 2.0 * np.pi, N_SETTINGS)
+    layout = layout_of((N_VALUES,) * N_SETTINGS, NOISE)
+    there = (phase + TAG * rng.standard_normal(N_SETTINGS))[layout.setting]
+    return WaveComparison(layout, phase, np.cos(there) + NOISE * rng.standard_normal(layout.n_values))
+
+
+def integrated_mode(comparison):
+    """Return the amplitude of the most likely wave: each error integrated out on a grid, without any linearisation."""
+    errors = np.linspace(-5.0, 5.0, 401)
+    angle = comparison.phase[:, None] + TAG * errors
+    means = comparison.data.reshape(N_SETTINGS, N_VALUES).mean(axis=1)[:, None]  # sufficient, its noise is known
+
+    def likelihood(a, b):
+        residual = (a * np.cos(angle) + b * np.sin(angle) - means) / (NOISE / np.sqrt(N_VALUES))
+        return np.sum(np.log(simpson(np.exp(-0.5 * (residual**2 + errors**2)), x=errors, axis=1)))
+
+    return float(np.hypot(*minimize(lambda one: -likelihood(*one), [1.0, 0.0], method="Nelder-Mead").x))
+
+
+def test_sizes_are_nearer_to_those_of_the_integrated_likelihood() -> None:
+    """Least squares make the wave too large, by more than the mode of a linearised likelihood makes it too small."""
+    by_fit, by_mode, integrated = [], [], []
+    for seed in range(16):
+        comparison = wave(seed)
+        found = fit(comparison, Hypothesis(LinearSubject({}, 2), (WAVE,)), np.array([1.0, 0.0]))
+        moved = at_mode(found)
+        assert moved.cost <= found.cost
+        by_fit.append(np.hypot(*found.coordinates))
+        by_mode.append(np.hypot(*moved.coordinates))
+        integrated.append(integrated_mode(comparison))
+    excess, shortfall = (np.mean(np.subtract(one, integrated)) for one in (by_fit, by_mode))
+    assert excess > 0.05
+    assert -0.6 * excess < shortfall < 0.0
+    by_fit_off, by_mode_off = (np.median(np.abs(np.subtract(one, integrated))) for one in (by_fit, by_mode))
+    assert by_mode_off < 0.6 * by_fit_off
+
+
+def test_fit_whose_errors_of_settings_do_not_depend_on_it_is_left_as_it_is() -> None:
+    comparison, subject = linear()
+    hypothesis = Hypothesis(subject, ())
+    found = fit(comparison, hypothesis, hypothesis.null)
+    assert at_mode(found) is found
