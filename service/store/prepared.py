@@ -1,6 +1,7 @@
 """Statements that every window needs: SQLAlchemy writes them once for the database in use, then its driver runs them.
 
-Whatever a statement says, SQLAlchemy takes some 400 lines of Python to run it, of 6000 that a window takes in all.
+SQLAlchemy's own way to run a statement takes several times as long as a small database takes to answer it. Errors are
+those of the driver, which :mod:`service.store.database` turns into the service's like those of SQLAlchemy.
 """
 
 from collections.abc import Callable, Sequence
