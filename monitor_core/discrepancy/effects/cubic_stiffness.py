@@ -21,6 +21,7 @@ CUBIC_STIFFNESS = Effect(
     source="Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5",
     parameters=(EffectParameter("relative_stiffness_per_m2", "1/m²", lower=-1e12, upper=1e13, scale=1e9),),
     add=_add,
-    form_share=0.25,
+    # found 0.64 to 0.80 of the true one in seven simulated machines of seven (docs/hidden-effects.md)
+    form_share=0.30,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
 )
