@@ -102,6 +102,14 @@ def judge_bare(windows: list[Window], configuration: AxisConfiguration, in_force
     assert judge_measurement(accepted, settings, in_force).refusal is None
 
 
+def core_rate(measurements: list[list[Window]], configuration: AxisConfiguration, in_force: Calibration) -> float:
+    """Return windows per second of the bare core."""
+    started = time.perf_counter()
+    for windows in measurements:
+        judge_bare(windows, configuration, in_force)
+    return len(measurements) * N_WINDOWS / (time.perf_counter() - started)
+
+
 @dataclass(frozen=True)
 class Way:
     """One way to send a measurement."""
@@ -221,10 +229,7 @@ def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[f
         for number, way in enumerate(WAYS):
             requests = [way.requests(f"axis-{number}", windows) for windows in measurements]
             of_way, of_core = rates[way.name]
-            started = time.perf_counter()
-            for windows in measurements:
-                judge_bare(windows, configuration, in_force)
-            of_core.append(IN_A_ROW * N_WINDOWS / (time.perf_counter() - started))
+            of_core.append(core_rate(measurements, configuration, in_force))
             started = time.perf_counter()
             answers = [[service.send(request) for request in of_one] for of_one in requests]
             of_way.append(IN_A_ROW * N_WINDOWS / (time.perf_counter() - started))
@@ -244,10 +249,7 @@ def highest_ratio(turns: int) -> list[tuple[float, float, float]]:
         for turn in range(turns):
             measurements = [renamed(samples[0], turn * IN_A_ROW + number) for number in range(IN_A_ROW)]
             requests = [one for windows in measurements for one in one_by_one.requests("axis", windows)]
-            started = time.perf_counter()
-            for windows in measurements:
-                judge_bare(windows, configuration, in_force)
-            of_core = 1e3 * (time.perf_counter() - started) / len(requests)
+            of_core = 1e3 / core_rate(measurements, configuration, in_force)
             started = time.perf_counter()
             for request in requests:
                 service.send(request)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -85,9 +86,8 @@ def explain(
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
     classes, final = _classes(found, candidates)
-    modes = {id(one): one for one in (final, *(of.leader.fitted for of in classes))}
-    modes = {key: at_mode(one) for key, one in modes.items()}  # sizes are stated there
-    final = modes[id(final)]
+    at_its_mode = cache(at_mode)  # sizes are stated there; a leader's fit is mostly the final one
+    final = at_its_mode(final)
     found = replace(found, final=final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
@@ -103,7 +103,7 @@ def explain(
     }
     return Explanation(
         outcome=outcome,
-        effects=tuple(_found_effect(one, modes[id(one.leader.fitted)], found.yardstick) for one in classes),
+        effects=tuple(_found_effect(one, at_its_mode(one.leader.fitted), found.yardstick) for one in classes),
         localisation=_places(found.baseline, candidates, scatter),
         remainder=_places(found.final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,

@@ -10,7 +10,7 @@ from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.searching.mode import at_mode
-from tests.discrepancy.axes import LinearSubject, layout_of
+from tests.discrepancy.axes import LinearSubject, layout_of, quantity
 from tests.discrepancy.test_fit import linear
 
 N_SETTINGS, N_VALUES = 24, 6
@@ -104,6 +104,6 @@ def test_sizes_are_nearer_to_those_of_the_integrated_likelihood() -> None:
 
 def test_fit_whose_errors_of_settings_do_not_depend_on_it_is_left_as_it_is() -> None:
     comparison, subject = linear()
-    hypothesis = Hypothesis(subject, ())
+    hypothesis = Hypothesis(subject, (quantity(2),))
     found = fit(comparison, hypothesis, hypothesis.null)
     assert at_mode(found) is found

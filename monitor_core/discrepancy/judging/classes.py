@@ -155,9 +155,7 @@ def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
     f is the yardstick's factor: residuals that hang together, or exceed their budget, say less.
     """
     n = fitted.hypothesis.n_coordinates
-    jacobian = fitted.jacobian[fitted.fitted]
-    precision = by.factor * jacobian.T @ jacobian
-    precision[np.diag_indices(fitted.hypothesis.n_uncertain)] += 1.0
+    precision = fitted.precision(by.factor)
     scale = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     correlation = precision / np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True) / np.outer(scale, scale)).reshape(n, n)

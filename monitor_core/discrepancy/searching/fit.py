@@ -116,6 +116,16 @@ class Fitted(Generic[Physics]):
         chi_squared = float(np.sum(self.standardised[self.fitted] ** 2))
         return chi_squared + self.prior_cost + self.around.whitened_by.log_determinant(self.fitted)
 
+    def precision(self, factor: float = 1.0) -> FloatArray:
+        r"""Return :math:`f J^T J + \Pi`, with the priors' precision Π, shape (n_coordinates, n_coordinates).
+
+        ``factor`` f is what a residual counts for.
+        """
+        jacobian = self.jacobian[self.fitted]
+        precision = factor * jacobian.T @ jacobian
+        precision[np.diag_indices(self.hypothesis.n_uncertain)] += 1.0
+        return np.asarray(precision)
+
     def physics(self) -> Physics:
         """Return the axis as fitted."""
         return self.hypothesis.physics(self.coordinates)

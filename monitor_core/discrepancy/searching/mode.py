@@ -25,7 +25,7 @@ _NEAR = 0.15  # of a standard deviation: so near the mode the search ends
 _SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
 _LEAST_TOLD = 1e-3  # of a coordinate's own scale, inverse squared: what is told less has no scale but its own
-_NO_ANSWER = 1e6  # added to the cost
+_NO_ANSWER = 1e6  # in the place of half the cost
 
 
 def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
@@ -57,10 +57,7 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
 
 def _scales(fitted: Fitted[Physics]) -> FloatArray:
     """Return the directions that data and priors tell, each of one standard deviation, as columns."""
-    jacobian, n_uncertain = fitted.jacobian[fitted.fitted], fitted.hypothesis.n_uncertain
-    information = jacobian.T @ jacobian
-    information[range(n_uncertain), range(n_uncertain)] += 1.0
-    values, vectors = np.linalg.eigh(information)
+    values, vectors = np.linalg.eigh(fitted.precision())
     return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_TOLD)))
 
 
