@@ -139,7 +139,7 @@ class WaveformStore:
         """Open the file that takes the next frame of an axis, at its end."""
         path = self._growing.get(axis_id, "")
         if path.startswith(f"{folder}/"):
-            with suppress(FileNotFoundError):  # somebody may have put it away
+            with suppress(OSError):  # somebody may have put it away, or to where nothing can be added
                 file = FileIO(f"{self._root}/{path}", "r+")
                 if file.seek(0, os.SEEK_END) < LARGEST_FILE_BYTES:
                     return path, file

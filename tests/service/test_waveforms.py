@@ -92,7 +92,11 @@ def test_another_file_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     (tmp_path / beside.path).unlink()  # somebody put it away
     after = written(store, window(3), NOW + timedelta(days=1))
     assert (after.path != beside.path, after.offset) == (True, 0)
-    assert len(WaveformStore(tmp_path).read([first, next_day, after])) == 3
+    (tmp_path / after.path).rename(tmp_path / "kept")
+    (tmp_path / after.path).mkdir()  # it is there, and cannot be opened
+    last = written(store, window(4), NOW + timedelta(days=1))
+    assert (last.path != after.path, last.offset) == (True, 0)
+    assert len(WaveformStore(tmp_path).read([first, next_day, last])) == 3
 
 
 def test_file_that_failed_takes_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
