@@ -117,14 +117,13 @@ class Ingest:
         return IngestReceipt(receipts, (*(verdict.document for verdict in verdicts), *judged_before))
 
     def _read(self, connection: Connection, axis_id: str, windows: Collection[Window], names: Iterable[str]) -> _Known:
-        moments = [window.started_at for window in windows]
         with reading(connection):
             axis, measurements = intake.read_axis(connection, axis_id, names)
             return _Known(
                 axis,
                 AxisConfiguration.model_validate(axis.configuration),
                 self._in_force.of(connection, axis),
-                intake.contents_between(connection, axis, min(moments), max(moments)),
+                intake.contents_at(connection, axis, {window.started_at for window in windows}),
                 measurements,
             )
 

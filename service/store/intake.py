@@ -4,7 +4,7 @@ The other repositories work with mapped rows. Here, where every window passes, l
 several times as long as the statements themselves. What a single window needs is prepared as well.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -74,9 +74,7 @@ _NAMED_MEASUREMENTS = select(*_MEASUREMENT).where(
     _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))
 )
 _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
-    _WINDOWS.c.axis_id == bindparam("axis_id"),
-    _WINDOWS.c.started_at >= bindparam("first"),
-    _WINDOWS.c.started_at <= bindparam("last"),
+    _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
 )
 _NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
 _NEW_WINDOW = PreparedChange(insert(_WINDOWS), [column.name for column in _WINDOWS.c if column.name != "id"])
@@ -115,11 +113,11 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     return ChartsRecord(*connection.execute(_CHARTS, {"axis_id": axis.id}).one())
 
 
-def contents_between(connection: Connection, axis: AxisRecord, first: datetime, last: datetime) -> dict[datetime, str]:
-    """Return the hashes of the stored windows of an axis that started within a time, by their start."""
-    if axis.newest_window_at is None or first > axis.newest_window_at:
+def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:
+    """Return the hashes of the stored windows of an axis that started at these moments, by their start."""
+    if axis.newest_window_at is None or min(starts) > axis.newest_window_at:
         return {}  # as it should be: windows arrive in order
-    rows = connection.execute(_CONTENTS, {"axis_id": axis.id, "first": first, "last": last})
+    rows = connection.execute(_CONTENTS, {"axis_id": axis.id, "starts": list(starts)})
     return {row.started_at: row.content_sha256 for row in rows}
 
 

@@ -24,7 +24,10 @@ class _Written:
 
 
 class _Prepared:
-    """A statement with named parameters. Values are converted as SQLAlchemy converts them, both ways."""
+    """A statement with named parameters. Values are converted as SQLAlchemy converts them, both ways.
+
+    A parameter stands once in a statement, and holds one value: lists of values are for SQLAlchemy to write out.
+    """
 
     def __init__(self, statement: Select[Any] | Insert | Update, columns: Sequence[str] = ()) -> None:
         self._statement = statement

@@ -92,17 +92,19 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
 def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_path: Path) -> None:
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)
-        api.accept("axis", simulated_measurement(np.random.default_rng(2), "open", n_windows=3, started_at=LATER))
+        windows = simulated_measurement(np.random.default_rng(2), "open", n_windows=3, started_at=LATER)
+        api.accept("axis", windows)
+    starts = {window.started_at for window in windows[1:]}
     database = Database(database_url)
     with database.connect() as connection, reading(connection):
         axis, measurements = intake.read_axis(connection, "axis", {"m", "open", "new"})
-        contents = intake.contents_between(connection, axis, LATER, LATER + timedelta(days=1))
+        contents = intake.contents_at(connection, axis, starts | {LATER - timedelta(seconds=0.5)})
     with database.read() as session:
         row = session.get_one(AxisRow, "axis")
         assert all(getattr(axis, name) == getattr(row, name) for name in ("id", "configuration", "revision"))
-        windows = session.scalars(select(WindowRow).where(WindowRow.started_at >= LATER)).all()
-        assert contents == {one.started_at: one.content_sha256 for one in windows}
-        assert axis.newest_window_at == max(one.started_at for one in windows)
+        stored = {one.started_at: one.content_sha256 for one in session.scalars(select(WindowRow))}
+        assert contents == {start: stored[start] for start in starts}
+        assert axis.newest_window_at == max(stored)
         assert measurements.keys() == {"m", "open"}
         for one in session.scalars(select(MeasurementRow)):
             read = measurements[one.name]
