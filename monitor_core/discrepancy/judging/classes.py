@@ -13,7 +13,7 @@ from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.hypothesis import is_size
 from monitor_core.discrepancy.judging.modes_of_their_own import modes_of_their_own
-from monitor_core.discrepancy.searching.evidence import STRONG, Yardstick, least_difference
+from monitor_core.discrepancy.searching.evidence import STRONG, VERY_STRONG, Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.holding_out import leaves_something
 from monitor_core.discrepancy.searching.search import Accepted, Found
@@ -26,10 +26,12 @@ _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
 _AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
-#: Effects are not held apart by less of their gain of BIC either: the form of no model is known better. Where something
-#: is left the model lacks more, and what that does to the evidence has no cap.
+#: By so much of itself may be off what an effect does, though nothing is left that tells; but no more than such a share
+#: of the values can hide.
+_SHAPE_ERROR = 0.05
+_HIDDEN = 0.01
+#: Where something is left the model lacks more: then effects are not held apart by less of their gain of BIC either.
 _MARGIN_OF_GAIN = 0.05
-_MARGIN_OF_COST = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +101,10 @@ def equivalence_class(
         for rival in accepted.rivals
         if rival.effect.key not in leading
     ]
-    of_gain = _MARGIN_OF_GAIN * accepted.delta_bic
-    if not leaves_something(found.final):
-        of_gain = min(of_gain, _MARGIN_OF_COST * by.n_values * by.share)
+    if leaves_something(found.final):
+        of_gain = _MARGIN_OF_GAIN * accepted.delta_bic
+    else:
+        of_gain = min(_margin_of_shape(accepted.delta_bic), _HIDDEN * by.n_values * by.share)
     margin = max(least_difference(found.final.comparison), of_gain)
     best = max([own.delta_bic, *(one.delta_bic for one in rivals)])
     inside = [own, *(one for one in rivals if one.delta_bic >= best - margin)]
@@ -116,6 +119,16 @@ def equivalence_class(
     members.sort(key=lambda one: (one.effect.key in barred, not one.plausible, -one.delta_bic))
     untested = modes_of_their_own(accepted.without, candidates)
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain)
+
+
+def _margin_of_shape(gain: float) -> float:
+    r"""Return the least difference D of BIC that an effect whose form is a little off does not feign.
+
+    What it does to the data measures √G standard deviations, and where another does best by D the two are √D apart. An
+    error ε√G along that distance moves D by :math:`2 \epsilon \sqrt{G D}`: what is left is to be very strong evidence.
+    """
+    error = _SHAPE_ERROR * math.sqrt(max(gain, 0.0))
+    return (error + math.hypot(error, math.sqrt(VERY_STRONG))) ** 2
 
 
 def _precedence(one: Member[Physics]) -> tuple[bool, bool, float]:
