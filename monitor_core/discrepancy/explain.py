@@ -189,7 +189,7 @@ def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) 
 
 def _found_effect(one: EquivalenceClass[Physics], at_its_mode: Fitted[Physics], by: Yardstick) -> FoundEffect:
     leader = one.leader
-    parameters = found_parameters(replace(leader, fitted=at_its_mode), by)
+    parameters = found_parameters(leader, at_its_mode, by)
     remarks = [f"the same finding as {key}" for key in one.twins]
     remarks += [
         f"a stand-in for something else: {name} = {item.estimate.value:.3g} {item.unit} is beyond its plausible range"

@@ -178,7 +178,7 @@ def test_covariance_rests_on_the_fitted_values() -> None:
 def test_parameters_of_a_member_in_their_units() -> None:
     effect = quantity(2, scale=0.1, upper=1.0)
     member = classed(effect).leader
-    (found,) = found_parameters(member, BY).values()
+    (found,) = found_parameters(member, member.fitted, BY).values()
     value = 0.1 * member.fitted.coordinates[1]
     deviation = np.hypot(0.1 * np.sqrt(covariance(member.fitted, BY)[1, 1]), effect.form_share * value)
     assert found.estimate.value == pytest.approx(value)
@@ -204,7 +204,7 @@ def test_intervals_cover_what_they_promise() -> None:
         fitted = fit(LinearComparison(layout, design, data, directions), hypothesis, np.array([0.0, 0.0, 0.9, -0.4]))
         by = yardstick(fitted)
         for effect, true in zip(hypothesis.effects, truth[2:], strict=True):
-            (found,) = found_parameters(Member(effect, fitted, 0.0, plausible=True), by).values()
+            (found,) = found_parameters(Member(effect, fitted, 0.0, plausible=True), fitted, by).values()
             covered.append(found.interval_95[0] <= true <= found.interval_95[1])
         deviation = np.sqrt(covariance(fitted, by)[0, 0])
         covered.append(abs(fitted.coordinates[0] - truth[0] / 0.2) <= 1.96 * deviation)
