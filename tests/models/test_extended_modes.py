@@ -127,22 +127,26 @@ def assembled(
     p, position, *, base_compliance=0.0, base_frequency=1.0, guide_stiffness=0.0, servo_stiffness=0.0,
     series_compliance=0.0, table_mass=0.0,
 ):  # fmt: skip
-    """Return finite elements of the axis; the base is the element's free point, pushed by the force of the nut."""
-    n_near = 90
+    """Return finite elements of the axis; the base, under both bearings, is the elements' point that nobody is at."""
+    n_near, n_far = 90, 150
     axis = Axis(
         length=p.screw_length, diameter=p.screw_diameter, lead=p.screw_lead, youngs_modulus=p.youngs_modulus,
         shear_modulus=p.shear_modulus, density=p.density, table_mass=p.table_mass + table_mass,
-        near_bearing=(p.bearing_stiffness, 0.0), far_bearing=(p.far_bearing_stiffness, 0.0), nut=(0.0, 0.0),
+        near_bearing=(0.0, 0.0), far_bearing=(0.0, 0.0), nut=(0.0, 0.0),
         coupling=(p.coupling_stiffness, 0.0), rotor_inertia=p.motor_inertia,
         nut_segment_mass=p.screw_nut_segment_mass, nut_segment_inertia=p.screw_nut_segment_inertia,
         motor_segment_inertia=p.screw_motor_segment_inertia,
     )  # fmt: skip
-    parts = Assembly(axis, n_near, 150, position)
+    parts = Assembly(axis, n_near, n_far, position)
     moved = {parts.table: 1.0, n_near: -1.0, parts.turn + n_near: -p.screw_lead / (2.0 * np.pi)}
+    on_base = {}
     if base_compliance:
-        parts.spring({parts.nut: 1.0}, 1.0 / base_compliance, 0.0)
-        parts.mass[parts.nut, parts.nut] += 1.0 / base_compliance / (2.0 * np.pi * base_frequency) ** 2
-        moved[parts.nut] = -1.0
+        base = parts.nut
+        parts.spring({base: 1.0}, 1.0 / base_compliance, 0.0)
+        parts.mass[base, base] += 1.0 / base_compliance / (2.0 * np.pi * base_frequency) ** 2
+        on_base = {base: -1.0}
+    parts.spring({0: 1.0} | on_base, p.bearing_stiffness, 0.0)
+    parts.spring({n_near + n_far: 1.0} | on_base, p.far_bearing_stiffness, 0.0)
     parts.spring(moved, 1.0 / (1.0 / p.nut_stiffness + series_compliance), 0.0)
     parts.spring({parts.table: 1.0}, guide_stiffness, 0.0)
     parts.spring({parts.rotor: 1.0}, servo_stiffness, 0.0)

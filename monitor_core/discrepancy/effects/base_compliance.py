@@ -35,7 +35,6 @@ BASE_COMPLIANCE = Effect(
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
     add=_add,
-    form_share=0.04,
     needs=frozenset({ConditionAxis.FREQUENCY}),
     applies=_applies,
 )

@@ -167,7 +167,7 @@ def _motion(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> _
 def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisStates) -> tuple[Bilinear, ...]:
     r"""Return Δ, jωxΔ and δΔ at the knots.
 
-    With the letters of ``closed_form``, P = A T g and C = 1/κ + Q/P,
+    With the letters of ``closed_form``, P = A T and C = 1/κ + Q/P,
 
     .. math::
 
@@ -178,11 +178,10 @@ def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisState
     where the damper adds jωc to Z and hardening adds hk to κ.
     """
     parts = entire_parts(physics, excitations.omega, states, excitations.ends)
-    p = parts.axial * parts.torsion * parts.base
-    q = (parts.axial_yield * parts.torsion + parts.turning * parts.axial) * parts.base
-    q = q + parts.bracket * p + parts.base_compliance * parts.axial * parts.torsion
+    p = parts.axial * parts.torsion
+    q = parts.axial_yield * parts.torsion + parts.turning * parts.axial + parts.bracket * p
     damper, spring = 1j * excitations.omega, _spring(physics, excitations.omega, parts.nut)
-    by_torque, lever = excitations.by_torque, parts.torque_lever * parts.axial * parts.base
+    by_torque, lever = excitations.by_torque, parts.torque_lever * parts.axial
     behind_table = p + parts.nut * q
     characteristic = {
         (0, 0): parts.nut * p + parts.table * behind_table,

@@ -1,15 +1,15 @@
 r"""The extended drive in closed form, every line for itself: no matrix is solved.
 
-The force F in the nut meets, one after the other, nut, bracket, screw in tension, base, and screw in torsion behind the
-lead. With the compliance C of all of them and the dynamic stiffness Z of the table,
+The force F in the nut meets, one after the other, nut, bracket, screw in tension, and screw in torsion behind the lead.
+With the compliance C of all of them and the dynamic stiffness Z of the table,
 
 .. math::
 
-    C = \frac{1}{\kappa_n} + c_s + \frac{B}{A} + \frac{i^2 U}{T} + \frac{c_b}{g}, \qquad
+    C = \frac{1}{\kappa_n} + c_s + \frac{B}{A} + \frac{i^2 U}{T}, \qquad
     H_{table,force} = \frac{C}{1 + C Z}, \qquad H_{table,torque} = \frac{u}{1 + C Z}
 
-where u is the travel of the unloaded nut per unit of torque. Eqs. (1)–(24) of [1]_ written out, with a base, and
-springs at the guides and at the rotor. A, B, T, U, g and Z have no poles: multiplied out, the drive has a
+where u is the travel of the unloaded nut per unit of torque. Eqs. (1)–(24) of [1]_ written out, with a base under the
+bearings, and springs at the guides and at the rotor. A, B, T, U and Z have no poles: multiplied out, the drive has a
 characteristic function without poles, whose zeros are the poles of the drive. As mass or torsional compliance of the
 screw go to zero nothing in it becomes singular, so that a lumped drive is a distributed one with other numbers.
 
@@ -40,7 +40,7 @@ Values = npt.NDArray[np.inexact[Any]]
 class EntireParts:
     """The letters of the module's docstring, functions of ω without poles; shape (n_lines,) or ()."""
 
-    axial: Values  # A: A/B is the stiffness of the screw at the nut, bearings and nut segment included
+    axial: Values  # A: A/B is the stiffness of the screw at the nut, with bearings, base and nut segment
     axial_yield: Values  # B
     torsion: Values  # T: T/U is the torsional stiffness at the nut, motor end included
     turning: Values  # U, with i²
@@ -48,8 +48,6 @@ class EntireParts:
     held_torsion: Values  # T times the angle there per torque
     nut: Values  # κ_n [N/m]
     bracket: Values  # c_s of bracket and series compliance [m/N]
-    base: Values  # g
-    base_compliance: float  # c_b [m/N]
     table: Values  # Z [N/m]
 
 
@@ -95,25 +93,24 @@ def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: 
     elastic = _elastic(joints, omega)
     axial, axial_yield = _axial(physics, omega, states.position)
     torsion = _torsion(physics, omega, states.position, ends)
-    base: Values = np.ones(())
-    if added.base_compliance:
-        ratio = omega / (2.0 * np.pi * added.base_frequency)
-        base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
     return EntireParts(
         axial,
         axial_yield,
         *torsion,
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
         bracket=(1.0 / joints.bracket_stiffness + added.series_compliance) / elastic,
-        base=base,
-        base_compliance=added.base_compliance,
         table=added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping),
     )
 
 
 def _axial(physics: AxisPhysics, omega: Values, position: FloatArray) -> tuple[Values, Values]:
-    """Return A and B: both rods in parallel at the nut, each held by its bearing."""
-    screw, joints = physics.screw, physics.joints
+    r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
+
+    Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
+    :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. On a base of stiffness
+    :math:`g/c_b` the sums over both rods leave :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
+    """
+    screw, joints, added = physics.screw, physics.joints, physics.added
     elastic = _elastic(joints, omega)
     near_bearing = joints.bearing_stiffness * elastic + _damper(omega, joints.bearing_damping)
     far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
@@ -123,8 +120,18 @@ def _axial(physics: AxisPhysics, omega: Values, position: FloatArray) -> tuple[V
     near_end = near.cosine + near_bearing * near.sine_over_z
     far_end = far.cosine + far_bearing * far.sine_over_z
     segment = omega * omega * screw.nut_segment_mass
-    loaded_far = far_bearing * far.cosine - far.z_sine - segment * far_end
-    return (near_bearing * near.cosine - near.z_sine) * far_end + near_end * loaded_far, near_end * far_end
+    near_base, far_base = near_bearing * near.cosine, far_bearing * far.cosine
+    near_nut, far_nut = near_base - near.z_sine, far_base - far.z_sine
+    stiffness = near_nut * far_end + near_end * (far_nut - segment * far_end)
+    if not added.base_compliance:
+        return stiffness, near_end * far_end
+    ratio = omega / (2.0 * np.pi * added.base_frequency)
+    base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
+    on_base = near_base * far_end + near_end * far_base
+    # (Σk_nn Σk_bb − (Σk_nb)²) e e', in which c² + s z = 1 has cancelled one e e'
+    both = near_nut * far_base + far_nut * near_base - 2.0 * near_bearing * far_bearing - segment * on_base
+    both = both - near_bearing * near.z_sine * far_end - far_bearing * far.z_sine * near_end
+    return stiffness * base + added.base_compliance * both, near_end * far_end * base + added.base_compliance * on_base
 
 
 def _torsion(
@@ -203,8 +210,6 @@ def path_of(parts: EntireParts) -> Path:
     """Return what force and torque meet: the divisions of the closed form, once."""
     per_torsion = 1.0 / parts.torsion
     beside_nut = parts.bracket + parts.axial_yield / parts.axial + parts.turning * per_torsion
-    if parts.base_compliance:
-        beside_nut = beside_nut + parts.base_compliance / parts.base
     return Path(parts.nut, beside_nut, parts.table, parts.torque_lever * per_torsion, parts.held_torsion * per_torsion)
 
 
@@ -223,12 +228,11 @@ def characteristic(parts: EntireParts) -> Values:
 
     .. math::
 
-        \Delta = \kappa_n A T g + Z \left[ (1 + \kappa_n c_s) A T g + \kappa_n (B T g + i^2 U A g + c_b A T) \right]
+        \Delta = \kappa_n A T + Z \left[ (1 + \kappa_n c_s) A T + \kappa_n (B T + i^2 U A) \right]
 
     Its scale is without meaning.
     """
     axial_torsion = parts.axial * parts.torsion
     yields = parts.axial_yield * parts.torsion + parts.turning * parts.axial
-    series = (1.0 + parts.nut * parts.bracket) * axial_torsion * parts.base
-    series = series + parts.nut * (yields * parts.base + parts.base_compliance * axial_torsion)
-    return np.asarray(parts.nut * axial_torsion * parts.base + parts.table * series)
+    series = (1.0 + parts.nut * parts.bracket) * axial_torsion + parts.nut * yields
+    return np.asarray(parts.nut * axial_torsion + parts.table * series)

@@ -1,9 +1,9 @@
 r"""Natural frequencies and modes of the extended drive under many conditions at once, none missed and none twice.
 
-Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension,
-screw in torsion, base, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So there
-is exactly one natural frequency between two neighbouring poles of the parts. These are far apart, and a change of sign
-on a grid finds them. Damping is then let in by degrees, and Newton's method follows each pole.
+Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension on
+its base, screw in torsion, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So
+there is exactly one natural frequency between two neighbouring poles of the parts. These are far apart, and a change of
+sign on a grid finds them. Damping is then let in by degrees, and Newton's method follows each pole.
 
 Friction and hardening of the nut, which depend on the excitation, are left out, and so is the second mode, which is no
 part of the drive.
@@ -175,7 +175,7 @@ def _sum_of_parts(drives: _Drives, omega: FloatArray, condition: Index) -> Float
 
 
 def _poles_of_parts(drives: _Drives, highest: float) -> tuple[FloatArray, Index]:
-    """Return where screw, table or base alone would resonate, in rad/s, and the condition of each."""
+    """Return where screw or table alone would resonate, in rad/s, and the condition of each."""
     screw, added = drives.physics.screw, drives.physics.added
     slowness = math.sqrt(screw.axial_mass_share * screw.mass_per_length / screw.axial_rigidity) + math.sqrt(
         screw.torsion_share * screw.torsional_inertia_share * screw.inertia_per_length / screw.torsional_rigidity
@@ -190,13 +190,10 @@ def _poles_of_parts(drives: _Drives, highest: float) -> tuple[FloatArray, Index]
         condition, line = np.nonzero(negative[:, :-1] != negative[:, 1:])
         poles.append(_zeros(_part(drives, name), grid[line], grid[line + 1], condition))
         owners.append(condition)
-    lumped = [np.sqrt(max(added.guide_stiffness, 0.0) / drives.states.moving_mass)]
-    if added.base_compliance and math.isfinite(added.base_frequency):
-        lumped.append(np.full(n_conditions, 2.0 * math.pi * added.base_frequency))
-    for omega in lumped:
-        within = np.flatnonzero((omega > _LOWEST * highest) & (omega < highest))
-        poles.append(omega[within])
-        owners.append(within)
+    table = np.sqrt(max(added.guide_stiffness, 0.0) / drives.states.moving_mass)
+    within = np.flatnonzero((table > _LOWEST * highest) & (table < highest))
+    poles.append(table[within])
+    owners.append(within)
     return np.concatenate(poles), np.concatenate(owners)
 
 
