@@ -157,14 +157,14 @@ class Service:
         self._socket = socket.create_connection(("127.0.0.1", port), timeout=120)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def send(self, request: bytes) -> Any:
-        """Send a request to the windows of an axis; anything but success ends the benchmark."""
+    def send(self, request: bytes) -> bytes:
+        """Send a request to the windows of an axis and return the answer; anything but success ends the benchmark."""
         self._socket.sendall(request)
         head, _, content = self._receive(lambda received: b"\r\n\r\n" in received).partition(b"\r\n\r\n")
         (length,) = re.findall(rb"content-length: (\d+)", head)
         content += self._receive(lambda received: len(content) + len(received) >= int(length))
         assert head.startswith(b"HTTP/1.1 201"), content
-        return json.loads(content)
+        return content
 
     def _receive(self, enough: Callable[[bytes], bool]) -> bytes:
         received = b""
@@ -234,8 +234,9 @@ def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[f
             answers = [[service.send(request) for request in of_one] for of_one in requests]
             of_way.append(IN_A_ROW * N_WINDOWS / (time.perf_counter() - started))
             for of_one in answers:
-                assert sum(answer["accepted"] for answer in of_one) == N_WINDOWS
-                assert of_one[-1]["measurements"][0]["preload_n"] is not None
+                documents = [json.loads(answer) for answer in of_one]
+                assert sum(document["accepted"] for document in documents) == N_WINDOWS
+                assert documents[-1]["measurements"][0]["preload_n"] is not None
     return {name: (of_way[1:], of_core[1:]) for name, (of_way, of_core) in rates.items()}  # the first warms up
 
 
