@@ -36,7 +36,7 @@ from monitor_core.discrepancy.localising.localisation import (
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import gain, gap_of, judged_values
-from monitor_core.discrepancy.searching.mode import at_mode
+from monitor_core.discrepancy.searching.mode import half_way_to_mode
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.searching.signatures import signatures
@@ -86,8 +86,8 @@ def explain(
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
     classes, final = _classes(found, candidates)
-    at_its_mode = cache(at_mode)  # sizes are stated there; a leader's fit is mostly the final one
-    final = at_its_mode(final)
+    as_stated = cache(half_way_to_mode)  # a leader's fit is mostly the final one
+    final = as_stated(final)
     found = replace(found, final=final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
@@ -103,7 +103,7 @@ def explain(
     }
     return Explanation(
         outcome=outcome,
-        effects=tuple(_found_effect(one, at_its_mode(one.leader.fitted), found.yardstick) for one in classes),
+        effects=tuple(_found_effect(one, as_stated(one.leader.fitted), found.yardstick) for one in classes),
         localisation=_places(found.baseline, candidates, scatter),
         remainder=_places(found.final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,
@@ -187,9 +187,9 @@ def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) 
     return tuple(steps)
 
 
-def _found_effect(one: EquivalenceClass[Physics], at_its_mode: Fitted[Physics], by: Yardstick) -> FoundEffect:
+def _found_effect(one: EquivalenceClass[Physics], stated: Fitted[Physics], by: Yardstick) -> FoundEffect:
     leader = one.leader
-    parameters = found_parameters(leader, at_its_mode, by)
+    parameters = found_parameters(leader, stated, by)
     remarks = [f"the same finding as {key}" for key in one.twins]
     remarks += [
         f"a stand-in for something else: {name} = {item.estimate.value:.3g} {item.unit} is beyond its plausible range"

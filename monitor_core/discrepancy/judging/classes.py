@@ -174,32 +174,31 @@ def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
     return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True) / np.outer(scale, scale)).reshape(n, n)
 
 
-def found_parameters(member: Member[Physics], mode: Fitted[Physics], by: Yardstick) -> dict[str, FoundParameter]:
+def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yardstick) -> dict[str, FoundParameter]:
     """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
 
-    They are stated at the mode. Beside the scatter of the data stands what the formula of the effect leaves out, of a
-    size, and half of what lies between the mode and the fit: neither of them integrates over the errors of the
-    settings, and they err to different sides (``tests/discrepancy/test_mode.py``).
+    Beside the scatter of the data stands what the formula of the effect leaves out, of a size, and what lies between
+    the fit and where it is stated: as far on the other side lies the mode (``searching/mode``).
 
     Parameters
     ----------
     member : Member
-    mode : Fitted
-        Its fit at the mode of the posterior.
+    stated : Fitted
+        Its fit, half way to the mode of the posterior.
     by : Yardstick
     """
-    values = mode.hypothesis.values(mode.coordinates)[member.effect.key]
-    variances = np.diag(covariance(mode, by))
-    between = np.abs(mode.coordinates - member.fitted.coordinates)
+    values = stated.hypothesis.values(stated.coordinates)[member.effect.key]
+    variances = np.diag(covariance(stated, by))
+    between = np.abs(stated.coordinates - member.fitted.coordinates)
     found = {}
-    for index, (effect, one) in enumerate(mode.hypothesis.unknowns):
+    for index, (effect, one) in enumerate(stated.hypothesis.unknowns):
         if effect.key != member.effect.key:
             continue
-        value, at = values[one.name], mode.hypothesis.n_uncertain + index
+        value, at = values[one.name], stated.hypothesis.n_uncertain + index
         scatter = math.sqrt(max(float(variances[at]), 0.0))
         form = effect.form_share * abs(value) if is_size(one) else 0.0
-        deviation = math.hypot(one.scale * scatter, one.scale * float(between[at]) / 2.0, form)
+        deviation = math.hypot(one.scale * scatter, one.scale * float(between[at]), form)
         interval = (value - 1.959964 * deviation, value + 1.959964 * deviation)
-        plausible = _is_plausible(mode, index, by)
+        plausible = _is_plausible(stated, index, by)
         found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible)
     return found

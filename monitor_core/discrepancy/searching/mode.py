@@ -1,10 +1,11 @@
-r"""A fit moved to the mode of its posterior, where the errors of the settings depend on what was fitted.
+r"""A fit moved half way to the mode of its posterior, where the errors of the settings depend on what was fitted.
 
 Least squares take the covariance V of the misfit as it is at each step. Where the errors of the settings act the more
 on the data the larger an effect is (a table that stands 0.3 mm beside its tag, under a preload that varies over a lead
 of 6 mm), they make the effect too large: the wider V is, the less of a misfit counts, and that is free. What counts
-it is :math:`\ln \det V` (:attr:`Fitted.cost`); here all of that is minimised, in coordinates in which the data and the
-priors tell every direction to one.
+it is :math:`\ln \det V` (:attr:`Fitted.cost`). But V is a linearisation, in the place of an integral over those errors,
+and the minimum of all of that is too small an effect: the middle between both is nearer to the truth than either. The
+minimum is sought in coordinates in which the data and the priors tell every direction to one.
 """
 
 from typing import TypeVar
@@ -28,8 +29,8 @@ _LEAST_TOLD = 1e-3  # of a coordinate's own scale, inverse squared: what is told
 _NO_ANSWER = 1e6  # in the place of half the cost
 
 
-def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
-    """Return a fit at the mode of its posterior; the same one where that is as good as where it is."""
+def half_way_to_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
+    """Return a fit half way to the mode of its posterior; the same one where that is as good as where it is."""
     hypothesis = fitted.hypothesis
     if not hypothesis.effects:
         return fitted
@@ -51,8 +52,8 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
     if np.all(np.abs(of_effects @ slope) / 2.0 < _NEGLIGIBLE * np.linalg.norm(of_effects, axis=1)):
         return fitted
     options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    moved = at(minimize(half_cost, still, method="L-BFGS-B", options=options).x)
-    return moved if moved is not None and moved.cost < fitted.cost else fitted
+    way = minimize(half_cost, still, method="L-BFGS-B", options=options)
+    return (at(0.5 * way.x) if way.fun < 0.0 else None) or fitted
 
 
 def _scales(fitted: Fitted[Physics]) -> FloatArray:
