@@ -245,7 +245,7 @@ def through_amplitudes(physics: AxisPhysics, excitation, level: float, friction:
     """Return the response on few lines, from those of linear axes and Newton's law for the table alone."""
     pairs = [balanced(physics, excitation, level, friction, cubic * s / 2.0) for s in (ENERGIES if cubic else [2.0])]
     dampers, hardenings = np.array(pairs).T
-    linear = damped(physics, physics.bodies.table_damping + np.mean(dampers))
+    linear = damped(physics, physics.bodies.table_damping + (WEIGHTS @ dampers if cubic else dampers[0]))
     force, moved = (
         response_of(linear, case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52), one)) for one in (FORCE, excitation)
     )

@@ -24,7 +24,7 @@ CUBIC_STIFFNESS = Effect(
     ),
     parameters=(EffectParameter("relative_stiffness_per_m2", "1/m²", lower=-1e12, upper=1e13, scale=1e9),),
     add=_add,
-    # found 0.65 to 0.95 of the true one in eleven simulated machines (docs/hidden-effects.md), 22 % rms from it
+    # rms error of eleven simulated machines; docs/hidden-effects.md says what is known of it
     form_share=0.22,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
 )

@@ -52,8 +52,10 @@ def half_way_to_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
     if np.all(np.abs(of_effects @ slope) / 2.0 < _NEGLIGIBLE * np.linalg.norm(of_effects, axis=1)):
         return fitted
     options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    way = minimize(half_cost, still, method="L-BFGS-B", options=options)
-    return (at(0.5 * way.x) if way.fun < 0.0 else None) or fitted
+    mode = at(minimize(half_cost, still, method="L-BFGS-B", options=options).x)
+    if mode is None or not mode.cost < fitted.cost:
+        return fitted
+    return resolved_at(fitted, 0.5 * (fitted.coordinates + mode.coordinates))
 
 
 def _scales(fitted: Fitted[Physics]) -> FloatArray:

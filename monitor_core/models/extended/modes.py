@@ -182,6 +182,11 @@ def _poles_of_parts(drives: _Drives, highest: float) -> tuple[FloatArray, Index]
     )
     n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * highest * slowness * screw.length / math.pi))
     grid = np.linspace(_LOWEST * highest, highest, n_lines)
+    if added.base_compliance:  # its resonance may lie as near as you like to those of the screw on a base held still
+        held = replace(drives, physics=replace(drives.physics, added=replace(added, base_compliance=0.0)))
+        own = 2.0 * math.pi * added.base_frequency
+        grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(own, highest)])
+        n_lines = grid.size
     n_conditions = drives.states.position.size
     parts = drives.parts(np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines))
     poles, owners = [np.zeros(0)], [np.zeros(0, dtype=np.intp)]
