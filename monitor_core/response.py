@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
 from monitor_core.uncertainty import Estimate
 
@@ -36,6 +36,27 @@ class FrequencyResponse:
                 raise OutsideValidityError(
                     f"coherence must have the shape of frequency {self.frequency.shape}; got {self.coherence.shape}"
                 )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineSpread:
+    """What an estimate shows of a response: the sum over steps of ``weights`` times it at a line plus ``offsets``."""
+
+    offsets: FloatArray  # from a line, the first one 0, shape (n_steps,) [Hz]
+    weights: ComplexArray  # shape (n_steps, n_lines) [-]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "offsets", read_only(self.offsets))
+        object.__setattr__(self, "weights", read_only_complex(self.weights))
+        if self.weights.ndim != 2 or self.offsets.shape != self.weights.shape[:1] or self.offsets[0] != 0.0:
+            raise OutsideValidityError(
+                f"a spread must have a row of weights for each offset, that of the line itself first; got shapes "
+                f"{self.offsets.shape} and {self.weights.shape}"
+            )
+
+    def of_lines(self, chosen: BoolArray) -> "LineSpread":
+        """Return the spread of the lines for which ``chosen`` is true, shape (n_lines,)."""
+        return LineSpread(self.offsets, self.weights[:, chosen])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

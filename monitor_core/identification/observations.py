@@ -9,6 +9,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.response import LineSpread
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,9 @@ class FrequencyResponseObservation:
     #: Reciprocal duration of the Hann windows that a continuous random excitation was averaged in; 0: lines count as
     #: exact. The discrepancy workflow looks at it, an identification does not. [Hz]
     resolution: float = 0.0
+    #: What windows of a known excitation show of a response, where this is one; the same look at it. The resolution
+    #: does not count then.
+    spread: LineSpread | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", read_only(self.frequency))
@@ -97,6 +101,10 @@ class FrequencyResponseObservation:
             raise OutsideValidityError("standard_deviation must be positive and finite at every frequency")
         if not 0.0 <= self.resolution < math.inf:
             raise OutsideValidityError(f"resolution must be finite and not negative; got {self.resolution} Hz")
+        if self.spread is not None and self.spread.weights.shape[1] != self.frequency.size:
+            raise OutsideValidityError(
+                f"a spread must be that of the {self.frequency.size} lines; got {self.spread.weights.shape[1]}"
+            )
 
 
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:

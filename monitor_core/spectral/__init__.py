@@ -8,6 +8,7 @@ from monitor_core.spectral.coherence import (
     significance_level,
 )
 from monitor_core.spectral.frf import CrossSpectra, cross_spectra, estimate_frf, least_leaking_taper, mean_coherence
+from monitor_core.spectral.line_spread import line_spread
 from monitor_core.spectral.robust import median_misfit
 from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper, band_spectra
 
@@ -23,6 +24,7 @@ __all__ = [
     "effective_averages",
     "estimate_frf",
     "least_leaking_taper",
+    "line_spread",
     "mean_coherence",
     "median_misfit",
     "random_error",

@@ -9,7 +9,6 @@ import click
 from monitor_core.discrepancy.explanation import Explanation, FoundEffect, FoundParameter
 from monitor_core.errors import RecordingFormatError
 from monitor_core.identification.observations import FrequencyResponseObservation
-from monitor_core.modal import ModalMeasurement
 from monitor_core.motion import MotionRecord
 from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
@@ -20,7 +19,7 @@ from monitor_core.recordings.motion_csv import read_motion_record
 from monitor_core.recordings.units import metres
 from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import axis_settings, band_option, judge_session
+from service.cli.session_input import axis_settings, band_option, responses_of_session
 from service.operations.explanation import ExplanationRequest, Measured, explain_measurements
 from service.operations.explanation_document import explanation_document
 from service.operations.explanation_report import write_report
@@ -40,7 +39,7 @@ from service.operations.explanation_report.sentences import (
     step_sentence,
     threshold,
 )
-from service.operations.measured_responses import measured_responses, modal_observation
+from service.operations.measured_responses import modal_observation
 
 #: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
 _MOST_PLACES, _MOST_CANDIDATES = 3, 5
@@ -135,10 +134,7 @@ def _measured(data: Path, band_hz: tuple[float, float] | None) -> Measured:
         case "preload-frf-set":
             return read_frf_set(data).observations
         case "preload-session":
-            judged = judge_session(data, axis_settings(band_hz))
-            return measured_responses(
-                item.outcome.modal for item in judged if isinstance(item.outcome.modal, ModalMeasurement)
-            )
+            return responses_of_session(data, axis_settings(band_hz))
         case "motion-record":
             return read_motion_record(data)
         case "modal-table":

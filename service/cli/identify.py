@@ -11,7 +11,6 @@ import click
 
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.identification.search import MapFunction
-from monitor_core.modal import ModalMeasurement
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
@@ -20,9 +19,9 @@ from monitor_core.recordings.units import metres
 from monitor_core.uncertainty import Estimate
 from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import axis_settings, band_option, is_session, judge_session
+from service.cli.session_input import axis_settings, band_option, is_session, responses_of_session
 from service.operations.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
-from service.operations.measured_responses import measured_responses, modal_observation
+from service.operations.measured_responses import modal_observation
 from service.operations.predicted_calibration import PredictionRequest
 
 
@@ -124,10 +123,7 @@ def _measured(
     if is_frf_set:
         return read_frf_set(data).observations
     if is_session(data):
-        judged = judge_session(data, axis_settings(band_hz))
-        return measured_responses(
-            item.outcome.modal for item in judged if isinstance(item.outcome.modal, ModalMeasurement)
-        )
+        return responses_of_session(data, axis_settings(band_hz))
     return tuple(modal_observation(row) for row in read_modal_table(data))
 
 

@@ -1,19 +1,21 @@
-"""What ``frf``, ``calibrate`` and ``estimate`` share: measurements of a session file, gated and fitted."""
+"""What the commands that read a session share: its measurements, gated and fitted."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
+from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement
 from monitor_core.preload import Calibration
-from monitor_core.recording import Rejection, RejectionReason
+from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.recordings.units import to_millimetres
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
+from service.operations.measured_responses import responses_of_windows
 
 SESSION_SUFFIXES = (".h5", ".hdf5")
 
@@ -53,6 +55,41 @@ def judge_session(
     path: Path, settings: AxisSettings, calibration: Calibration | None = None
 ) -> Iterator[SessionMeasurement]:
     """Judge the measurements of a session one after another, with progress; memory stays flat."""
+    for one in _checked_windows(path, settings, calibration):
+        first = one.recorded[0].conditions
+        yield SessionMeasurement(
+            one.name,
+            to_millimetres(first.position),
+            first.preload,
+            judge_measurement(one.accepted, settings, calibration) if one.accepted else _nothing_accepted(one.refused),
+            one.refused,
+        )
+
+
+def responses_of_session(path: Path, settings: AxisSettings) -> tuple[FrequencyResponseObservation, ...]:
+    """Return the averaged responses of the measurements that can be judged, with progress; memory stays flat.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there is none.
+    """
+    return responses_of_windows(
+        (modal, one.accepted)
+        for one in _checked_windows(path, settings, None)
+        if one.accepted and isinstance(modal := judge_measurement(one.accepted, settings, None).modal, ModalMeasurement)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _CheckedWindows:
+    name: str
+    recorded: Sequence[Window]
+    accepted: Sequence[Window]
+    refused: tuple[Rejection, ...]
+
+
+def _checked_windows(path: Path, settings: AxisSettings, calibration: Calibration | None) -> Iterator[_CheckedWindows]:
     with open_session(path) as reader, progress_bar() as progress:
         task = progress.add_task(path.name, total=len(reader.measurements))
         for name in reader.measurements:
@@ -60,14 +97,7 @@ def judge_session(
             checked = [(window, check_window(window, settings, calibration)) for window in windows]
             refused = tuple(quality for _, quality in checked if isinstance(quality, Rejection))
             accepted = [window for window, quality in checked if not isinstance(quality, Rejection)]
-            first = windows[0].conditions
-            yield SessionMeasurement(
-                name,
-                to_millimetres(first.position),
-                first.preload,
-                judge_measurement(accepted, settings, calibration) if accepted else _nothing_accepted(refused),
-                refused,
-            )
+            yield _CheckedWindows(name, windows, accepted, refused)
             progress.advance(task)
 
 

@@ -143,15 +143,15 @@ def _quarter_points(drive: DriveModel) -> list[float]:
 def _measurement(
     drive: DriveModel, condition: DriveConditions, settings: SimulationSettings, name: str
 ) -> dict[str, Any]:
-    # not the poles of ``preload modes``, which differ in the second order of the damping: what the record contains
-    simulated = drive.normal_modes(condition, MOTOR_END[settings.excitation_source])
+    poles = drive.natural_frequencies(condition, MOTOR_END[settings.excitation_source])
+    first = next(pole for pole in poles if pole.frequency > 0.0)
     return {
         "measurement": name,
         "position_mm": to_millimetres(condition.position),
         "preload_n": condition.preload,
         "payload_kg": condition.payload_mass,
-        "model_frequency_hz": float(simulated.frequency[1]),
-        "model_damping_ratio": float(simulated.damping_ratio[1]),
+        "model_frequency_hz": first.frequency,
+        "model_damping_ratio": first.damping_ratio,
     }
 
 

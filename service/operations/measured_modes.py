@@ -1,9 +1,10 @@
 """Modes of stored measurements, measured once more from their waveforms."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from monitor_core.modal import ModalMeasurement, measure_mode
 from monitor_core.pipeline import AxisSettings, search_band
+from monitor_core.recording import Window
 from service.store.database import Database
 from service.store.measurements import accepted_places
 from service.store.tables import MeasurementRow
@@ -18,6 +19,19 @@ def measured_modes(
     Raises
     ------
     WaveformDamagedError
+        As :func:`modes_and_windows`.
+    """
+    return (modal for modal, _ in modes_and_windows(database, waveforms, settings, rows))
+
+
+def modes_and_windows(
+    database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
+) -> Iterator[tuple[ModalMeasurement, Sequence[Window]]]:
+    """Do the same, and return each mode with the windows that it was measured from.
+
+    Raises
+    ------
+    WaveformDamagedError
         If a waveform is not what was stored: what comes of it must not silently rest on less than it was asked for.
     """
     for row in rows:
@@ -28,4 +42,4 @@ def measured_modes(
             continue
         modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
         if isinstance(modal, ModalMeasurement):
-            yield modal
+            yield modal, windows

@@ -7,8 +7,8 @@ from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.units import metres
-from service.operations.measured_modes import measured_modes
-from service.operations.measured_responses import measured_responses
+from service.operations.measured_modes import modes_and_windows
+from service.operations.measured_responses import responses_of_windows
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import measurements
 from service.store.axes import get_axis
@@ -43,7 +43,7 @@ def measured_of_axis(
     with database.read() as session:
         configuration = AxisConfiguration.model_validate(get_axis(session, axis_id).configuration)
     rows = selected_measurements(database, axis_id, arguments)
-    return measured_responses(measured_modes(database, waveforms, core_settings(configuration), rows))
+    return responses_of_windows(modes_and_windows(database, waveforms, core_settings(configuration), rows))
 
 
 def selected_measurements(database: Database, axis_id: str, arguments: dict[str, Any]) -> list[MeasurementRow]:

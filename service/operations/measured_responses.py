@@ -1,6 +1,7 @@
 """From judged measurements and modal tables to what an identification or an explanation takes."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,8 +9,9 @@ from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.modal import ModalMeasurement
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
+from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.modal_csv import ModalRow
+from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
 from monitor_core.spectral.spectra import Taper
 
@@ -55,9 +57,41 @@ def measured_responses(
     NotIdentifiableError
         If there is none.
     """
-    observations = tuple(
-        response for one in measurements if (response := _response(one, usual_temperature)) is not None
-    )
+    return _some(_response(one, usual_temperature) for one in measurements)
+
+
+def responses_of_windows(
+    measured: Iterable[tuple[ModalMeasurement, Sequence[Window]]],
+) -> tuple[FrequencyResponseObservation, ...]:
+    """Return the same with what the windows show of a response; their temperatures are not looked at.
+
+    Under a rectangular taper, which is taken where motion begins and ends within a window, they show it as it is.
+
+    Parameters
+    ----------
+    measured : iterable of (ModalMeasurement, sequence of Window)
+        Each measurement with all the windows that it was judged by.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there is no response.
+    """
+    return _some(_with_spread(modal, windows) for modal, windows in measured)
+
+
+def _with_spread(modal: ModalMeasurement, windows: Sequence[Window]) -> FrequencyResponseObservation | None:
+    response = _response(modal, None)
+    if response is None or modal.taper != "hann":
+        return response
+    refused = {index for index, _ in modal.refused_windows}
+    kept = [window for index, window in enumerate(windows) if index not in refused]
+    excitation = np.array([window.excitation for window in kept], dtype=np.float64)
+    return replace(response, spread=line_spread(excitation, kept[0].sample_rate, response.frequency))
+
+
+def _some(responses: Iterable[FrequencyResponseObservation | None]) -> tuple[FrequencyResponseObservation, ...]:
+    observations = tuple(response for response in responses if response is not None)
     if not observations:
         raise NotIdentifiableError(
             "expected measurements that can be judged and lines whose coherence is no chance; got none of both"

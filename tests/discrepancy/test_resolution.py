@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from monitor_core.discrepancy.comparing.resolution import STEPS, WEIGHTS, smearing
+from monitor_core.discrepancy.comparing.resolution import STEPS, WEIGHTS, smearing, spread_under_random_excitation
 from monitor_core.models.extended import ResponseCase, prepare_lines, responses
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from tests.discrepancy.axes import subject
@@ -35,7 +35,7 @@ def test_it_is_the_response_averaged_over_the_spectrum_of_the_window(point, reso
         recorded = responses(PHYSICS, prepare_lines([case(point, LINES + offset)]))
         seen += weight * recorded * ((LINES + offset) / LINES) ** (2.0 if point is ANGLE else 0.0)
     plain = responses(PHYSICS, prepare_lines([case(point)]))
-    found = smearing([case(point)], [resolution]).log_ratio(PHYSICS)
+    found = smearing([case(point)], [spread_under_random_excitation(resolution, LINES.size)]).log_ratio(PHYSICS)
     expected = np.log(seen / plain)
     assert np.max(np.abs(expected)) > 3e-3 * resolution**2
     np.testing.assert_allclose(found, expected, atol=0.03 * np.max(np.abs(expected)))
@@ -82,8 +82,8 @@ def test_it_is_as_exact_as_is_said(lines_wide, error) -> None:
 
 
 def test_lines_without_a_stated_resolution_are_exact() -> None:
-    assert smearing([case(ACCELERATION)], [0.0]) is None
+    assert smearing([case(ACCELERATION)], [None]) is None
     both = [case(ACCELERATION), case(ANGLE)]
-    found = smearing(both, [1.0, 0.0]).log_ratio(PHYSICS)
+    found = smearing(both, [spread_under_random_excitation(1.0, LINES.size), None]).log_ratio(PHYSICS)
     assert np.all(np.abs(found[: LINES.size]) > 0.0)
     np.testing.assert_allclose(found[LINES.size :], 0.0, atol=1e-13)

@@ -12,7 +12,7 @@ from monitor_core.models.generator import MOTOR_END, SimulationSettings, conditi
 from monitor_core.models.generator.scan import GuideFriction
 from monitor_core.models.lumped import feature_coefficients
 from monitor_core.models.parameters import name_in_file
-from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.pipeline import AxisSettings, calibrate_from_measurements, check_window, judge_measurement
 from monitor_core.quality import SignalQuality
 from monitor_core.recording import ExcitationSource
@@ -77,15 +77,19 @@ def test_missing_unknown_and_impossible_parameters_are_refused(name):
 # --- sessions --------------------------------------------------------------------------------------------------------
 
 
+def first_pole(model, condition, source):
+    return next(m for m in model.natural_frequencies(condition, MOTOR_END[source]) if m.frequency > 0.0)
+
+
 def judged(name, settings):
-    """Yield measured frequency and the undamped one of the model, whose windows must all pass the gates.
+    """Yield measured frequency and that of the model's pole, whose windows must all pass the gates.
 
     Tian's axis with a free motor has its first mode at 24 Hz, below where the road looks unless told.
     """
     model, conditions = axis_of(name)
     session = simulated(model, conditions, settings)
     for condition, measurement in zip(conditions, session.measurements, strict=True):
-        truth = model.normal_modes(condition, MOTOR_END[settings.excitation_source]).frequency[1]
+        truth = first_pole(model, condition, settings.excitation_source).frequency
         axis = AxisSettings(search_band=(0.6 * truth, 1.5 * truth))
         windows = session.windows_of(measurement)
         assert all(isinstance(check_window(window, axis, None), SignalQuality) for window in windows)
@@ -108,31 +112,29 @@ def test_friction_of_5_newtons_moves_the_mode_by_less_than_four_tenths_of_a_hert
 
 @pytest.mark.parametrize("source", ExcitationSource)
 @pytest.mark.parametrize("name", NAMES)
-def test_simulated_mode_is_the_pole_of_the_model(name, source):
+def test_the_modes_that_friction_moves_are_the_poles_of_the_model(name, source):
     """Pole and undamped mode differ in the second order of the damping."""
     model, conditions = axis_of(name)
     for condition in conditions:
         modes = model.normal_modes(condition, MOTOR_END[source])
-        pole = next(m for m in model.natural_frequencies(condition, MOTOR_END[source]) if m.frequency > 0.0)
+        pole = first_pole(model, condition, source)
         assert pole.frequency == pytest.approx(modes.frequency[1], rel=2.0 * modes.damping_ratio[1] ** 2 + 1e-9)
         assert pole.damping_ratio == pytest.approx(modes.damping_ratio[1], rel=0.02)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_record_has_the_frequency_response_of_the_family(name):
-    """Ratio of the transforms of windows from rest to rest, within three half-power bandwidths of the first mode.
+    """Ratio of the transforms of windows from rest to rest, from 20 Hz to half as much again as the first mode.
 
-    With a third of the papers' damping: normal modes with viscous damping differ from loss factors and dampers of
-    joints in the first order of the damping ratio.
+    Above it Tian's second mode, damped by 0.005 %, rings on beyond windows of eight seconds.
     """
-    model, (_, condition, _) = axis_of(name, damping=1.0 / 3.0)
+    model, (_, condition, _) = axis_of(name)
     settings = replace(
         SimulationSettings(), torque_noise=0.0, acceleration_noise=0.0, window_duration=8.0, windows_per_measurement=4
     )
     windows = simulated(model, (condition,), settings).windows
     frequency = np.fft.rfftfreq(settings.n_samples, 1.0 / settings.sample_rate)
-    modes = model.normal_modes(condition, MotorEnd.PRESCRIBED)
-    near = np.abs(frequency / modes.frequency[1] - 1.0) < 3.0 * modes.damping_ratio[1]
+    near = (frequency > 20.0) & (frequency < 1.5 * first_pole(model, condition, ExcitationSource.SENSOR).frequency)
     excitation, response = (
         np.array([np.fft.rfft(getattr(w, channel))[near] for w in windows]) for channel in ("excitation", "response")
     )

@@ -259,6 +259,30 @@ def test_first_mode_of_a_sound_axis_lacks_nothing(
     assert document["gap"]["before"]["fit"] < 2.0 * document["gap"]["noise_floor"]
 
 
+@pytest.mark.parametrize(("family", "options"), [("lumped", ("--preload-n", 200)), ("transmission-line", ())])
+def test_a_session_of_a_sound_axis_lacks_nothing(
+    preload: Any, tmp_path: Path, family: str, options: tuple[Any, ...]
+) -> None:
+    """Short moves in Hann windows show a peak that is up to a tenth off."""
+    path, session = MODELS / f"{family}.toml", tmp_path / "trial.session.h5"
+    preload("simulate", path, "--out", session, *options)
+    document = preload("explain", session, "--baseline", path, "--json").json()
+    assert document["outcome"] == "none"
+    assert document["gap"]["before"]["fit"] < 1.1 * document["gap"]["noise_floor"]
+    assert document["gap"]["before"]["held_out"] is None
+
+
+def test_what_a_session_shows_to_be_wrong_is_named(preload: Any, tmp_path: Path) -> None:
+    path, session, wrong = MODELS / "lumped.toml", tmp_path / "trial.session.h5", tmp_path / "wrong.toml"
+    preload("simulate", path, "--out", session, "--preload-n", 200)
+    axis = read_model_file(path)
+    write_model_file(wrong, changed(axis, table_mass_kg=1.05 * axis.parameters["table_mass_kg"]))
+    document = preload("explain", session, "--baseline", wrong, "--json").json()
+    assert any("wrong-parameter:table_mass_kg" in (one["key"], *one["equivalent_to"]) for one in document["effects"])
+    gap = document["gap"]
+    assert gap["before"]["fit"] > 3.0 * gap["noise_floor"] > 2.7 * gap["after"]["fit"]
+
+
 # --- motion
 
 

@@ -1,6 +1,7 @@
-r"""What the finite resolution of an estimate does to a frequency response.
+r"""What the finite windows of an estimate do to a frequency response: it spreads over the lines beside.
 
-H1 of a random excitation that is flat around a line, averaged over segments under a window w, is in expectation
+Of windows whose excitation is at hand :func:`monitor_core.spectral.line_spread` says it. Without them, H1 of a random
+excitation that is flat around a line, averaged over segments under a window w, is in expectation
 
 .. math:: \bar H(f) = \frac{\int |W(\nu)|^2 H(f - \nu)\,d\nu}{\int |W(\nu)|^2\,d\nu}
 
@@ -22,6 +23,7 @@ from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models.extended import AxisPhysics, PreparedLines, ResponseCase, prepare_lines, responses
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import ResponsePoint
+from monitor_core.response import LineSpread
 
 #: From a line, in resolutions 1/T: the line itself, then those beside it.
 STEPS = np.array([0.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5])
@@ -36,7 +38,7 @@ class Smearing:
 
     lines: PreparedLines
     place: npt.NDArray[np.intp]  # of each line and those beside it among them, shape (n_steps, n_lines)
-    weights: FloatArray  # of their responses, shape (n_steps, n_lines)
+    weights: ComplexArray  # of their responses, shape (n_steps, n_lines)
 
     def log_ratio(self, physics: AxisPhysics) -> ComplexArray:
         """Return ln(H̄/H) of the measured lines, shape (n_lines,)."""
@@ -48,26 +50,36 @@ class Smearing:
         return replace(self, lines=replace(self.lines, conditions=conditions))
 
 
-def smearing(cases: Sequence[ResponseCase], resolution: Sequence[float]) -> Smearing | None:
-    """Return what the resolutions of responses do to them; None where none is stated.
+def spread_under_random_excitation(resolution: float, n_lines: int) -> LineSpread:
+    """Return what Hann windows of a resolution in hertz show where the excitation is random and flat around a line."""
+    return LineSpread(resolution * STEPS, np.repeat(WEIGHTS[:, None], n_lines, axis=1))
+
+
+def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]) -> Smearing | None:
+    """Return what estimating does to responses; None where nothing is known of any.
 
     Parameters
     ----------
     cases : sequence of ResponseCase
         The lines.
-    resolution : sequence of float
-        Of each case; 0: as fine as can be. [Hz]
+    spreads : sequence of LineSpread or None
+        Of each case; None: its lines are exact.
     """
-    if not any(resolution):
+    if all(spread is None for spread in spreads):
         return None
+    n_steps = max(spread.offsets.size for spread in spreads if spread is not None)
     widened, places, weights, n_before = [], [], [], 0
-    for case, width in zip(cases, resolution, strict=True):
+    for case, spread in zip(cases, spreads, strict=True):
+        offsets, of_case = np.zeros(n_steps), np.zeros((n_steps, case.frequency.size), dtype=np.complex128)
+        of_case[0] = 1.0
+        if spread is not None:
+            offsets[: spread.offsets.size], of_case[: spread.offsets.size] = spread.offsets, spread.weights
         # of lines next to zero, which no window separates from the mean, those below end at half their frequency
-        wanted = np.maximum(case.frequency + width * STEPS[:, None], 0.5 * case.frequency)
+        wanted = np.maximum(case.frequency + offsets[:, None], 0.5 * case.frequency)
         frequency, place = np.unique(wanted, return_inverse=True)
         widened.append(replace(case, frequency=frequency))
         places.append(place.reshape(wanted.shape) + n_before)
-        weights.append(WEIGHTS[:, None] * _of_recorded(case.response, wanted / case.frequency))
+        weights.append(of_case * _of_recorded(case.response, wanted / case.frequency))
         n_before += frequency.size
     return Smearing(prepare_lines(widened), np.concatenate(places, axis=1), np.concatenate(weights, axis=1))
 

@@ -22,12 +22,13 @@ from monitor_core.discrepancy.comparing.clear_lines import case_of, clear_lines,
 from monitor_core.discrepancy.comparing.comparison import CommonErrors, Layout, Panel
 from monitor_core.discrepancy.comparing.conditions import KNOWN_MASS, WARMER, SettingTolerances, setting_of
 from monitor_core.discrepancy.comparing.model_form import ModelFormError
-from monitor_core.discrepancy.comparing.resolution import Smearing, smearing
+from monitor_core.discrepancy.comparing.resolution import Smearing, smearing, spread_under_random_excitation
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.response import LineSpread
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 8.0
@@ -41,7 +42,7 @@ class ResponsesComparison:
 
     layout: Layout
     lines: PreparedLines
-    smearing: Smearing | None  # by the resolution of the estimates; None: none is stated
+    smearing: Smearing | None  # by the windows of the estimates; None: lines are exact
     measured: npt.NDArray[np.complex128]  # ln of the response of every line, shape (n_lines,)
     line_of_value: npt.NDArray[np.intp]  # line of each value; real parts of a response, then its imaginary parts
     imaginary: BoolArray  # which values are imaginary parts
@@ -235,7 +236,7 @@ def compare_responses(
             held_out=tuple(fold[setting] for fold in in_fold),
         ),
         lines=lines,
-        smearing=smearing(cases, [one.resolution for _, _, one, _ in kept]),
+        smearing=smearing(cases, [_spread(one, clear) for _, _, one, clear in kept]),
         measured=np.log(np.concatenate([one.response[clear] for _, _, one, clear in kept])),
         line_of_value=line_of_value,
         imaginary=imaginary,
@@ -280,6 +281,14 @@ def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) 
     """
     of_group = np.bincount(group, weights=share)[group]
     return float(np.sqrt(np.mean(np.where(unlearnt, 1.0, 1.0 - share + share**2 / (1.0 + of_group)))))
+
+
+def _spread(one: FrequencyResponseObservation, clear: BoolArray) -> LineSpread | None:
+    if one.spread is not None:
+        return one.spread.of_lines(clear)
+    if one.resolution:
+        return spread_under_random_excitation(one.resolution, int(np.count_nonzero(clear)))
+    return None
 
 
 def _form_deviation(one: FrequencyResponseObservation, clear: BoolArray, form: ModelFormError) -> FloatArray:

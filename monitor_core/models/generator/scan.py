@@ -176,7 +176,7 @@ def _feed_forward(reference: Reference, friction: GuideFriction, one: _Propagato
 def _propagator(modes: Sequence[NormalModes], step: float) -> _Propagator:
     # Below half the sampling rate a force never moves the table against itself within a step, as the implicit
     # friction needs; what lies above it could not be recorded.
-    kept = [_below(each, 0.5 / step) for each in modes]
+    kept = [modes_below(each, 0.5 / step) for each in modes]
     n = max(each.frequency.size for each in kept)
     omega, damping, angle, displacement = (
         np.array([np.pad(values, (0, n - values.size)) for values in columns])
@@ -216,7 +216,7 @@ def _propagator(modes: Sequence[NormalModes], step: float) -> _Propagator:
     )
 
 
-def _below(modes: NormalModes, highest: float) -> NormalModes:
+def modes_below(modes: NormalModes, highest: float) -> NormalModes:
     """Keep the modes below a frequency, and refuse a drive that cannot move."""
     if modes.frequency.size == 0 or modes.frequency[0] != 0.0 or not modes.angle_at_motor[0]:
         raise OutsideValidityError("a session needs a drive that can move; this model has no rigid-body mode")

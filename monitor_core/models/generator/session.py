@@ -10,13 +10,19 @@ import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.generator.beyond_modes import acceleration_beyond_modes
 from monitor_core.models.generator.moves import RampMoves, Reference, draw_reference
 from monitor_core.models.generator.scan import GuideFriction, Motion, advance_modes
-from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd, NormalModes
+from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, MotorEnd, NormalModes
 from monitor_core.recording import Conditions, ExcitationSource, Session, Window
 
 #: What a torque leaves free to move: measured behind the coupling it is given there, and hides the motor.
 MOTOR_END = {ExcitationSource.SENSOR: MotorEnd.PRESCRIBED, ExcitationSource.DRIVE: MotorEnd.FREE}
+#: Where it acts.
+EXCITED = {
+    ExcitationSource.SENSOR: ExcitationPoint.TORQUE_AT_SCREW,
+    ExcitationSource.DRIVE: ExcitationPoint.TORQUE_AT_MOTOR,
+}
 #: Windows that advance together hold about so many samples: more save no time and take memory.
 BATCH_SAMPLES = 2**22
 #: A window begins so many window lengths after the one before it: the table comes to rest in between.
@@ -100,8 +106,8 @@ def simulate_session(
     """Record one measurement of a model under each of some conditions.
 
     The table goes out and back in each window, between rests. A window's modes are those at its condition: travel of
-    some millimetres moves them by less than the friction does. Mode shapes and damping ratios are the model's normal
-    modes below half the sampling rate, so the frequency response of the record lacks the static share of those above.
+    some millimetres moves them by less than the friction does. To the torque the table answers as the model's frequency
+    response says, to friction by its normal modes below half the sampling rate.
 
     Parameters
     ----------
@@ -155,8 +161,12 @@ def simulate_measurements(
         stacked = Reference(*(np.stack([getattr(r, name) for r in references], axis=1) for name in Reference.__slots__))
         motion = advance_modes(modes, stacked, settings.friction, 1.0 / settings.sample_rate)
         for place, i in enumerate(batch):
+            beyond = acceleration_beyond_modes(
+                model, conditions[i], EXCITED[settings.excitation_source],
+                modes=modes[place], torque=motion.torque[:, place], sample_rate=settings.sample_rate,
+            )  # fmt: skip
             yield _record(
-                motion, place, conditions[i], settings,
+                motion, place, beyond, conditions[i], settings,
                 reference=references[place], measurement=f"m{i:04d}", starts=started_at + i * n * spacing,
                 rng=streams[i],
             )  # fmt: skip
@@ -185,6 +195,7 @@ def _draw(settings: SimulationSettings, rng: np.random.Generator) -> Reference:
 def _record(
     motion: Motion,
     place: int,
+    beyond: FloatArray,
     condition: DriveConditions,
     settings: SimulationSettings,
     *,
@@ -196,7 +207,7 @@ def _record(
     """Return what the sensors and the linear encoder of the table make of one condition's motion."""
     torque = _single(_with_noise(motion.torque[:, place], settings.torque_noise, rng), "torque", "N·m")
     acceleration = _single(
-        _with_noise(motion.acceleration[:, place], settings.acceleration_noise, rng), "acceleration", "m/s²"
+        _with_noise(motion.acceleration[:, place] + beyond, settings.acceleration_noise, rng), "acceleration", "m/s²"
     )
     # the window's travel lies about the stated position, not beside it
     travel = reference.travel
