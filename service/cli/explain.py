@@ -32,6 +32,7 @@ from service.operations.explanation_report.rounding import (
     with_uncertainty,
 )
 from service.operations.explanation_report.sentences import (
+    beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
     headline,
@@ -217,7 +218,7 @@ def _found_row(effect: FoundEffect, name: str, found: FoundParameter) -> tuple[s
     return (
         " or ".join((effect.key, *effect.equivalent_to)),
         name,
-        with_uncertainty(value, uncertainty) + unit,
+        with_uncertainty(value, uncertainty) + unit + beside_what_is_stated(effect.key, found),
         between(*found.interval_95, notation(value, uncertainty)) + unit,
         "yes" if found.plausible else "NO",
     )

@@ -33,7 +33,7 @@ from service.operations.explanation_document import explanation_document
 from service.operations.explanation_report import explanation_markdown, explanation_page, write_report
 from service.operations.explanation_report.panel_chart import POINTS
 from service.operations.explanation_report.rounding import quantity, with_uncertainty
-from service.operations.explanation_report.sentences import headline
+from service.operations.explanation_report.sentences import beside_what_is_stated, headline
 from service.operations.explanation_report.svg import Axis, axis_over, decimated, element
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
@@ -353,7 +353,8 @@ def test_bars_are_as_long_as_the_gaps(outcome) -> None:
     shown = np.array([*fitted, *held_out])
     true = np.array([gap.before.fit, gap.after.fit, gap.before.held_out, gap.after.held_out])
     scale = shown[0] / true[0]
-    np.testing.assert_allclose(shown, np.nan_to_num(true) * scale, atol=0.1)  # drawn to a tenth of a unit
+    drawn = true[~np.isnan(true)]  # where nothing was held out there is no bar for it
+    np.testing.assert_allclose(shown, drawn * scale, atol=0.1)  # drawn to a tenth of a unit
 
 
 def test_map_shows_each_cell_in_a_number() -> None:
@@ -389,16 +390,42 @@ def test_what_is_not_believed_is_flagged() -> None:
 def test_verdict_comes_first_and_says_what_it_rests_on() -> None:
     texts = {outcome: page_of(one).text() for outcome, one in EXAMPLES.items()}
     assert "the gap falls, from 12.6 to 1.07 σ, on data that were not fitted" in texts[Outcome.NAMED]
-    assert (
-        "or screw-axial-stiffness or torsional-flexibility, and these data cannot tell which"
-        in texts[Outcome.EQUIVALENT]
-    )
+    assert "or screw-axial-stiffness or 1 more, and these data cannot tell which" in texts[Outcome.EQUIVALENT]
     assert "and more that nothing in the catalogue explains" in texts[Outcome.PARTIAL]
     assert "What could still hide" in texts[Outcome.NONE]
     assert "untestable: the temperature was the same in all conditions" in texts[Outcome.NONE]
     assert "the gap is 6.30 % on the data that were fitted, since none could be held out" in texts[Outcome.UNKNOWN]
     for outcome, text in texts.items():
         assert text.index(str(outcome)) < text.index("Gap before and after")
+
+
+def test_what_was_not_held_out_is_not_spoken_of() -> None:
+    named = EXAMPLES[Outcome.NAMED]
+    fitted = [replace(pair, held_out=math.nan) for pair in (named.gap.before, named.gap.after)]
+    without = replace(
+        named,
+        gap=replace(named.gap, before=fitted[0], after=fitted[1]),
+        effects=tuple(replace(one, held_out_log_likelihood_gain=math.nan) for one in named.effects),
+    )
+    for text in (page_of(without).text(), explanation_markdown(without, "", "x")):
+        assert "holds on the data it was chosen by; none could be held out" in text
+        assert "nothing was held out." in text
+        assert "not used to choose it" not in text
+        assert "log-likelihood of held-out data" not in text
+    for text in (page_of(named).text(), explanation_markdown(named, "", "x")):
+        assert "holds on data that were not used to choose it" in text
+        assert "better with it than without" in text
+
+
+@pytest.mark.parametrize(
+    ("ln_ratio", "words"),
+    [(0.1, " (11 % more than stated)"), (-0.1, " (9.5 % less than stated)"),
+     (math.log(3.0), " (3.0 times what is stated)"), (-math.log(3.0), " (3.0 times less than is stated)")],
+)  # fmt: skip
+def test_a_wrong_parameter_is_also_said_in_plain_words(ln_ratio, words) -> None:
+    found = FoundParameter(Estimate(ln_ratio, 0.01), "1", (ln_ratio - 0.02, ln_ratio + 0.02), True)
+    assert beside_what_is_stated("wrong-parameter:table_mass_kg", found) == words
+    assert beside_what_is_stated("loss-factor", found) == ""
 
 
 def test_gap_that_does_not_fall_is_not_said_to_fall() -> None:

@@ -10,13 +10,13 @@ from service.operations.explanation_report.rounding import quantity, rounded
 from service.operations.explanation_report.svg import CHARACTER, Axis, element, joined, label, picture, shortened
 
 _WIDTH = 760.0
-_LONGEST = 34  # characters of a label
+_LONGEST = 46  # characters of a label: those of the longest key of the catalogue
 _BAR = 16.0
 _TOP = 26.0  # holds the name of the reference line
 
 
 def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_floor: float, unit: str) -> Markup:
-    """Draw two bars a row, fitted and held out, and the noise floor.
+    """Draw two bars a row, fitted and held out, or one where nothing was held out, and the noise floor.
 
     Parameters
     ----------
@@ -34,11 +34,15 @@ def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_
     axis = Axis(0.0, _largest([*sizes, noise_floor]), left, _WIDTH - 150.0)
     height, bars, texts = _TOP, [], []
     for words, pair in rows:
-        texts.append(_row_label(words, left, height + _BAR + 5.0))
-        for kind, size in (("fitted", pair.fit), ("held out", pair.held_out)):
+        kinds = [
+            (kind, size) for kind, size in (("fitted", pair.fit), ("held out", pair.held_out)) if not math.isnan(size)
+        ]
+        texts.append(_row_label(words, left, height + 0.5 * len(kinds) * _BAR + 5.0))
+        for kind, size in kinds:
             bars.append(_bar(axis, height, size, f"bar {kind.replace(' ', '-')}"))
-            shown = f"{quantity(size, unit)} {kind}" if not math.isnan(size) else f"nothing {kind}"
-            texts.append(label(shown, _end(axis, size) + 6.0, height + 12.5, class_="beside"))
+            texts.append(
+                label(f"{quantity(size, unit)} {kind}", _end(axis, size) + 6.0, height + 12.5, class_="beside")
+            )
             height += _BAR + 2.0
         height += 10.0
     floor = f"noise floor {quantity(noise_floor, unit)}"

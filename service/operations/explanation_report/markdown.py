@@ -15,10 +15,12 @@ from service.operations.explanation_report.rounding import (
     with_uncertainty,
 )
 from service.operations.explanation_report.sentences import (
-    MEANING,
+    beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
+    evidence_sentence,
     headline,
+    meaning,
     seen_from,
     step_sentence,
     threshold,
@@ -37,7 +39,7 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
         What was compared with what, as the title says it.
     """
     sections = [
-        [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", MEANING[explanation.outcome]],
+        [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
         ["## Where model and measurement part", "", *_misfits(explanation.localisation)],
         *[_effect(one) for one in explanation.effects],
         ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],
@@ -61,13 +63,9 @@ def _effect(one: FoundEffect) -> list[str]:
     lines = [f"## Found: {_text(one.name)} (`{_code(one.key)}`)", "", _text(one.physics), ""]
     lines += _table(
         ["parameter", "value ± standard uncertainty", "95 % interval", "plausible"],
-        [_parameter(name, found) for name, found in one.parameters.items()],
+        [_parameter(one.key, name, found) for name, found in one.parameters.items()],
     )
-    lines += [
-        "",
-        f"Evidence: ΔBIC {evidence(one.delta_bic)}; log-likelihood of held-out data "
-        f"{evidence(one.held_out_log_likelihood_gain)} better with it than without.",
-    ]
+    lines += ["", evidence_sentence(one)]
     if one.equivalent_to:
         lines += ["", f"These data cannot tell it from: {', '.join(f'`{_code(key)}`' for key in one.equivalent_to)}."]
     if not one.plausible:
@@ -75,13 +73,13 @@ def _effect(one: FoundEffect) -> list[str]:
     return lines + [line for remark in one.remarks for line in ("", f"**Note: {_text(remark)}**")]
 
 
-def _parameter(name: str, found: FoundParameter) -> list[str]:
+def _parameter(key: str, name: str, found: FoundParameter) -> list[str]:
     value, uncertainty = found.estimate.value, found.estimate.standard_uncertainty
     unit = unit_shown(found.unit)
     interval = between(*found.interval_95, notation(value, uncertainty))
     return [
         name,
-        f"{with_uncertainty(value, uncertainty)}{unit}",
+        f"{with_uncertainty(value, uncertainty)}{unit}{beside_what_is_stated(key, found)}",
         f"{interval}{unit}",
         "yes" if found.plausible else "NO",
     ]

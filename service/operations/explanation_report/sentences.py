@@ -5,23 +5,22 @@ from collections.abc import Sequence
 from typing import Final
 
 from monitor_core.discrepancy.effects import PREFIX
-from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, GapPair, Outcome
+from monitor_core.discrepancy.explanation import Candidate, Explanation, FoundEffect, FoundParameter, GapPair, Outcome
 from service.operations.explanation_report.rounding import evidence, quantity, rounded, unit_shown
 
-#: What each outcome means, and what it does not.
-MEANING: Final = {
+_MEANING: Final = {
     Outcome.NAMED: (
-        "Named: with what is added the model holds on data that were not used to choose it. It does not mean that "
-        "nothing else is there: an effect below its detection limit, and one that the catalogue does not hold but "
-        "that acts alike on these data, would not be noticed."
+        "Named: with what is added the model holds{judged}. It does not mean that nothing else is there: an effect "
+        "below its detection limit, and one that the catalogue does not hold but that acts alike on these data, would "
+        "not be noticed."
     ),
     Outcome.EQUIVALENT: (
         "Equivalent: something is missing, and these data cannot tell which of the effects listed it is. The first "
         "of them stands in the model only because one must; the data do not prefer it to the others."
     ),
     Outcome.PARTIAL: (
-        "Partial: what is added holds on data that were not used to choose it, but does not close the gap. Nothing in "
-        "the catalogue explains the remainder, and the values found may have taken up part of it."
+        "Partial: what is added holds{judged}, but does not close the gap. Nothing in the catalogue explains the "
+        "remainder, and the values found may have taken up part of it."
     ),
     Outcome.NONE: (
         "None: the model as it stands agrees with the measurement to its noise. It does not mean that the axis has no "
@@ -36,6 +35,8 @@ MEANING: Final = {
 }
 
 
+_HELD = " on data that were not used to choose it"
+_NOT_HELD = " on the data it was chosen by; none could be held out, and more positions would put it to the test"
 _HARDLY_LESS = 0.95  # of a gap
 _TIMES = 1.5  # from this ratio on people say "times"
 _STRAINED = 3.0  # standard deviations
@@ -60,9 +61,37 @@ def headline(explanation: Explanation) -> str:
             return f"Something is missing that nothing in the catalogue explains: {_unknown_sentence(explanation)}."
 
 
+def meaning(explanation: Explanation) -> str:
+    """Say what the outcome means, and what it does not."""
+    judged = _NOT_HELD if nothing_held_out(explanation) else _HELD
+    return _MEANING[explanation.outcome].format(judged=judged)
+
+
+def evidence_sentence(one: FoundEffect) -> str:
+    """Say what speaks for an effect: on the data that were fitted, and on those held out where there are any."""
+    fitted = f"Evidence: ΔBIC {evidence(one.delta_bic)}"
+    gain = one.held_out_log_likelihood_gain
+    if math.isnan(gain):
+        return f"{fitted}; nothing was held out."
+    return f"{fitted}; log-likelihood of held-out data {evidence(gain)} better with it than without."
+
+
+def beside_what_is_stated(key: str, found: FoundParameter) -> str:
+    """Say of a wrong parameter by how much it is off, in brackets; of others nothing."""
+    if not key.startswith(PREFIX):
+        return ""
+    ratio = math.exp(abs(found.estimate.value))
+    more = found.estimate.value > 0.0
+    if ratio >= _TIMES:
+        return f" ({rounded(ratio, 2)} times {'what' if more else 'less than'} is stated)"
+    share = 100.0 * (ratio - 1.0 if more else 1.0 - 1.0 / ratio)
+    return f" ({rounded(share, 2)} % {'more' if more else 'less'} than stated)"
+
+
 def effect_named(one: FoundEffect) -> str:
-    """Return the name of an effect with those the data cannot tell from it, and a word where it is not believed."""
-    name = " or ".join([f"“{one.name}”", *one.equivalent_to])
+    """Return the name of an effect with one the data cannot tell from it, and a word where it is not believed."""
+    others = f" or {len(one.equivalent_to) - 1} more" if len(one.equivalent_to) > 1 else ""
+    name = " or ".join([f"“{one.name}”", *one.equivalent_to[:1]]) + others
     return name if one.plausible else f"{name} (a stand-in: its value is not plausible)"
 
 
@@ -76,9 +105,14 @@ def judged_gap(pair: GapPair) -> float:
     return pair.fit if math.isnan(pair.held_out) else pair.held_out
 
 
+def nothing_held_out(explanation: Explanation) -> bool:
+    """Tell whether the data allowed none to be held out."""
+    return math.isnan(explanation.gap.after.held_out)
+
+
 def judged_on(explanation: Explanation) -> str:
     """Say which data the gaps of the verdict are of."""
-    if math.isnan(explanation.gap.after.held_out):
+    if nothing_held_out(explanation):
         return "on the data that were fitted, since none could be held out"
     return "on data that were not fitted"
 
