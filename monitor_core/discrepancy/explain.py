@@ -36,7 +36,7 @@ from monitor_core.discrepancy.localising.localisation import (
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.searching.holding_out import gain, gap_of, judged_values
-from monitor_core.discrepancy.searching.mode import half_way_to_mode
+from monitor_core.discrepancy.searching.mode import at_mode
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
 from monitor_core.discrepancy.searching.signatures import signatures
@@ -86,7 +86,7 @@ def explain(
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
     classes, final = _classes(found, candidates)
-    as_stated = cache(half_way_to_mode)  # a leader's fit is mostly the final one
+    as_stated = cache(at_mode)  # a leader's fit is mostly the final one
     final = as_stated(final)
     found = replace(found, final=final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))

@@ -66,7 +66,7 @@ class LinearComparison:
         return {}
 
     def shifted(self, errors):
-        return replace(self, errors=errors)
+        return replace(self, errors=self.errors + errors)
 
     def resolved(self, physics, errors):
         return self

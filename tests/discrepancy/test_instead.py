@@ -9,7 +9,7 @@ import pytest
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.searching.instead import in_place_of, instead
-from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
+from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity, wrong_quantity
 
 N = 90
 #: Three quantities: one uncertain, one that is there, one that looks nearly like it; a fourth is like neither.
@@ -77,3 +77,17 @@ def test_an_effect_starts_in_the_place_of_the_parameter_that_is_pulled_furthest(
     assert start[0] == 0.0
     assert start[1] == pytest.approx(TRUTH[1], rel=0.15)
     assert instead(fitted(*linear(uncertain=100.0)), quantity(1)) is None  # pulled by nothing
+
+
+def test_a_parameter_without_its_tolerance_starts_in_the_place_of_another_one() -> None:
+    """Two uncertain ones look the same, and together they are 2 off: between them they share it."""
+    comparison, _ = linear()
+    design = comparison.design[:, [1, 1, 2, 3]]
+    comparison = replace(comparison, design=design, data=2.0 * design[:, 1])
+    pulled = fitted(comparison, LinearSubject({"a": 0.4, "b": 0.3}, TRUTH.size))
+    hypothesis = Hypothesis(pulled.hypothesis.subject, (wrong_quantity(1, "b"),))
+    start = instead(pulled, hypothesis.effects[0])
+    assert abs(pulled.coordinates[0]) > 3.0
+    assert hypothesis.uncertain == ("a",)
+    assert start[0] == 0.0
+    assert hypothesis.values(start)["wrong-parameter:b"]["ln_ratio"] == pytest.approx(2.0, rel=0.15)

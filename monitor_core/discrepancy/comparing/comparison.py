@@ -129,9 +129,10 @@ class Comparison(Protocol[Physics_contra]):
         ...
 
     def shifted(self, errors: FloatArray) -> "Comparison[Physics_contra]":
-        """Return the same data with the errors of their settings taken to be these, shape (n_settings, n_errors).
+        """Return the same data with errors of their settings taken into account, shape (n_settings, n_errors).
 
-        What was set, and the gains, are moved by so many standard deviations; everything else stays.
+        What was set, and the gains, are moved by so many standard deviations from where they are taken to be already;
+        everything else stays.
         """
         ...
 

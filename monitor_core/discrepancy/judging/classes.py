@@ -177,19 +177,17 @@ def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
 def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yardstick) -> dict[str, FoundParameter]:
     """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
 
-    Beside the scatter of the data stands what the formula of the effect leaves out, of a size, and what lies between
-    the fit and where it is stated: as far on the other side lies the mode (``searching/mode``).
+    Beside the scatter of the data stands what the formula of the effect leaves out, of a size.
 
     Parameters
     ----------
     member : Member
     stated : Fitted
-        Its fit, half way to the mode of the posterior.
+        Its fit, at the mode of the posterior.
     by : Yardstick
     """
     values = stated.hypothesis.values(stated.coordinates)[member.effect.key]
     variances = np.diag(covariance(stated, by))
-    between = np.abs(stated.coordinates - member.fitted.coordinates)
     found = {}
     for index, (effect, one) in enumerate(stated.hypothesis.unknowns):
         if effect.key != member.effect.key:
@@ -197,7 +195,7 @@ def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yards
         value, at = values[one.name], stated.hypothesis.n_uncertain + index
         scatter = math.sqrt(max(float(variances[at]), 0.0))
         form = effect.form_share * abs(value) if is_size(one) else 0.0
-        deviation = math.hypot(one.scale * scatter, one.scale * float(between[at]), form)
+        deviation = math.hypot(one.scale * scatter, form)
         interval = (value - 1.959964 * deviation, value + 1.959964 * deviation)
         plausible = _is_plausible(stated, index, by)
         found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible)

@@ -13,7 +13,6 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.effect import Effect, EffectParameter
-from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.hypothesis import is_size, searched_coordinates
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.scan import Projection
@@ -40,15 +39,14 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
     Returns
     -------
     ndarray, shape (n_coordinates,), or None
-        With the size that fits best and the parameter as stated. None where no parameter is pulled far, where the
-        effect has a frequency of its own or frees a parameter itself, or where the model has no answer with it.
+        With the size that fits best and the parameter as stated. None where no parameter is pulled far but one that
+        the effect itself frees, where the effect has a frequency of its own, or where the model has no answer with it.
     """
     hypothesis = fitted.hypothesis.with_effect(effect)
-    pulls = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
-    frees = effect.key.removeprefix(PREFIX) in fitted.hypothesis.uncertain
-    if frees or effect.frequency is not None or np.max(pulls, initial=0.0) < _PULLED:
-        return None
     there = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
+    pulls = np.abs(there[: hypothesis.n_uncertain])
+    if effect.frequency is not None or np.max(pulls, initial=0.0) < _PULLED:
+        return None
     there[np.argmax(pulls)] = 0.0
 
     def cost(trial: FloatArray) -> float:

@@ -1,13 +1,14 @@
-r"""A fit moved half way to the mode of its posterior, where the errors of the settings depend on what was fitted.
+r"""A fit moved to the mode of its posterior, where the errors of the settings depend on what was fitted.
 
 Least squares take the covariance V of the misfit as it is at each step. Where the errors of the settings act the more
 on the data the larger an effect is (a table that stands 0.3 mm beside its tag, under a preload that varies over a lead
 of 6 mm), they make the effect too large: the wider V is, the less of a misfit counts, and that is free. What counts
-it is :math:`\ln \det V` (:attr:`Fitted.cost`). But V is a linearisation, in the place of an integral over those errors,
-and the minimum of all of that is too small an effect: the middle between both is nearer to the truth than either. The
-minimum is sought in coordinates in which the data and the priors tell every direction to one.
+it is :math:`\ln \det V`; but V is a linearisation, and the minimum with it is too small an effect. So the error that
+acts strongly is integrated (:func:`integrated_cost`), and the minimum of that is sought in coordinates in which the
+data and the priors tell every direction to one.
 """
 
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.optimize import minimize
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.searching.fit import Fitted, resolved_at
+from monitor_core.discrepancy.searching.integrated import integrated_cost
 from monitor_core.errors import OutsideValidityError
 
 Physics = TypeVar("Physics")
@@ -29,8 +31,8 @@ _LEAST_TOLD = 1e-3  # of a coordinate's own scale, inverse squared: what is told
 _NO_ANSWER = 1e6  # in the place of half the cost
 
 
-def half_way_to_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
-    """Return a fit half way to the mode of its posterior; the same one where that is as good as where it is."""
+def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
+    """Return a fit at the mode of its posterior; the same one where that is as good as where it is."""
     hypothesis = fitted.hypothesis
     if not hypothesis.effects:
         return fitted
@@ -42,20 +44,29 @@ def half_way_to_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
         except OutsideValidityError:
             return None
 
-    def half_cost(z: FloatArray) -> float:  # above that of the fit; its second derivatives are about one
-        there = at(z)
-        return _NO_ANSWER if there is None else 0.5 * (there.cost - fitted.cost)
-
     still, here = np.zeros(hypothesis.n_coordinates), _log_determinant(fitted)
     slope = np.array([_log_determinant(at(_STEP * one)) - here for one in np.eye(still.size)]) / _STEP
     of_effects = scales[hypothesis.n_uncertain :]
     if np.all(np.abs(of_effects @ slope) / 2.0 < _NEGLIGIBLE * np.linalg.norm(of_effects, axis=1)):
         return fitted
-    options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    mode = at(minimize(half_cost, still, method="L-BFGS-B", options=options).x)
-    if mode is None or not mode.cost < fitted.cost:
+    start = _integrated(fitted)
+    if not math.isfinite(start):
         return fitted
-    return resolved_at(fitted, 0.5 * (fitted.coordinates + mode.coordinates))
+
+    def half_cost(z: FloatArray) -> float:  # above that of the fit; its second derivatives are about one
+        return min(0.5 * (_integrated(at(z)) - start), _NO_ANSWER)
+
+    options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
+    z = minimize(half_cost, still, method="L-BFGS-B", options=options).x
+    mode = at(z)
+    return mode if mode is not None and half_cost(z) < 0.0 else fitted
+
+
+def _integrated(there: Fitted[Physics] | None) -> float:
+    try:
+        return math.inf if there is None else integrated_cost(there)
+    except OutsideValidityError:
+        return math.inf
 
 
 def _scales(fitted: Fitted[Physics]) -> FloatArray:
