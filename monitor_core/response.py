@@ -48,7 +48,8 @@ class LineSpread:
     def __post_init__(self) -> None:
         object.__setattr__(self, "offsets", read_only(self.offsets))
         object.__setattr__(self, "weights", read_only_complex(self.weights))
-        if self.weights.ndim != 2 or self.offsets.shape != self.weights.shape[:1] or self.offsets[0] != 0.0:
+        fits = self.weights.ndim == 2 and self.offsets.shape == self.weights.shape[:1]
+        if not fits or not self.offsets.size or self.offsets[0] != 0.0:
             raise OutsideValidityError(
                 f"a spread must have a row of weights for each offset, that of the line itself first; got shapes "
                 f"{self.offsets.shape} and {self.weights.shape}"

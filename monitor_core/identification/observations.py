@@ -79,8 +79,8 @@ class FrequencyResponseObservation:
     #: Reciprocal duration of the Hann windows that a continuous random excitation was averaged in; 0: lines count as
     #: exact. The discrepancy workflow looks at it, an identification does not. [Hz]
     resolution: float = 0.0
-    #: What windows of a known excitation show of a response, where this is one; the same look at it. The resolution
-    #: does not count then.
+    #: What windows of a known excitation show of a response, in the place of what the resolution says. The discrepancy
+    #: workflow alone looks at it.
     spread: LineSpread | None = None
 
     def __post_init__(self) -> None:

@@ -8,8 +8,9 @@ from monitor_core.arrays import ComplexArray, FloatArray, SampleArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.response import LineSpread
 
-#: In halves of a line, to either side: with so many the peak of a mode 3 lines wide is shown to 0.2 %, with 8 to 1 %.
-_HALF_LINES = 16
+#: In halves of a line, the line itself first. Beyond one line a periodic Hann window lets whole ones through no more;
+#: what the halves beyond the last would add is below 0.4 % of a peak three lines wide.
+_STEPS = np.array([0, *(sign * step for step in (1, 2, *range(3, 16, 2)) for sign in (-1, 1))])
 
 
 def line_spread(excitation: SampleArray, sample_rate: float, frequency: FloatArray) -> LineSpread:
@@ -20,11 +21,13 @@ def line_spread(excitation: SampleArray, sample_rate: float, frequency: FloatArr
     the window, higher where they lie in the first. With the un-windowed excitation X in halves of a line, its tapered
     lines :math:`X_w` and the transform W of the window,
 
-    .. math:: \bar H(f) = \sum_\nu \frac{\sum_s X_{w,s}^*(f)\, W(\nu)\, X_s(f - \nu)}{\sum_s |X_{w,s}(f)|^2} H(f - \nu)
+    .. math::
 
-    for an axis that was at rest before the window, or under the median of the excitation since long. Halves of a line
-    belong to a record that is continued by as many zeros: an impulse response may last twice a window, and no longer.
-    Of an excitation that is flat around a line the weights are, in expectation, :math:`|W|^2`.
+        \bar H(f) = \sum_\nu w_\nu(f) H(f - \nu), \qquad
+        w_\nu(f) \propto \sum_s X_{w,s}^*(f)\, W(\nu)\, X_s(f - \nu), \qquad \sum_\nu w_\nu = 1
+
+    for an axis that was at rest before the window, or under the median of the excitation since long. Of an excitation
+    that is flat around a line the weights are, in expectation, :math:`|W|^2`.
 
     Parameters
     ----------
@@ -38,25 +41,33 @@ def line_spread(excitation: SampleArray, sample_rate: float, frequency: FloatArr
     Returns
     -------
     LineSpread
-        With weights that sum to one: of a constant response an estimate is that constant.
+        What it says errs by some 0.4 % at a peak three lines wide between its half-power points, and by 1 % at one and
+        a half; of a peak one line wide after a pulse late in the window, by 3 %.
 
     Raises
     ------
     OutsideValidityError
         If a frequency is no line of these windows.
+
+    Notes
+    -----
+    Halves of a line belong to a record that is continued by as many zeros, in which what still rings two windows after
+    the beginning comes around to it: motion must have died away within a window after the last move.
     """
     n_samples = excitation.shape[1]
     resolution = sample_rate / n_samples
     line = np.rint(frequency / resolution).astype(np.intp)
-    if not np.allclose(frequency, line * resolution, rtol=0.0, atol=1e-6 * resolution):
-        raise OutsideValidityError(f"lines of these windows are whole multiples of {resolution:g} Hz; got others")
+    beside = np.abs(frequency - line * resolution)
+    if np.max(beside, initial=0.0) > 1e-6 * resolution:
+        raise OutsideValidityError(
+            f"lines of these windows are whole multiples of {resolution:g} Hz; got {frequency[np.argmax(beside)]:g} Hz"
+        )
     since_rest = excitation - np.median(excitation, axis=1, keepdims=True)
     halves = scipy.fft.fft(since_rest, 2 * n_samples, axis=1)
     tapered = (halves[:, 2 * line] - 0.5 * (halves[:, 2 * line - 2] + halves[:, 2 * line + 2])).conj()
-    steps = np.array([0, *(sign * step for step in range(1, _HALF_LINES + 1) for sign in (-1, 1))])
-    cross: ComplexArray = np.array([np.sum(tapered * halves[:, 2 * line + step], axis=0) for step in steps])
-    weights = _hann_between(-steps, n_samples)[:, None] * cross
-    return LineSpread(0.5 * resolution * steps, weights / np.sum(weights, axis=0))
+    cross: ComplexArray = np.array([np.sum(tapered * halves[:, 2 * line + step], axis=0) for step in _STEPS])
+    weights = _hann_between(-_STEPS, n_samples)[:, None] * cross
+    return LineSpread(0.5 * resolution * _STEPS, weights / np.sum(weights, axis=0))
 
 
 def _hann_between(steps: npt.NDArray[np.intp], n_samples: int) -> npt.NDArray[np.complex128]:

@@ -101,7 +101,7 @@ def replay_bundled(client: Client, sessions: Path, session: str, description: st
     """Post one bundled session to the axis of its name, which is registered."""
     click.echo(f"replaying {session} ({description})", err=True)
     with open_session(sessions / f"{session}{SUFFIX}") as reader:
-        return post_session(reader, client, session)
+        return post_session(reader, client, session).windows
 
 
 def _wait_for_causes(client: Client, axis: str) -> None:

@@ -1,5 +1,7 @@
 """``preload replay SESSION --url URL --axis ID``: post a recorded session to a running service."""
 
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,25 +26,44 @@ def replay(session: Path, url: str, axis: str, speed: float | None, as_json: boo
     with open_session(session) as reader, Client(url) as client:
         if client.register_if_new(axis):
             click.echo(f"axis '{axis}' was not registered: registered with default settings", err=True)
-        counts = post_session(reader, client, axis, speed)
+        posted = post_session(reader, client, axis, speed)
     if as_json:
-        print_json(counts)
+        refused = dict(posted.measurements_refused)
+        print_json({**posted.windows, "measurements": posted.measurements, "measurements_refused": refused})
     else:
-        click.echo(", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in counts.items()))
+        click.echo(_sentence(posted))
 
 
-def post_session(reader: SessionReader, client: Client, axis: str, speed: float | None = None) -> dict[str, int]:
-    """Post all measurements of an open session and count what became of the windows."""
+@dataclass(frozen=True, slots=True)
+class Posted:
+    """What became of the windows and measurements of a session."""
+
+    windows: dict[str, int]
+    measurements: int  # judged now, or when they were first sent
+    measurements_refused: Counter[str]  # of those, by reason
+
+
+def post_session(reader: SessionReader, client: Client, axis: str, speed: float | None = None) -> Posted:
+    """Post all measurements of an open session and count what became of them."""
     pace = Pace(speed)
-    counts = {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
+    windows_posted = {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
+    judged: list[dict[str, Any]] = []
     with progress_bar() as progress:
         task = progress.add_task(f"{axis}", total=len(reader.measurement_of))
         for name in reader.measurements:
             windows = reader.windows_of(name)
             pace.wait_for(windows[0].started_at)
             answer: dict[str, Any] = client.post_measurement(axis, windows)
-            counts["windows_posted"] += answer["accepted"] + answer["refused"]
-            counts["windows_refused"] += answer["refused"]
-            counts["windows_already_there"] += answer["already_there"]
+            windows_posted["windows_posted"] += answer["accepted"] + answer["refused"]
+            windows_posted["windows_refused"] += answer["refused"]
+            windows_posted["windows_already_there"] += answer["already_there"]
+            judged += answer["measurements"]
             progress.advance(task, len(windows))
-    return counts
+    return Posted(windows_posted, len(judged), Counter(one["reason"] for one in judged if one["refused"]))
+
+
+def _sentence(posted: Posted) -> str:
+    windows = ", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in posted.windows.items())
+    reasons = ", ".join(f"{number} {reason}" for reason, number in posted.measurements_refused.most_common())
+    refused = posted.measurements_refused.total()
+    return f"{windows}; measurements: {posted.measurements}, refused: {refused}{reasons and f' ({reasons})'}"

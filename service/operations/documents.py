@@ -13,6 +13,7 @@ from monitor_core.preload import Calibration, PreloadEstimate, preload_from_feat
 from monitor_core.preload.drag_torque import DragTorque
 from monitor_core.recording import Rejection
 from monitor_core.recordings.units import to_millimetres
+from monitor_core.trend import Chart
 from service.store.intake import MeasurementRecord
 
 
@@ -129,6 +130,15 @@ def _numbers(values: FloatArray) -> list[float | None]:
     return [value if known else None for value, known in zip(values.tolist(), finite, strict=True)]
 
 
+#: What a chart that raises alarms has found, for a sentence.
+_CHART = {
+    Chart.CUSUM: "the sum of what exceeds chance stands at {value:.1f} standard deviations, its limit is {limit:.1f}",
+    Chart.SHEWHART: (
+        "each measurement since then is more than {limit:.1f} standard deviations off, the latest {value:.1f}"
+    ),
+}
+
+
 def alarm_evidence(
     row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration
 ) -> dict[str, Any]:
@@ -155,9 +165,9 @@ def alarm_evidence(
         "baseline_ended_at": baseline.ended_at.isoformat(),
         "mean_loss_since_onset_n": lost_since_onset,
         "sentence": (
-            f"{str(alarm.chart).upper()} at {alarm.value:.1f}, limit {alarm.limit:.1f} standard deviations; since "
-            f"{alarm.onset:%Y-%m-%d} the preload is on average {lost_since_onset:.0f} N below the baseline's "
-            f"{healthy:.0f} N"
+            f"since {alarm.onset:%Y-%m-%d} the preload is on average {lost_since_onset:.0f} N below the baseline's "
+            f"{healthy:.0f} N: "
+            + _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit)
         ),
         "check_next": "measure again at another position; compare the drag torque; check nut and bearing mounting",
     })  # fmt: skip

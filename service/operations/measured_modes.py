@@ -27,7 +27,7 @@ def measured_modes(
 def modes_and_windows(
     database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
 ) -> Iterator[tuple[ModalMeasurement, Sequence[Window]]]:
-    """Do the same, and return each mode with the windows that it was measured from.
+    """Measure the modes as :func:`measured_modes` does, and return each with the windows that it was measured from.
 
     Raises
     ------

@@ -63,9 +63,10 @@ def measured_responses(
 def responses_of_windows(
     measured: Iterable[tuple[ModalMeasurement, Sequence[Window]]],
 ) -> tuple[FrequencyResponseObservation, ...]:
-    """Return the same with what the windows show of a response; their temperatures are not looked at.
+    """Return averaged responses, as :func:`measured_responses` does, with what their windows show of a response.
 
-    Under a rectangular taper, which is taken where motion begins and ends within a window, they show it as it is.
+    Temperatures are not looked at. Of a rectangular taper, which is chosen where it leaves the higher coherence, mostly
+    of impacts that ring out within their window, nothing is said: what rings on beyond the end is not corrected.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from scipy.integrate import simpson
 from scipy.optimize import minimize
 
@@ -10,7 +11,8 @@ from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.classes import Member, found_parameters
 from monitor_core.discrepancy.searching.evidence import yardstick
-from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.discrepancy.searching.fit import fit, resolved_at
+from monitor_core.discrepancy.searching.integrated import integrated_cost
 from monitor_core.discrepancy.searching.mode import at_mode
 from tests.discrepancy.axes import LinearSubject, layout_of, quantity
 from tests.discrepancy.test_fit import linear
@@ -110,6 +112,26 @@ def test_intervals_of_sizes_cover_where_the_errors_of_the_settings_depend_on_the
         intervals = stated["cosine"].interval_95, stated["sine"].interval_95
         covered.append([low <= true <= high for (low, high), true in zip(intervals, (1.0, 0.0), strict=True)])
     assert np.all(np.mean(covered, axis=0) >= 0.9)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.3])
+def test_errors_that_act_linearly_are_integrated_by_their_linearisation(moved) -> None:
+    """Two errors of each setting: the second goes out in closed form."""
+    comparison, subject = linear(n_errors=2)
+    hypothesis = Hypothesis(subject, (quantity(1), quantity(2)))
+    found = fit(comparison, hypothesis, hypothesis.null)
+    there = resolved_at(found, found.coordinates + moved)
+    assert np.max(np.abs(there.around.errors)) > 0.3
+    assert integrated_cost(there) == pytest.approx(there.cost, rel=1e-6)
+
+
+def test_an_error_out_of_reach_stays_linear() -> None:
+    """Where nothing explains the data the likely errors of the settings lie five standard deviations off."""
+    comparison, subject = linear(n_errors=2)
+    far = replace(comparison, data=comparison.data + 8.0 * comparison.directions[0])
+    found = fit(far, Hypothesis(subject), np.zeros(1))
+    assert np.min(np.abs(found.around.errors[:, 0])) > 2.5
+    assert integrated_cost(found) == pytest.approx(found.cost, abs=1e-4)
 
 
 def test_fit_whose_errors_of_settings_do_not_depend_on_it_is_left_as_it_is() -> None:

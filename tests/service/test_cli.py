@@ -223,11 +223,16 @@ def test_replay_to_a_running_service_twice(preload: Any, session_file: Path, sha
     shared_api.register("replayed", windows_per_measurement=10)
     shared_api.calibrate("replayed")
     words = ("replay", session_file, "--url", url, "--axis", "replayed", "--json")
-    assert preload(*words).json() == {"windows_posted": 30, "windows_refused": 0, "windows_already_there": 0}
+    judged = {"measurements": 3, "measurements_refused": {}}
+    assert preload(*words).json() == {
+        "windows_posted": 30, "windows_refused": 0, "windows_already_there": 0, **judged
+    }  # fmt: skip
     trend = shared_api.trend("replayed")
     for point, truth in zip(trend, (150.0, 250.0, 350.0), strict=True):
         assert point["interval_95_n"][0] < truth < point["interval_95_n"][1]
-    assert preload(*words).json() == {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 30}
+    assert preload(*words).json() == {
+        "windows_posted": 0, "windows_refused": 0, "windows_already_there": 30, **judged
+    }  # fmt: skip
     assert shared_api.trend("replayed") == trend
 
 
@@ -236,6 +241,7 @@ def test_replay_registers_a_new_axis_and_says_so(preload: Any, session_file: Pat
     assert answer.exit_code == 0
     assert "was not registered" in answer.err
     assert "windows posted: 30" in answer.out
+    assert "measurements: 3, refused: 3 (3 not-calibrated)" in answer.out
 
 
 def test_replay_passes_a_refusal_on_in_one_line(preload: Any, session_file: Path, shared_api: Api) -> None:

@@ -278,7 +278,10 @@ def test_what_a_session_shows_to_be_wrong_is_named(preload: Any, tmp_path: Path)
     axis = read_model_file(path)
     write_model_file(wrong, changed(axis, table_mass_kg=1.05 * axis.parameters["table_mass_kg"]))
     document = preload("explain", session, "--baseline", wrong, "--json").json()
-    assert any("wrong-parameter:table_mass_kg" in (one["key"], *one["equivalent_to"]) for one in document["effects"])
+    (found,) = document["effects"]
+    (ratio,) = found["parameters"].values()
+    assert (document["outcome"], found["key"]) == ("named", "wrong-parameter:table_mass_kg")
+    assert abs(ratio["value"] + math.log(1.05)) < 3.0 * ratio["standard_uncertainty"] < 0.006
     gap = document["gap"]
     assert gap["before"]["fit"] > 3.0 * gap["noise_floor"] > 2.7 * gap["after"]["fit"]
 

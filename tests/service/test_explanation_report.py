@@ -399,31 +399,40 @@ def test_verdict_comes_first_and_says_what_it_rests_on() -> None:
         assert text.index(str(outcome)) < text.index("Gap before and after")
 
 
-def test_what_was_not_held_out_is_not_spoken_of() -> None:
-    named = EXAMPLES[Outcome.NAMED]
-    fitted = [replace(pair, held_out=math.nan) for pair in (named.gap.before, named.gap.after)]
+@pytest.mark.parametrize(
+    ("outcome", "holds"),
+    [(Outcome.NAMED, "holds on the data it was chosen by. It does not"),
+     (Outcome.PARTIAL, "holds on the data it was chosen by, but does not close the gap")],
+)  # fmt: skip
+def test_what_was_not_held_out_is_not_spoken_of(outcome, holds) -> None:
+    made = EXAMPLES[outcome]
+    before, after = (replace(pair, held_out=math.nan) for pair in (made.gap.before, made.gap.after))
     without = replace(
-        named,
-        gap=replace(named.gap, before=fitted[0], after=fitted[1]),
-        effects=tuple(replace(one, held_out_log_likelihood_gain=math.nan) for one in named.effects),
+        made,
+        gap=replace(made.gap, before=before, after=after),
+        effects=tuple(replace(one, held_out_log_likelihood_gain=math.nan) for one in made.effects),
+        steps=tuple(replace(one, gap=replace(one.gap, held_out=math.nan)) for one in made.steps),
     )
     for text in (page_of(without).text(), explanation_markdown(without, "", "x")):
-        assert "holds on the data it was chosen by; none could be held out" in text
+        assert holds in text
+        assert "None could be held out: more positions would put it to the test." in text
         assert "nothing was held out." in text
-        assert "not used to choose it" not in text
-        assert "log-likelihood of held-out data" not in text
-    for text in (page_of(named).text(), explanation_markdown(named, "", "x")):
+        for words in ("not used to choose it", "log-likelihood of held-out data", "Hatched"):
+            assert words not in text
+    for text in (page_of(made).text(), explanation_markdown(made, "", "x")):
         assert "holds on data that were not used to choose it" in text
         assert "better with it than without" in text
+    assert "Hatched" in page_of(made).text()
 
 
 @pytest.mark.parametrize(
-    ("ln_ratio", "words"),
-    [(0.1, " (11 % more than stated)"), (-0.1, " (9.5 % less than stated)"),
-     (math.log(3.0), " (3.0 times what is stated)"), (-math.log(3.0), " (3.0 times less than is stated)")],
+    ("ln_ratio", "uncertainty", "words"),
+    [(0.10, 0.01, " (8.4 to 13 % beside what is stated)"), (-0.10, 0.01, " (−11 to −7.7 % beside what is stated)"),
+     (1.10, 0.05, " (2.7 to 3.3 times what is stated)"), (-1.10, 0.05, " (0.30 to 0.37 times what is stated)")],
 )  # fmt: skip
-def test_a_wrong_parameter_is_also_said_in_plain_words(ln_ratio, words) -> None:
-    found = FoundParameter(Estimate(ln_ratio, 0.01), "1", (ln_ratio - 0.02, ln_ratio + 0.02), True)
+def test_a_wrong_parameter_is_also_said_in_plain_words(ln_ratio, uncertainty, words) -> None:
+    interval = (ln_ratio - 1.96 * uncertainty, ln_ratio + 1.96 * uncertainty)
+    found = FoundParameter(Estimate(ln_ratio, uncertainty), "1", interval, True)
     assert beside_what_is_stated("wrong-parameter:table_mass_kg", found) == words
     assert beside_what_is_stated("loss-factor", found) == ""
 

@@ -111,7 +111,7 @@ class Comparison(Protocol[Physics_contra]):
 
     @property
     def setting_error_names(self) -> tuple[str, ...]:
-        """Return what the rows of ``setting_errors`` are errors of."""
+        """Return what the rows of ``setting_errors`` are errors of; the one that may act strongly stands first."""
         ...
 
     def misfit(self, physics: Physics_contra) -> FloatArray:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.models.extended import AxisPhysics, PreparedLines, ResponseCase, prepare_lines, responses
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import ResponsePoint
@@ -30,6 +30,9 @@ STEPS = np.array([0.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5])
 #: |W|² of Hann's window, whose transform is that of a cut in halves: sinc(ν) + [sinc(ν − 1) + sinc(ν + 1)]/2.
 _POWERS = (np.sinc(STEPS) + 0.5 * (np.sinc(STEPS - 1.0) + np.sinc(STEPS + 1.0))) ** 2
 WEIGHTS = _POWERS / np.sum(_POWERS)
+#: Of a line: a model has no answer at 0 Hz, where the mean of a window lies.
+_LEAST_SHARE = 0.01
+_DECIMALS = 9  # of a hertz: lines beside different ones are one, whatever the last bits of their sums are
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +41,13 @@ class Smearing:
 
     lines: PreparedLines
     place: npt.NDArray[np.intp]  # of each line and those beside it among them, shape (n_steps, n_lines)
+    mirrored: BoolArray  # whether it lies below zero, where a response is the conjugate, shape (n_steps, n_lines)
     weights: ComplexArray  # of their responses, shape (n_steps, n_lines)
 
     def log_ratio(self, physics: AxisPhysics) -> ComplexArray:
         """Return ln(H̄/H) of the measured lines, shape (n_lines,)."""
         response = responses(physics, self.lines)[self.place]
+        response = np.where(self.mirrored, response.conj(), response)
         return np.asarray(np.log(np.sum(self.weights * response, axis=0) / response[0]))
 
     def under(self, conditions: ConditionArrays) -> "Smearing":
@@ -68,20 +73,26 @@ def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]
     if all(spread is None for spread in spreads):
         return None
     n_steps = max(spread.offsets.size for spread in spreads if spread is not None)
-    widened, places, weights, n_before = [], [], [], 0
+    widened, places, mirrored, weights, n_before = [], [], [], [], 0
     for case, spread in zip(cases, spreads, strict=True):
         offsets, of_case = np.zeros(n_steps), np.zeros((n_steps, case.frequency.size), dtype=np.complex128)
         of_case[0] = 1.0
         if spread is not None:
             offsets[: spread.offsets.size], of_case[: spread.offsets.size] = spread.offsets, spread.weights
-        # of lines next to zero, which no window separates from the mean, those below end at half their frequency
-        wanted = np.maximum(case.frequency + offsets[:, None], 0.5 * case.frequency)
-        frequency, place = np.unique(wanted, return_inverse=True)
+        beside = case.frequency + offsets[:, None]
+        wanted = np.maximum(np.abs(beside), _LEAST_SHARE * case.frequency)
+        frequency, place = np.unique(np.asarray(np.round(wanted, _DECIMALS), dtype=np.float64), return_inverse=True)
         widened.append(replace(case, frequency=frequency))
         places.append(place.reshape(wanted.shape) + n_before)
+        mirrored.append(beside < 0.0)
         weights.append(of_case * _of_recorded(case.response, wanted / case.frequency))
         n_before += frequency.size
-    return Smearing(prepare_lines(widened), np.concatenate(places, axis=1), np.concatenate(weights, axis=1))
+    return Smearing(
+        prepare_lines(widened),
+        place=np.concatenate(places, axis=1),
+        mirrored=np.concatenate(mirrored, axis=1),
+        weights=np.concatenate(weights, axis=1),
+    )
 
 
 def _of_recorded(point: ResponsePoint, ratio: FloatArray) -> FloatArray:

@@ -92,7 +92,7 @@ class PlacesComparison:
         return np.array(rows)
 
     def shifted(self, errors: FloatArray) -> "PlacesComparison":
-        """Return the comparison with all errors of its places taken to be these, shape (n_places, n_errors)."""
+        """Return the comparison with all errors of its places taken into account, shape (n_places, n_errors)."""
         side = self.then if self.now is None else self.now
         side = moved(side, errors * self.spread[:, None], self.tolerances)
         return replace(self, then=side) if self.now is None else replace(self, now=side)

@@ -23,7 +23,7 @@ from monitor_core.discrepancy.searching.fit import Fitted
 
 Physics = TypeVar("Physics")
 
-#: Of the errors of a setting, the one that may act strongly: where the table stood.
+#: Of the errors of a setting the first is the one that may act strongly: where the table stood.
 _INTEGRATED = 0
 _REACH = 4.0  # standard deviations to either side
 _NODES = _REACH * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # Chebyshev's
@@ -35,6 +35,8 @@ _WELL_KNOWN = 2.0 * _STEP
 
 def integrated_cost(fitted: Fitted[Physics]) -> float:
     """Return :attr:`Fitted.cost` with that error of each setting integrated in place of its linearisation.
+
+    Where it would lie out of reach, because something else is missing, the linearisation stays.
 
     Raises
     ------
@@ -50,7 +52,8 @@ def integrated_cost(fitted: Fitted[Physics]) -> float:
     in_use = np.logical_or.reduceat(fitted.fitted, whitened_by.starts)
     ends = np.r_[whitened_by.starts[1:], rows.shape[2]]
     change = 0.0
-    for setting in np.flatnonzero(in_use & (_deviations(fitted) > _WELL_KNOWN)):
+    deviation, likely = _deviations(fitted), np.abs(whitened_by.errors(fitted.misfit)[:, _INTEGRATED])
+    for setting in np.flatnonzero(in_use & (deviation > _WELL_KNOWN) & (likely + 2.0 * deviation < _REACH)):
         of_setting = rows[:, :, whitened_by.starts[setting] : ends[setting]]
         flat = of_setting.reshape(-1, of_setting.shape[2])
         products = (flat @ flat.T).reshape(1 + n_others, _NODES.size, 1 + n_others, _NODES.size)

@@ -27,12 +27,16 @@ _STEP = 0.1  # of a standard deviation, for derivatives of a cost that is smooth
 _NEAR = 0.15  # of a standard deviation: so near the mode the search ends
 _SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
+_FARTHEST = 5.0  # standard deviations: beyond lies no mode of what least squares have found
 _LEAST_TOLD = 1e-3  # of a coordinate's own scale, inverse squared: what is told less has no scale but its own
 _NO_ANSWER = 1e6  # in the place of half the cost
 
 
 def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
-    """Return a fit at the mode of its posterior; the same one where that is as good as where it is."""
+    """Return a fit at the mode of its posterior; the same one where that is as good as where it is.
+
+    And where that cannot be told, because the model has no answer with the table four standard deviations off.
+    """
     hypothesis = fitted.hypothesis
     if not hypothesis.effects:
         return fitted
@@ -57,7 +61,7 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
         return min(0.5 * (_integrated(at(z)) - start), _NO_ANSWER)
 
     options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    z = minimize(half_cost, still, method="L-BFGS-B", options=options).x
+    z = minimize(half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options).x
     mode = at(z)
     return mode if mode is not None and half_cost(z) < 0.0 else fitted
 

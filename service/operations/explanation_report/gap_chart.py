@@ -32,25 +32,21 @@ def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_
     left = _label_width([words for words, _ in rows])
     sizes = [size for _, pair in rows for size in (pair.fit, pair.held_out)]
     axis = Axis(0.0, _largest([*sizes, noise_floor]), left, _WIDTH - 150.0)
-    height, bars, texts = _TOP, [], []
+    height, bars, texts, described = _TOP, [], [], []
     for words, pair in rows:
-        kinds = [
-            (kind, size) for kind, size in (("fitted", pair.fit), ("held out", pair.held_out)) if not math.isnan(size)
-        ]
-        texts.append(_row_label(words, left, height + 0.5 * len(kinds) * _BAR + 5.0))
-        for kind, size in kinds:
-            bars.append(_bar(axis, height, size, f"bar {kind.replace(' ', '-')}"))
-            texts.append(
-                label(f"{quantity(size, unit)} {kind}", _end(axis, size) + 6.0, height + 12.5, class_="beside")
-            )
+        sizes_of = {"fitted": pair.fit, "held out": pair.held_out}
+        shown = {kind: quantity(size, unit) for kind, size in sizes_of.items() if not math.isnan(size)}
+        described.append(f"{words}: {', '.join(f'{size} {kind}' for kind, size in shown.items())}")
+        texts.append(_row_label(words, left, height + 0.5 * len(shown) * _BAR + 5.0))
+        for kind, size in shown.items():
+            bars.append(_bar(axis, height, sizes_of[kind], f"bar {kind.replace(' ', '-')}"))
+            beside = _end(axis, sizes_of[kind]) + 6.0
+            texts.append(label(f"{size} {kind}", beside, height + 12.5, class_="beside"))
             height += _BAR + 2.0
         height += 10.0
     floor = f"noise floor {quantity(noise_floor, unit)}"
-    description = "; ".join(
-        f"{words}: {quantity(pair.fit, unit)} fitted, {quantity(pair.held_out, unit)} held out" for words, pair in rows
-    )
     reference = _reference(axis, noise_floor, height, floor)
-    return picture(_WIDTH, height, name, title, f"{description}; {floor}", *bars, reference, *texts)
+    return picture(_WIDTH, height, name, title, "; ".join([*described, floor]), *bars, reference, *texts)
 
 
 def pull_chart(name: str, pulls: Mapping[str, float]) -> Markup:

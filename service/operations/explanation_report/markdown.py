@@ -18,9 +18,9 @@ from service.operations.explanation_report.sentences import (
     beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
-    evidence_sentence,
     headline,
     meaning,
+    nothing_held_out,
     seen_from,
     step_sentence,
     threshold,
@@ -41,7 +41,7 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
     sections = [
         [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
         ["## Where model and measurement part", "", *_misfits(explanation.localisation)],
-        *[_effect(one) for one in explanation.effects],
+        *[_effect(one, held_out_data=not nothing_held_out(explanation)) for one in explanation.effects],
         ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],
         *([["## What stays unexplained", "", *_misfits(explanation.remainder)]] if explanation.effects else []),
         [f"## {candidates_heading(explanation.outcome)}", "", *_candidates(explanation)],
@@ -59,13 +59,15 @@ def _misfits(misfits: Sequence[Misfit]) -> list[str]:
     return _table(["where", "misfit, rms", "looks like", "p-value"], rows)
 
 
-def _effect(one: FoundEffect) -> list[str]:
+def _effect(one: FoundEffect, *, held_out_data: bool) -> list[str]:
     lines = [f"## Found: {_text(one.name)} (`{_code(one.key)}`)", "", _text(one.physics), ""]
     lines += _table(
         ["parameter", "value ± standard uncertainty", "95 % interval", "plausible"],
         [_parameter(one.key, name, found) for name, found in one.parameters.items()],
     )
-    lines += ["", evidence_sentence(one)]
+    held_out = one.held_out_log_likelihood_gain
+    gained = f"log-likelihood of held-out data {evidence(held_out)} better with it than without"
+    lines += ["", f"Evidence: ΔBIC {evidence(one.delta_bic)}; {gained if held_out_data else 'nothing was held out'}."]
     if one.equivalent_to:
         lines += ["", f"These data cannot tell it from: {', '.join(f'`{_code(key)}`' for key in one.equivalent_to)}."]
     if not one.plausible:

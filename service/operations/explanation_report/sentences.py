@@ -36,7 +36,8 @@ _MEANING: Final = {
 
 
 _HELD = " on data that were not used to choose it"
-_NOT_HELD = " on the data it was chosen by; none could be held out, and more positions would put it to the test"
+_NOT_HELD = " on the data it was chosen by"
+_TO_THE_TEST = "None could be held out: more positions would put it to the test."
 _HARDLY_LESS = 0.95  # of a gap
 _TIMES = 1.5  # from this ratio on people say "times"
 _STRAINED = 3.0  # standard deviations
@@ -63,29 +64,21 @@ def headline(explanation: Explanation) -> str:
 
 def meaning(explanation: Explanation) -> str:
     """Say what the outcome means, and what it does not."""
-    judged = _NOT_HELD if nothing_held_out(explanation) else _HELD
-    return _MEANING[explanation.outcome].format(judged=judged)
-
-
-def evidence_sentence(one: FoundEffect) -> str:
-    """Say what speaks for an effect: on the data that were fitted, and on those held out where there are any."""
-    fitted = f"Evidence: ΔBIC {evidence(one.delta_bic)}"
-    gain = one.held_out_log_likelihood_gain
-    if math.isnan(gain):
-        return f"{fitted}; nothing was held out."
-    return f"{fitted}; log-likelihood of held-out data {evidence(gain)} better with it than without."
+    words = _MEANING[explanation.outcome]
+    if "{judged}" not in words or not nothing_held_out(explanation):
+        return words.format(judged=_HELD)
+    return f"{words.format(judged=_NOT_HELD)} {_TO_THE_TEST}"
 
 
 def beside_what_is_stated(key: str, found: FoundParameter) -> str:
-    """Say of a wrong parameter by how much it is off, in brackets; of others nothing."""
+    """Say of a wrong parameter between what it lies for people who do not read logarithms; of others nothing."""
     if not key.startswith(PREFIX):
         return ""
-    ratio = math.exp(abs(found.estimate.value))
-    more = found.estimate.value > 0.0
-    if ratio >= _TIMES:
-        return f" ({rounded(ratio, 2)} times {'what' if more else 'less than'} is stated)"
-    share = 100.0 * (ratio - 1.0 if more else 1.0 - 1.0 / ratio)
-    return f" ({rounded(share, 2)} % {'more' if more else 'less'} than stated)"
+    low, high = (math.exp(end) for end in found.interval_95)
+    if low > 1.0 / _TIMES and high < _TIMES:
+        low, high = 100.0 * (low - 1.0), 100.0 * (high - 1.0)
+        return f" ({rounded(low, 2)} to {rounded(high, 2)} % beside what is stated)"
+    return f" ({rounded(low, 2)} to {rounded(high, 2)} times what is stated)"
 
 
 def effect_named(one: FoundEffect) -> str:

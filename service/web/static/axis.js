@@ -44,7 +44,7 @@ function drawMarks(u, seriesIndex, filled) {
     const x = u.valToPos(u.data[0][i], "x", true);
     const refused = p.status === "refused";
     if (value == null && !refused) return;
-    const y = refused ? u.bbox.top + u.bbox.height - 8 * devicePixelRatio : u.valToPos(value, "y", true);
+    const y = value == null ? u.bbox.top + u.bbox.height - 8 * devicePixelRatio : u.valToPos(value, "y", true);
     ctx.strokeStyle = ctx.fillStyle = STATE_COLOUR[p.state] || "#5b6875";
     if (!refused && filled && p.interval_95_n) {
       const top = p.interval_95_n[1] == null ? u.bbox.top : u.valToPos(p.interval_95_n[1], "y", true);
