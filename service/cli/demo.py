@@ -3,6 +3,7 @@
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def demonstration_axis(sessions: Path) -> dict[str, Any]:
     }
 
 
-def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> dict[str, int]:
+def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> Mapping[str, int]:
     """Post one bundled session to the axis of its name, which is registered."""
     click.echo(f"replaying {session} ({description})", err=True)
     with open_session(sessions / f"{session}{SUFFIX}") as reader:

@@ -1,6 +1,7 @@
 """``preload replay SESSION --url URL --axis ID``: post a recorded session to a running service."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ def replay(session: Path, url: str, axis: str, speed: float | None, as_json: boo
 class Posted:
     """What became of the windows and measurements of a session."""
 
-    windows: dict[str, int]
+    windows: Mapping[str, int]
     measurements: int  # judged now, or when they were first sent
     measurements_refused: Counter[str]  # of those, by reason
 

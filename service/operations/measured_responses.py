@@ -8,8 +8,9 @@ import numpy as np
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.modal import ModalMeasurement
+from monitor_core.models.generator import EXCITED
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Window
+from monitor_core.recording import Conditions, ExcitationQuantity, Window
 from monitor_core.recordings.modal_csv import ModalRow
 from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
@@ -131,5 +132,4 @@ def _conditions(conditions: Conditions, usual_temperature: float | None) -> Driv
 def _excitation_point(one: ModalMeasurement) -> ExcitationPoint:
     if one.excitation_quantity is ExcitationQuantity.FORCE:
         return ExcitationPoint.FORCE_AT_TABLE
-    measured = one.excitation_source is ExcitationSource.SENSOR
-    return ExcitationPoint.TORQUE_AT_SCREW if measured else ExcitationPoint.TORQUE_AT_MOTOR
+    return EXCITED[one.excitation_source]

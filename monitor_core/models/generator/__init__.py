@@ -3,6 +3,7 @@
 from monitor_core.models.generator.moves import RampMoves
 from monitor_core.models.generator.scan import GuideFriction
 from monitor_core.models.generator.session import (
+    EXCITED,
     MOTOR_END,
     SimulationSettings,
     condition_grid,
@@ -11,6 +12,7 @@ from monitor_core.models.generator.session import (
 )
 
 __all__ = [
+    "EXCITED",
     "MOTOR_END",
     "GuideFriction",
     "RampMoves",
