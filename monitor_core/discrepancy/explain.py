@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -86,8 +85,7 @@ def explain(
     found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
     tell("judging what was found")
     classes, final = _classes(found, candidates)
-    as_stated = cache(at_mode)  # a leader's fit is mostly the final one
-    final = as_stated(final)
+    final = at_mode(final)
     found = replace(found, final=final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
     pulls = variances_of_pulls(found.final)
@@ -103,7 +101,7 @@ def explain(
     }
     return Explanation(
         outcome=outcome,
-        effects=tuple(_found_effect(one, as_stated(one.leader.fitted), found.yardstick) for one in classes),
+        effects=tuple(_found_effect(one, final, found.yardstick) for one in classes),
         localisation=_places(found.baseline, candidates, scatter),
         remainder=_places(found.final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,
@@ -250,7 +248,11 @@ def _candidates(
 ) -> tuple[Candidate, ...]:
     """Return what was not found: refitted rivals, mere looks with what they could have seen, and the untestable."""
     told = {key for one in classes for key in (one.leader.effect.key, *one.twins, *one.untested)}
-    rivals = {rival.effect.key: (rival, one.without) for one in found.accepted for rival in one.rivals}
+    rivals = {
+        rival.effect.key: (rival, one.without, of_one.leader.effect.key)
+        for one, of_one in zip(found.accepted, classes, strict=True)
+        for rival in one.rivals
+    }
     looks = {look.effect.key: look for look in found.looks}
     answers: dict[str, Candidate] = {}
     for effect in candidates:
@@ -258,9 +260,9 @@ def _candidates(
             continue
         look = looks.get(effect.key)
         limit = _detection_limit(look, found)
-        evidence, held, untestable = math.nan, math.nan, None
+        evidence, held, untestable, place = math.nan, math.nan, None, None
         if effect.key in rivals:
-            rival, without = rivals[effect.key]
+            rival, without, place = rivals[effect.key]
             evidence = rival.delta_bic  # in the place of what was accepted
             held = gain(without.held_out, rival.fitted.held_out, found.yardstick)
         elif look is not None and limit is not None:
@@ -269,7 +271,8 @@ def _candidates(
             untestable = _why_untestable(effect, look, found)
             if untestable is None:
                 continue
-        answers[effect.key] = Candidate(effect.key, evidence, held, limit, effect.parameters[0].unit, untestable)
+        unit = effect.parameters[0].unit
+        answers[effect.key] = Candidate(effect.key, evidence, held, limit, unit, untestable, place)
     return tuple(sorted(answers.values(), key=lambda one: -one.delta_bic if math.isfinite(one.delta_bic) else math.inf))
 
 

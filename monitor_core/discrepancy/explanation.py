@@ -129,6 +129,7 @@ class Candidate:
     detection_limit: float | None  # value of its first parameter that would be seen, in its unit
     unit: str
     untestable_because: str | None = None
+    in_place_of: str | None = None  # key of what was found and it was refitted instead of; None: beside all of that
 
 
 @dataclass(frozen=True, slots=True, eq=False)

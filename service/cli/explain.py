@@ -35,7 +35,9 @@ from service.operations.explanation_report.sentences import (
     beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
+    found_heading,
     headline,
+    place,
     seen_from,
     step_sentence,
     threshold,
@@ -89,7 +91,8 @@ def explain(
 ) -> None:
     """Find where measurements and a model part, name what is missing, add it, and show the gap shrink.
 
-    DATA is a set of frequency responses, a session, a modal table, or a motion record.
+    DATA is a set of frequency responses, a session whose accelerometer was on the table, a modal table, or a motion
+    record.
     """
     if out is not None and not out.parent.is_dir():
         raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
@@ -180,7 +183,7 @@ def _print(explanation: Explanation) -> None:
         print_table("Where model and measurement part", ("where", "misfit, rms", "looks like"), rows)
     if explanation.effects:
         print_table(
-            "What was found",
+            found_heading(explanation.outcome),
             ("effect", "parameter", "value", "95 % interval", "plausible"),
             [_found_row(effect, *item) for effect in explanation.effects for item in effect.parameters.items()],
         )
@@ -203,8 +206,8 @@ def _print(explanation: Explanation) -> None:
     if candidates:
         print_table(
             candidates_heading(explanation.outcome),
-            ("effect", "ΔBIC", "would be seen from"),
-            [(one.key, evidence(one.delta_bic), seen_from(one)) for one in candidates],
+            ("effect", "ΔBIC", "place", "would be seen from"),
+            [(one.key, evidence(one.delta_bic), place(one), seen_from(one)) for one in candidates],
         )
         click.echo(threshold(explanation))
     if more:

@@ -31,8 +31,8 @@ _Observation = TypeVar("_Observation", ModalObservation, FrequencyResponseObserv
 Measured = tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...] | MotionRecord
 
 _RATING = "dynamic_load_rating_n"
-#: Two positions closer than this are one: millimetres of a file and of a command do not give metres of the same bits.
-_SAME_POSITION = 1e-6  # [m]
+#: Two positions closer than this are one: tables show tenths of a millimetre.
+_SAME_POSITION = 1e-4  # [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -216,6 +216,8 @@ def test_two_effects_are_both_named() -> None:
     assert covered(found["far-bearing-stiffness"]["stiffness_n_per_m"], 2e7)
     assert covered(found["torque-delay"]["delay_s"], 5e-5)
     assert answer.gap.after.held_out < 1.1 * answer.gap.noise_floor
+    for key, parameters in found.items():  # one axis: what is stated is what is written
+        assert {name: one.estimate.value for name, one in parameters.items()} == answer.added[key]
 
 
 def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
@@ -226,6 +228,7 @@ def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
     assert keys(answer) == [f"{PREFIX}bracket_stiffness_n_per_m"]
     assert answer.added == {}
     assert answer.ln_ratios["bracket_stiffness_n_per_m"] == pytest.approx(math.log(2.0), abs=0.1)
+    assert answer.ln_ratios["bracket_stiffness_n_per_m"] == answer.effects[0].parameters["ln_ratio"].estimate.value
 
 
 # --- what is not to be believed --------------------------------------------------------------------------------------

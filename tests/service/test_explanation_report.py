@@ -415,7 +415,7 @@ def test_what_was_not_held_out_is_not_spoken_of(outcome, holds) -> None:
     )
     for text in (page_of(without).text(), explanation_markdown(without, "", "x")):
         assert holds in text
-        assert "None could be held out: more positions would put it to the test." in text
+        assert "None could be held out; of five positions or more, two would be." in text
         assert "nothing was held out." in text
         for words in ("not used to choose it", "log-likelihood of held-out data", "Hatched"):
             assert words not in text
@@ -423,6 +423,21 @@ def test_what_was_not_held_out_is_not_spoken_of(outcome, holds) -> None:
         assert "holds on data that were not used to choose it" in text
         assert "better with it than without" in text
     assert "Hatched" in page_of(made).text()
+
+
+def test_evidence_says_in_which_place_it_is_meant() -> None:
+    rival = Candidate("loss-factor", 2.4, 0.3, 0.0021, "-", in_place_of="far-bearing-stiffness")
+    other = Candidate("base-compliance", -11.9, math.nan, 4.3e-10, "m/N")
+    made = replace(EXAMPLES[Outcome.NAMED], candidates=(rival, other))
+    for text in (page_of(made).text(), explanation_markdown(made, "", "x")):
+        assert "instead of far-bearing-stiffness" in text
+        assert "in addition" in text
+
+
+def test_what_is_not_the_cause_is_not_called_found() -> None:
+    with_effects = replace(EXAMPLES[Outcome.NAMED], outcome=Outcome.UNKNOWN)
+    assert "What helped most, and is not the cause" in page_of(with_effects).text()
+    assert "What was found" in page_of(EXAMPLES[Outcome.NAMED]).text()
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,7 @@ def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yards
     ----------
     member : Member
     stated : Fitted
-        Its fit, at the mode of the posterior.
+        With it and with all else that was found, as the augmented model has it: at the mode of the posterior.
     by : Yardstick
     """
     values = stated.hypothesis.values(stated.coordinates)[member.effect.key]

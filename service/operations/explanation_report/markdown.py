@@ -21,6 +21,7 @@ from service.operations.explanation_report.sentences import (
     headline,
     meaning,
     nothing_held_out,
+    place,
     seen_from,
     step_sentence,
     threshold,
@@ -112,10 +113,10 @@ def _candidates(explanation: Explanation) -> list[str]:
     if not explanation.candidates:
         return ["Nothing else was thought of."]
     rows = [
-        [one.key, evidence(one.delta_bic), evidence(one.held_out), seen_from(one)]
+        [one.key, evidence(one.delta_bic), place(one), evidence(one.held_out), seen_from(one)]
         for one in candidates_in_order(explanation.candidates)
     ]
-    table = _table(["effect", "ΔBIC", "held-out gain", "would be seen from"], rows)
+    table = _table(["effect", "ΔBIC", "place", "held-out gain", "would be seen from"], rows)
     return [*table, "", threshold(explanation)]
 
 

@@ -47,6 +47,8 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         headline=sentences.headline(explanation),
         meaning=sentences.meaning(explanation),
         candidates=sentences.candidates_in_order(explanation.candidates),
+        found_heading=sentences.found_heading(explanation.outcome),
+        place=sentences.place,
         candidates_heading=sentences.candidates_heading(explanation.outcome),
         shades=shade_names(),
         models=_models(explanation),

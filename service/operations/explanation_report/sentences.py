@@ -37,7 +37,7 @@ _MEANING: Final = {
 
 _HELD = " on data that were not used to choose it"
 _NOT_HELD = " on the data it was chosen by"
-_TO_THE_TEST = "None could be held out: more positions would put it to the test."
+_TO_THE_TEST = "None could be held out; of five positions or more, two would be."
 _HARDLY_LESS = 0.95  # of a gap
 _TIMES = 1.5  # from this ratio on people say "times"
 _STRAINED = 3.0  # standard deviations
@@ -93,6 +93,11 @@ def listed(parts: Sequence[str]) -> str:
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
+def found_heading(outcome: Outcome) -> str:
+    """Return the heading over the effects: where the cause is unknown they are not it."""
+    return "What helped most, and is not the cause" if outcome is Outcome.UNKNOWN else "What was found"
+
+
 def judged_gap(pair: GapPair) -> float:
     """Return the gap that counts: on data held out where there are any."""
     return pair.fit if math.isnan(pair.held_out) else pair.held_out
@@ -138,6 +143,13 @@ def seen_from(one: Candidate) -> str:
     if one.untestable_because is not None:
         return f"untestable: {one.untestable_because}"
     return detection_limit(one)[1]
+
+
+def place(one: Candidate) -> str:
+    """Say whether the evidence is for an effect instead of something that was found, or in addition to it."""
+    if one.untestable_because is not None:
+        return "—"
+    return "in addition" if one.in_place_of is None else f"instead of {one.in_place_of}"
 
 
 def detection_limit(one: Candidate) -> tuple[float, str]:
