@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from monitor_core.recording import RejectionReason
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session
 from service.cli.client import Client
 from service.cli.output import json_option, print_json, progress_bar
@@ -67,4 +68,7 @@ def _sentence(posted: Posted) -> str:
     windows = ", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in posted.windows.items())
     reasons = ", ".join(f"{number} {reason}" for reason, number in posted.measurements_refused.most_common())
     refused = posted.measurements_refused.total()
-    return f"{windows}; measurements: {posted.measurements}, refused: {refused}{reasons and f' ({reasons})'}"
+    sentence = f"{windows}; measurements: {posted.measurements}, refused: {refused}{reasons and f' ({reasons})'}"
+    if posted.measurements_refused[RejectionReason.NOT_CALIBRATED]:
+        sentence += "\nnot-calibrated ones stay so: activate a calibration, then replay under the name of another axis"
+    return sentence

@@ -60,6 +60,7 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
             "baseline": on.trend.baseline(axis),
             "rule": on.trend.paper_rule(axis),
             "calibration": active,
+            "latest_calibration": max((row.id for row in overview.calibrations), default=None),
             "history": overview.activations,
             "alarms": alarms,
             "discrepancies": on.discrepancies.finished(axis),

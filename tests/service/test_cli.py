@@ -242,6 +242,7 @@ def test_replay_registers_a_new_axis_and_says_so(preload: Any, session_file: Pat
     assert "was not registered" in answer.err
     assert "windows posted: 30" in answer.out
     assert "measurements: 3, refused: 3 (3 not-calibrated)" in answer.out
+    assert "activate a calibration, then replay under the name of another axis" in answer.out
 
 
 def test_replay_passes_a_refusal_on_in_one_line(preload: Any, session_file: Path, shared_api: Api) -> None:

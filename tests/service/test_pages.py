@@ -22,13 +22,14 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
         with open_session(BUNDLED_SESSIONS / "sudden-loss.session.h5") as session:
             for name in session.measurements:
                 client.post_measurement("x", session.windows_of(name))
-        page, fleet = (httpx.get(url + path).text for path in ("/axes/x", "/"))
+        page, fleet, stored = (httpx.get(url + path).text for path in ("/axes/x", "/", f"/axes/{CALIBRATION}"))
     assert '<span class="state alarm" id="state">alarm</span>' in page
     assert "Rule of the paper" in page
     assert "told apart" in page
     assert "not told apart" not in page
     assert "baseline of 20 measurements" in page
     assert "N below the baseline" in page
+    assert f"None in force: number {fitted['id']} is stored. Activate it with" in stored
     assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
     for text in (page, fleet):
         assert "http://" not in text
