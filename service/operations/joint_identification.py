@@ -191,9 +191,13 @@ def _receptance_subject(
     model = request.model
     axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
     present = [name for name in JOINT_NAMES if getattr(axis, name) > 0.0]
-    foreign = sorted(set(model.uncertain) - {name_in_file(name) for name in present})
+    stated_joints = [name_in_file(name) for name in present]
+    foreign = sorted(set(model.uncertain) - set(stated_joints))
     if foreign:
-        raise NotIdentifiableError(f"in a receptance model the joints it states can be uncertain; got {foreign[0]}")
+        raise NotIdentifiableError(
+            f"of a receptance model the joints that it states can be uncertain here, {', '.join(stated_joints)}; "
+            f"leave out {foreign[0]}"
+        )
     uncertain = {name: model.uncertain[name_in_file(name)] for name in present if name_in_file(name) in model.uncertain}
     joints = JointCoordinates(axis, tuple(uncertain or present))
     in_file = {name: name_in_file(name) for name in joints.free}
