@@ -61,9 +61,11 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
         return min(0.5 * (_integrated(at(z)) - start), _NO_ANSWER)
 
     options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    z = minimize(half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options).x
-    mode = at(z)
-    return mode if mode is not None and half_cost(z) < 0.0 else fitted
+    found = minimize(
+        half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options
+    )
+    mode = at(found.x)
+    return mode if mode is not None and found.fun < 0.0 else fitted
 
 
 def _integrated(there: Fitted[Physics] | None) -> float:
