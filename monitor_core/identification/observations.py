@@ -1,8 +1,8 @@
 """What was measured for an identification: peaks at positions, or whole frequency responses."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,6 +105,26 @@ class FrequencyResponseObservation:
             raise OutsideValidityError(
                 f"a spread must be that of the {self.frequency.size} lines; got {self.spread.weights.shape[1]}"
             )
+
+
+#: Where an accelerometer may sit that a record does not place.
+ACCELEROMETER_POINTS = (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ACCELERATION_AT_NUT)
+
+
+def with_accelerometer_at(
+    point: ResponsePoint, observations: Sequence[FrequencyResponseObservation]
+) -> tuple[FrequencyResponseObservation, ...]:
+    """Return responses as those of an accelerometer at a point; what is no acceleration stays.
+
+    Parameters
+    ----------
+    point : ResponsePoint
+        One of ``ACCELEROMETER_POINTS``.
+    observations : sequence of FrequencyResponseObservation
+    """
+    return tuple(
+        replace(one, response_point=point) if one.response_point.is_acceleration else one for one in observations
+    )
 
 
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:

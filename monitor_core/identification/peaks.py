@@ -292,4 +292,5 @@ def _combined(terms: Sequence[PositionTerms], combine: Callable[[list[ComplexArr
         held_torsion=linear([one.held_torsion for one in terms]),
         held_turning=linear([one.held_turning for one in terms]),
         transmission_ratio=terms[0].transmission_ratio,
+        nut_mass=terms[0].nut_mass,
     )

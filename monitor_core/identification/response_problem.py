@@ -34,8 +34,8 @@ from monitor_core.identification.observations import FrequencyResponseObservatio
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, ResponsePoint, motor_end_of
 from monitor_core.models.receptance.closed_form import (
     PositionTerms,
-    entire_responses,
     position_terms,
+    receptance_between,
     table_receptance,
     table_receptance_gradient,
 )
@@ -194,8 +194,7 @@ def in_form(problem: ResponseProblem, form: ResidualForm) -> ResponseProblem:
 
 def _prepared(joints: JointCoordinates, one: FrequencyResponseObservation, form: ResidualForm) -> _Measured:
     omega = 2.0 * np.pi * one.frequency
-    accelerates = one.response_point is ResponsePoint.ACCELERATION_AT_TABLE
-    scale = np.asarray(-(omega**2) if accelerates else np.ones_like(omega), dtype=np.complex128)
+    scale = np.asarray(-(omega**2) if one.response_point.is_acceleration else np.ones_like(omega), dtype=np.complex128)
     terms = position_terms(joints.axis, omega, one.conditions, motor_end_of(one.excitation, MotorEnd.FREE))
     return _Measured(one, terms, scale, line_weight(one, form))
 
@@ -218,19 +217,16 @@ def line_weight(one: FrequencyResponseObservation, form: ResidualForm) -> FloatA
 
 
 def _is_table_receptance(one: FrequencyResponseObservation) -> bool:
-    return one.excitation is ExcitationPoint.FORCE_AT_TABLE and one.response_point is not ResponsePoint.ANGLE_AT_MOTOR
+    of_table = (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.DISPLACEMENT_AT_TABLE)
+    return one.excitation is ExcitationPoint.FORCE_AT_TABLE and one.response_point in of_table
 
 
 def _displacement(one: _Measured, joints: JointParameters) -> ComplexArray:
-    """Return the displacement of the table or the angle of the motor per unit excitation."""
+    """Return the displacement of table or nut, or the angle of the motor, per unit excitation."""
     observation = one.observation
     if _is_table_receptance(observation):
         return table_receptance(one.terms, joints)
-    responses = entire_responses(one.terms, joints)
-    by_force = observation.excitation is ExcitationPoint.FORCE_AT_TABLE
-    if observation.response_point is ResponsePoint.ANGLE_AT_MOTOR and not by_force:
-        return responses.angle_per_torque / responses.denominator
-    return responses.table_per_torque / responses.denominator
+    return receptance_between(one.terms, joints, observation.excitation, observation.response_point)
 
 
 def real_and_imaginary(values: ComplexArray) -> FloatArray:

@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.models.bracket import beyond_contacts
 from monitor_core.models.damping import complex_stiffness, equivalent_viscous_damping, series_stiffness
 from monitor_core.models.nut import nut_rigidity
 from monitor_core.models.parameters import DriveParameters, transmission_ratio
@@ -290,7 +292,15 @@ class HybridModel:
     ) -> FrequencyResponse:
         """Return the response per unit excitation; a force at the table finds the motor end free."""
         equations = self.equations(conditions, motor_end_of(excitation, otherwise=MotorEnd.FREE))
-        return drive_response(equations, frequency, excitation, response)
+        p = self.parameters
+        beyond = partial(
+            beyond_contacts,
+            table_mass=p.table_mass + conditions.payload_mass,
+            table_damping=p.table_damping,
+            bracket_stiffness=p.bracket_stiffness,
+            loss_factor=p.loss_factor,
+        )
+        return drive_response(equations, frequency, excitation, response, beyond)
 
     def natural_frequencies(
         self, conditions: DriveConditions, motor_end: MotorEnd | None = None

@@ -31,8 +31,14 @@ class ResponsePoint(StrEnum):
     """What a model answers with, by its name in files (FORMATS: ``output``)."""
 
     ACCELERATION_AT_TABLE = "acceleration-at-table"  #: [m/s²]
+    ACCELERATION_AT_NUT = "acceleration-at-nut"  #: before the bracket that carries the table [m/s²]
     DISPLACEMENT_AT_TABLE = "displacement-at-table"  #: [m]
     ANGLE_AT_MOTOR = "angle-at-motor"  #: of the rotor; of the screw's motor end where no motor turns with it [rad]
+
+    @property
+    def is_acceleration(self) -> bool:
+        """Whether an accelerometer shows it."""
+        return self in (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ACCELERATION_AT_NUT)
 
 
 class MotorEnd(StrEnum):
@@ -134,9 +140,11 @@ class DriveModel(Protocol):
 #: What a response is called (ISO 7626), by what was excited and what answers.
 _QUANTITIES = {
     (True, ResponsePoint.ACCELERATION_AT_TABLE): "torque_accelerance",  # [m/(N·m·s²)]
+    (True, ResponsePoint.ACCELERATION_AT_NUT): "torque_accelerance",
     (True, ResponsePoint.DISPLACEMENT_AT_TABLE): "torque_receptance",  # [m/(N·m)]
     (True, ResponsePoint.ANGLE_AT_MOTOR): "rotational_receptance",  # [rad/(N·m)]
     (False, ResponsePoint.ACCELERATION_AT_TABLE): "accelerance",  # [m/(N·s²)]
+    (False, ResponsePoint.ACCELERATION_AT_NUT): "accelerance",
     (False, ResponsePoint.DISPLACEMENT_AT_TABLE): "receptance",  # [m/N]
     (False, ResponsePoint.ANGLE_AT_MOTOR): "angle_per_force",  # [rad/N]
 }

@@ -1,5 +1,6 @@
 """Systems of few degrees of freedom, M q̈ + C q̇ + K q = f: response, poles and modes, and a drive written as one."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ import scipy.optimize
 
 from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.bracket import BeyondContacts, Values, nut_from_table
 from monitor_core.models.protocol import (
     ExcitationPoint,
     NaturalFrequency,
@@ -156,9 +158,22 @@ class DriveEquations:
 
 
 def drive_response(
-    equations: DriveEquations, frequency: FloatArray, excitation: ExcitationPoint, response: ResponsePoint
+    equations: DriveEquations,
+    frequency: FloatArray,
+    excitation: ExcitationPoint,
+    response: ResponsePoint,
+    beyond: Callable[[ComplexArray], BeyondContacts] | None = None,
 ) -> FrequencyResponse:
     """Return a frequency response of a drive, shape (n_frequencies,).
+
+    Parameters
+    ----------
+    equations : DriveEquations
+    frequency : ndarray, shape (n_frequencies,)
+        Above zero. [Hz]
+    excitation, response : ExcitationPoint, ResponsePoint
+    beyond : callable, optional
+        What the contacts of the nut carry, from jω; without it the nut is one with the table.
 
     Raises
     ------
@@ -168,14 +183,18 @@ def drive_response(
     frequency = require_frequencies(frequency)
     if response is ResponsePoint.ANGLE_AT_MOTOR and not np.any(equations.angle_at_motor):
         raise OutsideValidityError("the motor end is clamped for this excitation and has no angle; excite by a torque")
-    column, row = (
-        equations.displacement_at_table if at_table else equations.angle_at_motor
-        for at_table in (excitation is ExcitationPoint.FORCE_AT_TABLE, response is not ResponsePoint.ANGLE_AT_MOTOR)
-    )
     omega = 2.0 * np.pi * frequency
     s = np.asarray(1j * omega, dtype=np.complex128)
-    receptance = row @ transfer_matrix(equations.system, s) @ column
-    if response is ResponsePoint.ACCELERATION_AT_TABLE:
+    of_table = response is not ResponsePoint.ANGLE_AT_MOTOR
+    row = equations.displacement_at_table if of_table else equations.angle_at_motor
+    to_row = row @ transfer_matrix(equations.system, s)
+    per_force: Values = to_row @ equations.displacement_at_table
+    per_torque: Values = to_row @ equations.angle_at_motor
+    if response is ResponsePoint.ACCELERATION_AT_NUT and beyond is not None:
+        per_force, per_torque = nut_from_table(per_force, per_torque, beyond(s))
+    chosen = per_force if excitation is ExcitationPoint.FORCE_AT_TABLE else per_torque
+    receptance = np.asarray(chosen, dtype=np.complex128)
+    if response.is_acceleration:
         receptance = -(omega**2) * receptance
     return FrequencyResponse(frequency, receptance, quantity_of(excitation, response))
 

@@ -4,6 +4,7 @@ from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 
 _RESPONSE_UNITS = {
     ResponsePoint.ACCELERATION_AT_TABLE: "m/s2",
+    ResponsePoint.ACCELERATION_AT_NUT: "m/s2",
     ResponsePoint.DISPLACEMENT_AT_TABLE: "m",
     ResponsePoint.ANGLE_AT_MOTOR: "rad",
 }
@@ -19,7 +20,7 @@ def excitation_unit(excitation: ExcitationPoint) -> str:
 def response_unit(excitation: ExcitationPoint, response: ResponsePoint) -> str:
     """Return the unit that two points imply, as files spell it: ``m/(N.m.s2)``, ``m/N``, ``rad/(N.m)``, …."""
     per = excitation_unit(excitation)
-    if response is ResponsePoint.ACCELERATION_AT_TABLE:
+    if response.is_acceleration:
         return f"m/({per}.s2)"
     return f"{_RESPONSE_UNITS[response]}/{'N' if per == 'N' else '(N.m)'}"
 
@@ -29,6 +30,6 @@ def is_response_unit(text: str, excitation: ExcitationPoint, response: ResponseP
     plain = text.replace("**", "").translate(_SIGNS).replace("Nm", "N.m")
     of, per = _RESPONSE_UNITS[response], excitation_unit(excitation)
     quotients = {f"{above}/{below}" for above in (of, f"({of})") for below in (per, f"({per})")}
-    if response is ResponsePoint.ACCELERATION_AT_TABLE:
+    if response.is_acceleration:
         quotients |= {f"m/({per}.s2)", f"m/(s2.{per})"}
     return plain in quotients

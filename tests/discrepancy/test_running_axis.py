@@ -18,7 +18,7 @@ from monitor_core.discrepancy.effects.warming import MODULUS_PER_KELVIN, WARMING
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.running.changes import Cause
 from monitor_core.discrepancy.running.place_errors import RunningTolerances
-from monitor_core.discrepancy.running.places import log_responses, places_of
+from monitor_core.discrepancy.running.places import places_of
 from monitor_core.discrepancy.running.places_compared import compare_times
 from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
 from monitor_core.discrepancy.running.then_and_now import ThenAndNow
@@ -43,7 +43,8 @@ POSITIONS = (0.15, 0.35, 0.55, 0.75)
 FREQUENCY = np.arange(32.0, 400.0, 4.0)
 NOISE = 0.004  # of a line, relative
 
-AT_SCREW = (ExcitationPoint.TORQUE_AT_SCREW, ResponsePoint.ACCELERATION_AT_TABLE, MotorEnd.PRESCRIBED)
+AT_NUT = (ExcitationPoint.TORQUE_AT_SCREW, ResponsePoint.ACCELERATION_AT_NUT, MotorEnd.PRESCRIBED)
+AT_TABLE = (ExcitationPoint.TORQUE_AT_SCREW, ResponsePoint.ACCELERATION_AT_TABLE, MotorEnd.PRESCRIBED)
 
 
 @cache
@@ -64,11 +65,11 @@ def observed(
     made = []
     for x in positions:
         conditions = DriveConditions(x, PRELOAD, temperature_deviation=temperature)
-        lines = prepare_lines([ResponseCase(frequency, conditions, *AT_SCREW)])
-        exact = np.exp(log_responses(physics, lines, at_nut=True))
+        lines = prepare_lines([ResponseCase(frequency, conditions, *AT_NUT)])
+        exact = responses(physics, lines)
         error = noise * np.abs(exact)
         noisy = exact + error * (rng.standard_normal(exact.size) + 1j * rng.standard_normal(exact.size))
-        made.append(FrequencyResponseObservation(conditions, frequency, noisy, error, *AT_SCREW[:2]))
+        made.append(FrequencyResponseObservation(conditions, frequency, noisy, error, *AT_NUT[:2]))
     return tuple(made)
 
 
@@ -96,11 +97,14 @@ def test_response_at_the_nut_is_that_of_the_finite_element_axis(position: float)
         ]
     )
     plant = per_torque[:, 1] / per_torque[:, 0]
-    lines = prepare_lines([ResponseCase(FREQUENCY, DriveConditions(position, PRELOAD), *AT_SCREW)])
+    conditions = DriveConditions(position, PRELOAD)
     undamped = replace(
         axis(), joints=replace(axis().joints, loss_factor=1e-6), bodies=replace(axis().bodies, table_damping=0.0)
     )
-    at_nut, at_table = (np.exp(log_responses(undamped, lines, at_nut=one)) for one in (True, False))
+    at_nut, at_table = (
+        responses(undamped, prepare_lines([ResponseCase(FREQUENCY, conditions, *where)]))
+        for where in (AT_NUT, AT_TABLE)
+    )
     np.testing.assert_allclose(np.abs(at_nut - plant) / np.maximum(np.abs(plant), 1.0), 0.0, atol=0.01)
     # on the table it is another response: no antiresonance
     assert np.min(np.abs(at_table[FREQUENCY < 300.0])) > 2.0 * np.min(np.abs(plant[FREQUENCY < 300.0]))
@@ -108,14 +112,16 @@ def test_response_at_the_nut_is_that_of_the_finite_element_axis(position: float)
 
 def test_rigid_bracket_makes_nut_and_table_one() -> None:
     rigid = replace(axis(), joints=replace(axis().joints, bracket_stiffness=1e18))
-    lines = prepare_lines([ResponseCase(FREQUENCY, DriveConditions(0.4, PRELOAD), *AT_SCREW)])
-    at_nut, at_table = (log_responses(rigid, lines, at_nut=one) for one in (True, False))
-    np.testing.assert_allclose(at_nut, at_table, atol=1e-6)
+    conditions = DriveConditions(0.4, PRELOAD)
+    at_nut, at_table = (
+        responses(rigid, prepare_lines([ResponseCase(FREQUENCY, conditions, *one)])) for one in (AT_NUT, AT_TABLE)
+    )
+    np.testing.assert_allclose(at_nut, at_table, rtol=1e-6)
 
 
 def test_change_of_preload_is_another_preload() -> None:
     def response(physics: AxisPhysics, preload: float) -> NDArray[np.complex128]:
-        return responses(physics, prepare_lines([ResponseCase(FREQUENCY, DriveConditions(0.4, preload), *AT_SCREW)]))
+        return responses(physics, prepare_lines([ResponseCase(FREQUENCY, DriveConditions(0.4, preload), *AT_NUT)]))
 
     changed = PRELOAD_CHANGE.added_to(axis(), {"preload_n": -80.0})
     np.testing.assert_allclose(response(changed, 300.0), response(axis(), 220.0), rtol=1e-12)
@@ -149,7 +155,7 @@ def test_change_of_a_bearing_is_a_ratio_of_what_it_has(effect: Effect[AxisPhysic
 
 def test_what_a_model_is_wrong_in_at_both_times_cancels() -> None:
     measured = observed(axis(), np.random.default_rng(3))
-    comparison = compare_times(measured, measured, RunningTolerances(), at_nut=True)
+    comparison = compare_times(measured, measured, RunningTolerances())
     wrong = replace(axis(), bodies=replace(axis().bodies, table_mass=35.0))
     np.testing.assert_allclose(comparison.misfit(ThenAndNow(then=wrong, now=wrong)), 0.0, atol=1e-12)
     changed = comparison.misfit(ThenAndNow(then=wrong, now=WARMING.added_to(wrong, {"temperature_k": 10.0})))
@@ -158,13 +164,13 @@ def test_what_a_model_is_wrong_in_at_both_times_cancels() -> None:
 
 def test_gain_of_the_sensors_adds_to_amplitudes_alone() -> None:
     measured = observed(axis(), np.random.default_rng(3))
-    comparison = compare_times(measured, measured, RunningTolerances(), at_nut=True)
+    comparison = compare_times(measured, measured, RunningTolerances())
     misfit = comparison.misfit(ThenAndNow(then=axis(), now=axis(), log_gain=0.1))
     np.testing.assert_allclose(misfit, np.where(comparison.layout.channel == 0, 0.1, 0.0), atol=1e-12)
 
 
 def test_errors_of_places_act_as_the_changes_they_are() -> None:
-    comparison = compare_times(*two_times(), RunningTolerances(), at_nut=True)
+    comparison = compare_times(*two_times(), RunningTolerances())
     errors = np.zeros((len(POSITIONS), len(comparison.setting_error_names)))
     now = {
         "position": POSITION_OFFSET.added_to(axis(), {"offset_m": 4e-3}),
@@ -188,7 +194,7 @@ def test_errors_of_places_act_as_the_changes_they_are() -> None:
 
 
 def test_cost_of_a_change_is_the_same_around_whatever_errors_of_places() -> None:
-    comparison = compare_times(*two_times(), RunningTolerances(), at_nut=True)
+    comparison = compare_times(*two_times(), RunningTolerances())
     physics = ThenAndNow(then=axis(), now=WARMING.added_to(axis(), {"temperature_k": 2.0}))
     rng = np.random.default_rng(8)
     shape = (len(POSITIONS), len(comparison.setting_error_names))
@@ -206,7 +212,7 @@ def two_times() -> tuple[tuple[FrequencyResponseObservation, ...], tuple[Frequen
 
 
 def test_standardised_differences_of_an_unchanged_axis_are_standard_normal() -> None:
-    comparison = compare_times(*two_times(), RunningTolerances(), at_nut=True)
+    comparison = compare_times(*two_times(), RunningTolerances())
     values = comparison.misfit(ThenAndNow(then=axis(), now=axis())) / comparison.layout.standard_deviation
     # the share of changes and σ_0 make deviations a little large: 0.9 of those of the noise alone
     assert 0.8 < np.std(values) < 1.05
@@ -215,7 +221,7 @@ def test_standardised_differences_of_an_unchanged_axis_are_standard_normal() -> 
 def test_lines_beside_each_other_share_wider_bands() -> None:
     rng = np.random.default_rng(5)
     first, second = observed(axis(), rng), observed(axis(), rng, frequency=FREQUENCY + 1.0)
-    comparison = compare_times(first, second, RunningTolerances(), at_nut=True)
+    comparison = compare_times(first, second, RunningTolerances())
     assert comparison.layout.n_values == 2 * len(POSITIONS) * FREQUENCY.size
     # the model is right, so that its own slope between the lines carries one over to the other
     assert np.std(comparison.misfit(ThenAndNow(then=axis(), now=axis()))) < 2.0 * NOISE
@@ -282,7 +288,7 @@ def test_places_that_the_reference_lacks_are_left_out() -> None:
     rng = np.random.default_rng(6)
     reference = observed(axis(), rng)
     recent = observed(axis(), rng, positions=(0.05, *POSITIONS[:2], 0.45, *POSITIONS[2:]))
-    comparison = compare_times(reference, recent, RunningTolerances(), at_nut=True)
+    comparison = compare_times(reference, recent, RunningTolerances())
     assert [one.name for one in comparison.layout.settings] == ["150 mm", "350 mm", "550 mm", "750 mm"]
 
 

@@ -329,11 +329,11 @@ def test_many_cases_at_once_are_each_alone() -> None:
     """Motor ends, points, positions, payloads and levels mixed; what is flat must not leak from case to case."""
     parameters = bundled("receptance").parameters
     physics = add(physics_of(parameters), guide_friction=5.0, torque_delay=1e-4, mounting_inverse_square=1e-8)
-    levels = (0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 20.0, 20.0)  # [N·m] and [N]
+    levels = (*(0.0, 2.0, 2.0, 2.0) * 2, 0.0, 20.0, 20.0, 20.0)  # [N·m] and [N]
     cases = [
         case_of(
             parameters, np.linspace(5.0 + n, 300.0, 20 + n),
-            DriveConditions(0.2 * (n + 1), payload_mass=float(n), excitation_level=level), excitation, response,
+            DriveConditions(0.15 * (n + 1), payload_mass=float(n), excitation_level=level), excitation, response,
         )
         for n, ((excitation, response), level) in enumerate(zip(PAIRS, levels, strict=True))
     ]  # fmt: skip

@@ -97,4 +97,4 @@ def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]
 
 def _of_recorded(point: ResponsePoint, ratio: FloatArray) -> FloatArray:
     """Return how much an acceleration beside a line counts in the quotient by the line's frequency, by their ratio."""
-    return np.ones_like(ratio) if point is ResponsePoint.ACCELERATION_AT_TABLE else np.asarray(ratio**2)
+    return np.ones_like(ratio) if point.is_acceleration else np.asarray(ratio**2)

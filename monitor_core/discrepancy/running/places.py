@@ -12,8 +12,6 @@ from monitor_core.discrepancy.comparing.clear_lines import case_of, clear_lines,
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
-from monitor_core.models.extended.closed_form import entire_parts, path_of
-from monitor_core.models.extended.conditions import axis_states
 
 ComplexValues = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
@@ -41,9 +39,9 @@ class Side:
         """Place of each line, shape (n_lines,)."""
         return self.place_of_case[self.lines.case]
 
-    def misfit(self, axis: AxisPhysics, *, at_nut: bool) -> ComplexValues:
+    def misfit(self, axis: AxisPhysics) -> ComplexValues:
         """Return ln H − ln Y of every line, phases within ±π, shape (n_lines,)."""
-        return with_phase_within_half_a_turn(log_responses(axis, self.lines, at_nut=at_nut) - self.measured)
+        return with_phase_within_half_a_turn(np.log(responses(axis, self.lines)) - self.measured)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,39 +58,6 @@ class CellMeans:
         cell, weighted = self.cell[used], (self.weight * of_lines)[used]
         real = np.bincount(cell, weights=weighted.real, minlength=n_cells)
         return np.asarray(real + 1j * np.bincount(cell, weights=weighted.imag, minlength=n_cells))
-
-
-def log_responses(axis: AxisPhysics, lines: PreparedLines, *, at_nut: bool) -> ComplexValues:
-    r"""Return ln H of every line, with the accelerometer on the table or on the nut.
-
-    Between nut and table lies the bracket with its compliance :math:`c_s`. The contacts of the nut carry what moves its
-    mass and, through the bracket, the table with its dynamic stiffness Z:
-
-    .. math::
-
-        Z_{nut} = -\omega^2 m_{nut} + \frac{Z}{1 + c_s Z}, \qquad
-        \frac{x_{nut}}{torque} = \frac{u}{1 + (C - c_s) Z_{nut}}
-
-    with u and C as in the closed form of the drive. An antiresonance lies where the table swings on its bracket by
-    itself: it follows bracket and table, and no preload.
-
-    Parameters
-    ----------
-    axis : AxisPhysics
-    lines : PreparedLines
-        Of accelerations of the table, driven by a torque.
-    at_nut : bool
-    """
-    of_table = responses(axis, lines)
-    if not at_nut:
-        return np.asarray(np.log(of_table))
-    drive = lines.drive
-    parts = entire_parts(axis, drive.omega, axis_states(axis, lines.conditions).at(drive.case), drive.ends)
-    compliance, of_nut = path_of(parts).compliance, -(drive.omega**2) * axis.bodies.nut_mass
-    table = parts.table - of_nut  # the closed form moves the nut's mass with the table
-    nut = of_nut + table / (1.0 + parts.bracket * table)
-    nut_over_table = (1.0 + compliance * parts.table) / (1.0 + (compliance - parts.bracket) * nut)
-    return np.asarray(np.log(of_table * nut_over_table[lines.drive_line]))
 
 
 def places_of(positions: FloatArray) -> FloatArray:

@@ -61,7 +61,6 @@ class PlacesComparison:
     then_means: CellMeans
     now: Side | None  # None: the reference against the model
     now_means: CellMeans | None
-    at_nut: bool  # whether the accelerometer sits before the bracket, on the nut
     order: Indices  # from real parts of all cells, then imaginary parts, to the order of the values, (n_values,)
     spread: FloatArray  # deviation of the mean of a place over that of one measurement, shape (n_places,) [-]
     tolerances: RunningTolerances
@@ -73,9 +72,9 @@ class PlacesComparison:
 
     def misfit(self, physics: ThenAndNow) -> FloatArray:
         """Return Re and Im of the misfit of every cell, shape (n_values,)."""
-        misfit = _of_reference(self.then, self.then_means, physics.then, self.at_nut)
+        misfit = _of_reference(self.then, self.then_means, physics.then)
         if self.now is not None and self.now_means is not None:
-            misfit = self.now_means(self.now.misfit(physics.now, at_nut=self.at_nut)) + physics.log_gain - misfit
+            misfit = self.now_means(self.now.misfit(physics.now)) + physics.log_gain - misfit
         return self._values(misfit)
 
     def setting_errors(self, physics: ThenAndNow, misfit: FloatArray) -> FloatArray:
@@ -145,15 +144,15 @@ class PlacesComparison:
 
 
 @lru_cache(maxsize=2)
-def _of_reference(then: Side, means: CellMeans, axis: AxisPhysics, at_nut: bool) -> ComplexValues:
+def _of_reference(then: Side, means: CellMeans, axis: AxisPhysics) -> ComplexValues:
     """Return the misfit of every cell at the time of the reference, which all changes share, shape (n_cells,)."""
-    misfit = means(then.misfit(axis, at_nut=at_nut))
+    misfit = means(then.misfit(axis))
     misfit.setflags(write=False)
     return misfit
 
 
 def compare_reference(
-    reference: Sequence[FrequencyResponseObservation], tolerances: RunningTolerances, *, at_nut: bool
+    reference: Sequence[FrequencyResponseObservation], tolerances: RunningTolerances
 ) -> PlacesComparison:
     """Compare the reference of an axis with a model of it.
 
@@ -161,8 +160,6 @@ def compare_reference(
     ----------
     reference : sequence of FrequencyResponseObservation
     tolerances : RunningTolerances
-    at_nut : bool
-        Whether the accelerometer sits on the nut, before the bracket, or on the table.
 
     Raises
     ------
@@ -182,7 +179,6 @@ def compare_reference(
         then_means=means,
         now=None,
         now_means=None,
-        at_nut=at_nut,
         order=_order(cells),
         spread=spread,
         tolerances=tolerances,
@@ -193,8 +189,6 @@ def compare_times(
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
     tolerances: RunningTolerances,
-    *,
-    at_nut: bool,
 ) -> PlacesComparison:
     """Compare what an axis is now with its reference.
 
@@ -202,8 +196,6 @@ def compare_times(
     ----------
     reference, recent : sequence of FrequencyResponseObservation
     tolerances : RunningTolerances
-    at_nut : bool
-        Whether the accelerometer sits on the nut, before the bracket, or on the table.
 
     Raises
     ------
@@ -226,7 +218,6 @@ def compare_times(
         then_means=then_means,
         now=now,
         now_means=now_means,
-        at_nut=at_nut,
         order=_order(cells),
         spread=np.sqrt(1.0 / counts[0] + 1.0 / counts[1]),
         tolerances=tolerances,

@@ -16,7 +16,12 @@ from monitor_core.discrepancy.searching.evidence import yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.identification.observations import (
+    ACCELEROMETER_POINTS,
+    FrequencyResponseObservation,
+    with_accelerometer_at,
+)
+from monitor_core.models.protocol import ResponsePoint
 
 #: A direction in which the reference leaves less than this is as good as known, in prior standard deviations.
 _KNOWN = 1e-4
@@ -69,7 +74,7 @@ class ReferenceAxis:
     names: tuple[str, ...]  # of the drive's uncertain parameters
     centre: FloatArray  # their ln-ratios, shape (n_names,)
     root: FloatArray  # covariance = root @ root.T, shape (n_names, n_directions)
-    at_nut: bool  # whether the accelerometer sits on the nut
+    accelerometer: ResponsePoint
     gap: float  # rms misfit of the reference after the fit, in standard deviations
     warming_told: float = 0.0  # by the windows, now less then [K]
 
@@ -105,11 +110,10 @@ def fit_reference(
     """
     hypothesis = Hypothesis(Unchanged(drive))
     trials = []
-    for at_nut in (False, True):
-        comparison = compare_reference(reference, tolerances, at_nut=at_nut)
-        trials.append((fit(comparison, hypothesis, hypothesis.null), at_nut))
-    best, at_nut = min(trials, key=lambda trial: trial[0].cost)
-    axis = _about(drive, best, at_nut=at_nut)
+    for point in ACCELEROMETER_POINTS:
+        comparison = compare_reference(with_accelerometer_at(point, reference), tolerances)
+        trials.append((fit(comparison, hypothesis, hypothesis.null), point))
+    axis = _about(drive, *min(trials, key=lambda trial: trial[0].cost))
     if axis.gap > _LARGEST_GAP:
         raise NotIdentifiableError(
             f"the model must describe the reference of its axis to {100.0 * _LARGEST_GAP * tolerances.form:.0f} % rms; "
@@ -118,7 +122,7 @@ def fit_reference(
     return axis
 
 
-def _about(drive: DriveSubject, fitted: Fitted[ThenAndNow], *, at_nut: bool) -> ReferenceAxis:
+def _about(drive: DriveSubject, fitted: Fitted[ThenAndNow], accelerometer: ResponsePoint) -> ReferenceAxis:
     hypothesis = fitted.hypothesis
     of_coordinates = covariance(fitted, yardstick(fitted))
     variances, directions = np.linalg.eigh(of_coordinates)
@@ -126,4 +130,4 @@ def _about(drive: DriveSubject, fitted: Fitted[ThenAndNow], *, at_nut: bool) -> 
     deviations = np.array([drive.uncertain[name] for name in hypothesis.uncertain])
     root = deviations[:, None] * directions[:, open_ones] * np.sqrt(variances[open_ones])
     ratios = hypothesis.ln_ratios(fitted.coordinates)
-    return ReferenceAxis(drive, hypothesis.uncertain, np.array(list(ratios.values())), root, at_nut, fitted.gap)
+    return ReferenceAxis(drive, hypothesis.uncertain, np.array(list(ratios.values())), root, accelerometer, fitted.gap)

@@ -28,7 +28,7 @@ from monitor_core.discrepancy.running.place_errors import RunningTolerances
 from monitor_core.discrepancy.running.places_compared import compare_times
 from monitor_core.discrepancy.running.reference_axis import fit_reference
 from monitor_core.discrepancy.subject import DriveSubject
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.identification.observations import FrequencyResponseObservation, with_accelerometer_at
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,8 @@ def explain_change(
     # a model that is off by more than its form is no better at what changes
     share = settings.tolerances.share_of_change * max(axis.gap, 1.0)
     tolerances = replace(settings.tolerances, share_of_change=share)
-    comparison = compare_times(reference, recent, tolerances, at_nut=axis.at_nut)
+    reference, recent = (with_accelerometer_at(axis.accelerometer, one) for one in (reference, recent))
+    comparison = compare_times(reference, recent, tolerances)
     axis = replace(axis, warming_told=_mean_temperature(recent) - _mean_temperature(reference))
     changes, of_unknown = tried_changes(comparison, axis, preload, remainder=settings.remainder)
     return _judged(changes, of_unknown, settings)

@@ -57,6 +57,7 @@ class Path:
 
     nut: Values  # κ_n [N/m]
     beside_nut: Values  # C − 1/κ_n [m/N]
+    bracket: Values  # c_s, a part of it [m/N]
     table: Values  # Z [N/m]
     unloaded_travel: Values  # u [m/(N·m)]
     unloaded_angle: Values  # of the motor end per torque while no force acts in the nut [rad/(N·m)]
@@ -210,7 +211,14 @@ def path_of(parts: EntireParts) -> Path:
     """Return what force and torque meet: the divisions of the closed form, once."""
     per_torsion = 1.0 / parts.torsion
     beside_nut = parts.bracket + parts.axial_yield / parts.axial + parts.turning * per_torsion
-    return Path(parts.nut, beside_nut, parts.table, parts.torque_lever * per_torsion, parts.held_torsion * per_torsion)
+    return Path(
+        parts.nut,
+        beside_nut,
+        parts.bracket,
+        parts.table,
+        parts.torque_lever * per_torsion,
+        parts.held_torsion * per_torsion,
+    )
 
 
 def receptances_of(path: Path) -> Receptances:

@@ -51,9 +51,10 @@ class PreparedLines:
     drive_line: npt.NDArray[np.intp]  # which of them a line belongs to
     by_torque: BoolArray
     table_per_force: BoolArray
-    acceleration: npt.NDArray[np.intp]  # indices of the lines that are an acceleration of the table,
+    acceleration: npt.NDArray[np.intp]  # indices of the lines that are an acceleration,
+    at_nut: npt.NDArray[np.intp]  # … that answer at the nut,
     angle_per_torque: npt.NDArray[np.intp]  # … that are an angle at the motor per torque,
-    at_table: npt.NDArray[np.intp]  # … that answer at the table
+    beyond_screw: npt.NDArray[np.intp]  # … that answer at the table or the nut that carries it
     excitations: Excitations  # of the cases
 
 
@@ -79,7 +80,8 @@ def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
     case = np.repeat(np.arange(len(cases)), [one.size for one in frequencies])
     by_torque = np.array([one.excitation is not ExcitationPoint.FORCE_AT_TABLE for one in cases])[case]
     angle = np.array([one.response is ResponsePoint.ANGLE_AT_MOTOR for one in cases])[case]
-    acceleration = np.array([one.response is ResponsePoint.ACCELERATION_AT_TABLE for one in cases])[case]
+    acceleration = np.array([one.response.is_acceleration for one in cases])[case]
+    at_nut = np.array([one.response is ResponsePoint.ACCELERATION_AT_NUT for one in cases])[case]
     setups = [Setup(one.conditions, one.excitation, one.motor_end) for one in cases]
     omega = 2.0 * np.pi * np.concatenate(frequencies)
     excitations = excitations_of(setups, [(2.0 * np.pi * one[0], 2.0 * np.pi * one[-1]) for one in frequencies])
@@ -93,8 +95,9 @@ def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
         by_torque=by_torque,
         table_per_force=~by_torque & ~angle,
         acceleration=np.flatnonzero(acceleration),
+        at_nut=np.flatnonzero(at_nut),
         angle_per_torque=np.flatnonzero(angle & by_torque),
-        at_table=np.flatnonzero(~angle),
+        beyond_screw=np.flatnonzero(~angle),
         excitations=excitations,
     )
 

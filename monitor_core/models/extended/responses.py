@@ -3,6 +3,7 @@
 import numpy as np
 
 from monitor_core.arrays import ComplexArray
+from monitor_core.models.bracket import BeyondContacts, nut_receptances
 from monitor_core.models.extended.amplitude import linearise
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states
@@ -34,6 +35,7 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     path = path_of(entire_parts(physics, lines.drive.omega, states.at(lines.drive.case), lines.drive.ends))
     path = linearise(path, physics, lines, states)
     values = _displacements(path, lines)
+    _at_nut(values, path, physics, lines)
     _add_second_mode(values, physics, lines)
     values[lines.acceleration] *= -(lines.omega[lines.acceleration] ** 2)
     _through_the_channels(values, physics, lines)
@@ -48,11 +50,22 @@ def _displacements(path: Path, lines: PreparedLines) -> ComplexArray:
     return values
 
 
+def _at_nut(values: ComplexArray, path: Path, physics: AxisPhysics, lines: PreparedLines) -> None:
+    """Put the displacement of the nut where the accelerometer sits there."""
+    at = lines.at_nut
+    if at.size:
+        nut = -(lines.drive.omega**2) * physics.bodies.nut_mass
+        beyond = BeyondContacts(nut, path.bracket, path.table - nut)
+        per_force, per_torque = nut_receptances(path.compliance, path.unloaded_travel, beyond)
+        drive_line = lines.drive_line[at]
+        values[at] = np.where(lines.by_torque[at], per_torque[drive_line], per_force[drive_line])
+
+
 def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
-    """Add one modal term to the displacement of the table; a torque drives it as the force torque/i."""
+    """Add one modal term to the displacement of table and nut; a torque drives it as the force torque/i."""
     added = physics.added
     if added.second_mode_residue:
-        at = lines.at_table
+        at = lines.beyond_screw
         omega, natural = lines.omega[at], 2.0 * np.pi * added.second_mode_frequency
         term = added.second_mode_residue / (
             natural**2 - omega**2 + 2j * added.second_mode_damping_ratio * natural * omega

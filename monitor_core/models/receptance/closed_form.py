@@ -25,7 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
-from monitor_core.models.protocol import DriveConditions, MotorEnd, require_position
+from monitor_core.models.bracket import BeyondContacts, nut_from_table
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint, require_position
 from monitor_core.models.receptance.parameters import JointParameters, ReceptanceParameters
 from monitor_core.models.rod import RodWaves, rod_waves, wave_number
 
@@ -63,6 +64,7 @@ class PositionTerms:
     held_torsion: LinearTerm  # T and U/i_b² of the drive held where that torque acts
     held_turning: LinearTerm
     transmission_ratio: float  # i_b [m/rad]
+    nut_mass: float  # a part of m_b [kg]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,6 +137,7 @@ def position_terms(
         inertia * parameters.moving_mass(conditions.payload_mass) + 1j * complex_omega * parameters.table_damping,
         *torsion,
         parameters.transmission_ratio,
+        parameters.nut_mass,
     )
 
 
@@ -258,6 +261,31 @@ def entire_responses(terms: PositionTerms, joints: JointParameters) -> EntireRes
     )
     table_per_torque = nut_axial * terms.torque_lever.at(parts.coupling)
     return EntireResponses(parts.denominator, parts.table_per_force, table_per_torque, held)
+
+
+def receptance_between(
+    terms: PositionTerms, joints: JointParameters, excitation: ExcitationPoint, response: ResponsePoint
+) -> ComplexArray:
+    """Return the displacement or, at the motor, the angle per unit excitation, shape (n_frequencies,).
+
+    Parameters
+    ----------
+    terms : PositionTerms
+        Of a motor end that goes with the excitation.
+    joints : JointParameters
+    excitation, response : ExcitationPoint, ResponsePoint
+    """
+    responses = entire_responses(terms, joints)
+    by_force = excitation is ExcitationPoint.FORCE_AT_TABLE
+    if response is ResponsePoint.ANGLE_AT_MOTOR:
+        return (responses.table_per_torque if by_force else responses.angle_per_torque) / responses.denominator
+    per_force, per_torque = (x / responses.denominator for x in (responses.table_per_force, responses.table_per_torque))
+    if response is ResponsePoint.ACCELERATION_AT_NUT:
+        nut = terms.nut_mass * terms.j_omega**2
+        bracket = 1.0 / joints.bracket_stiffness / (1.0 + 1j * joints.loss_factor)
+        beyond = BeyondContacts(nut, bracket, terms.table_stiffness - nut)
+        return np.asarray(nut_from_table(per_force, per_torque, beyond)[0 if by_force else 1])
+    return per_force if by_force else per_torque
 
 
 def _parts(terms: PositionTerms, joints: JointParameters) -> _Parts:

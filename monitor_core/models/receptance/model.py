@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.arrays import FloatArray
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -16,7 +16,7 @@ from monitor_core.models.protocol import (
     quantity_of,
     require_frequencies,
 )
-from monitor_core.models.receptance.closed_form import entire_responses, position_terms
+from monitor_core.models.receptance.closed_form import position_terms, receptance_between
 from monitor_core.models.receptance.modes import natural_frequencies, normal_modes
 from monitor_core.models.receptance.parameters import ReceptanceParameters
 from monitor_core.response import FrequencyResponse
@@ -65,15 +65,8 @@ class ReceptanceModel:
         frequency = require_frequencies(frequency)
         omega = 2.0 * np.pi * frequency
         terms = position_terms(self.parameters, omega, conditions, motor_end_of(excitation, MotorEnd.FREE))
-        responses = entire_responses(terms, self.parameters.joints(conditions))
-        by_force = excitation is ExcitationPoint.FORCE_AT_TABLE
-        numerator: ComplexArray
-        if response is ResponsePoint.ANGLE_AT_MOTOR:
-            numerator = responses.table_per_torque if by_force else responses.angle_per_torque
-        else:
-            numerator = responses.table_per_force if by_force else responses.table_per_torque
-        values = numerator / responses.denominator
-        if response is ResponsePoint.ACCELERATION_AT_TABLE:
+        values = receptance_between(terms, self.parameters.joints(conditions), excitation, response)
+        if response.is_acceleration:
             values = -(omega**2) * values
         return FrequencyResponse(frequency, values, quantity_of(excitation, response))
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray
+from monitor_core.models.bracket import beyond_contacts, nut_from_table
 from monitor_core.models.nut import nut_rigidity
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.models.transmission_line.grid import LineGrid
@@ -186,7 +187,24 @@ def response_at(
         rate = across if excitation is ExcitationPoint.FORCE_AT_TABLE else own
     else:
         own = parts.table * (loop - parts.table) / loop
+        if response is ResponsePoint.ACCELERATION_AT_NUT:
+            own, across = _rates_of_nut(drive, own, across, parts.stub_frequency, damping)
         rate = own if excitation is ExcitationPoint.FORCE_AT_TABLE else across
-    if response is ResponsePoint.ACCELERATION_AT_TABLE:
+    if response.is_acceleration:
         return np.asarray(rate * parts.stub_frequency)
     return np.asarray(rate / parts.stub_frequency)
+
+
+def _rates_of_nut(
+    drive: DiscreteDrive, own: ComplexArray, across: ComplexArray, sigma: ComplexArray, damping: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the velocity of the nut per force at the table and per torque, from those of the table."""
+    p = drive.parameters
+    beyond = beyond_contacts(
+        sigma,
+        table_mass=p.table_mass + drive.conditions.payload_mass,
+        table_damping=damping * p.table_damping,
+        bracket_stiffness=p.bracket_stiffness,
+    )
+    per_force, per_torque = nut_from_table(own / sigma, across / sigma, beyond)
+    return np.asarray(sigma * per_force), np.asarray(sigma * per_torque)

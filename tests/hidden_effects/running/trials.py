@@ -65,5 +65,5 @@ def trials(
         began = time.perf_counter()
         explanation = explain_change(drive, reference, recent, preload=PRELOAD)
         seconds = time.perf_counter() - began
-        comparison = compare_times(reference, recent, RunningTolerances(), at_nut=True)
+        comparison = compare_times(reference, recent, RunningTolerances())
         yield Trial(truth, happened, explanation, comparison.layout.n_values, seconds)

@@ -1,0 +1,97 @@
+r"""An accelerometer on the nut's housing: before the bracket that carries the table.
+
+Let C be the compliance of all that the force through the nut meets before the table, the bracket :math:`c_s` a part of
+it; Z the dynamic stiffness of the table, u the travel of the unloaded nut per torque, so that
+
+.. math:: H_{table,force} = \frac{C}{1 + C Z}, \qquad H_{table,torque} = \frac{u}{1 + C Z}
+
+The models count the nut's mass with the table. Seen from its housing it has to be where it is:
+:math:`\mu = -\omega^2 m_{nut}` before the bracket, :math:`Z' = Z - \mu` behind it. With :math:`C' = C - c_s`,
+
+.. math::
+
+    D = (1 + C' \mu)(1 + c_s Z') + C' Z', \qquad
+    H_{nut,force} = \frac{C'}{D}, \qquad H_{nut,torque} = \frac{u (1 + c_s Z')}{D}
+
+Where the table swings on its bracket by itself, :math:`1 + c_s Z' = 0`, a torque does not move the nut: an
+antiresonance that follows bracket and table, and no preload.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Values = npt.NDArray[np.inexact[Any]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeyondContacts:
+    """What the contacts of the nut carry; shape (n_frequencies,) or ()."""
+
+    nut: Values  # μ [N/m]
+    bracket: Values | complex  # c_s [m/N]
+    table: Values  # Z' [N/m]
+
+
+def beyond_contacts(
+    s: Values,
+    *,
+    table_mass: float,
+    nut_mass: float = 0.0,
+    table_damping: float = 0.0,
+    bracket_stiffness: float = math.inf,
+    loss_factor: float = 0.0,
+) -> BeyondContacts:
+    """Return what the contacts of the nut carry.
+
+    Parameters
+    ----------
+    s : ndarray, shape (n_frequencies,)
+        jω. [rad/s]
+    table_mass : float
+        With all that moves with it but the nut. [kg]
+    nut_mass : float
+        [kg]
+    table_damping : float
+        Of the guides, to ground. [N·s/m]
+    bracket_stiffness : float
+        [N/m]
+    loss_factor : float
+        Of the bracket. [-]
+    """
+    return BeyondContacts(
+        nut_mass * s**2, 1.0 / bracket_stiffness / (1.0 + 1j * loss_factor), table_mass * s**2 + table_damping * s
+    )
+
+
+def nut_receptances(compliance: Values, unloaded_travel: Values, beyond: BeyondContacts) -> tuple[Values, Values]:
+    """Return the displacement of the nut per force at the table [m/N] and per torque [m/(N·m)].
+
+    Parameters
+    ----------
+    compliance : ndarray, shape (n_frequencies,)
+        C. [m/N]
+    unloaded_travel : ndarray, shape (n_frequencies,)
+        u. [m/(N·m)]
+    beyond : BeyondContacts
+    """
+    before = compliance - beyond.bracket
+    swinging = 1.0 + beyond.bracket * beyond.table
+    reciprocal = 1.0 / ((1.0 + before * beyond.nut) * swinging + before * beyond.table)
+    return before * reciprocal, unloaded_travel * swinging * reciprocal
+
+
+def nut_from_table(per_force: Values, per_torque: Values, beyond: BeyondContacts) -> tuple[Values, Values]:
+    """Return the same from the receptances of the table, which have the nut's mass with the table.
+
+    Parameters
+    ----------
+    per_force, per_torque : ndarray, shape (n_frequencies,)
+        Of the table, with the same motor end. [m/N], [m/(N·m)]
+    beyond : BeyondContacts
+    """
+    loaded = 1.0 / (1.0 - (beyond.nut + beyond.table) * per_force)  # 1 + C Z
+    return nut_receptances(per_force * loaded, per_torque * loaded, beyond)
