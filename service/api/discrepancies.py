@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from service.api.calibrations import MeasurementRange
 from service.api.fields import AxisId, JobId
-from service.api.identifications import PeakIn
+from service.api.identifications import AccelerometerPlace, PeakIn
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.discrepancies import KIND
@@ -39,10 +39,14 @@ class DiscrepancyIn(BaseModel):
         "more, else each of four preloads or more in turn",
     )
 
+    accelerometer: AccelerometerPlace | None = None
+
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.measurements is None) == (self.peaks is None):
             raise ValueError("exactly one of measurements and peaks is expected; got both or none")
+        if self.accelerometer is not None and self.measurements is None:
+            raise ValueError("accelerometer goes with measurements; peaks are of the table")
         return self
 
 

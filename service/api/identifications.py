@@ -27,6 +27,12 @@ class PeakIn(BaseModel):
     payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
 
 
+AccelerometerPlace = Annotated[
+    Literal["table", "nut"],
+    Field(description="where it sat on the measurements; without it where the model explains them better"),
+]
+
+
 class PredictionIn(BaseModel):
     """A calibration to be predicted from the joints: of which mode, and at which preload they were measured."""
 
@@ -68,10 +74,14 @@ class IdentificationIn(BaseModel):
     prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
+    accelerometer: AccelerometerPlace | None = None
+
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.measurements is None) == (self.peaks is None):
             raise ValueError("exactly one of measurements and peaks is expected; got both or none")
+        if self.accelerometer is not None and self.measurements is None:
+            raise ValueError("accelerometer goes with measurements; peaks are of the table")
         return self
 
 

@@ -19,7 +19,13 @@ from monitor_core.recordings.motion_csv import read_motion_record
 from monitor_core.recordings.units import metres
 from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import axis_settings, band_option, responses_of_session
+from service.cli.session_input import (
+    accelerometer_option,
+    accelerometer_points,
+    axis_settings,
+    band_option,
+    responses_of_session,
+)
 from service.operations.explanation import ExplanationRequest, Measured, explain_measurements
 from service.operations.explanation_document import explanation_document
 from service.operations.explanation_report import write_report
@@ -76,6 +82,7 @@ _MOST_PLACES, _MOST_CANDIDATES = 3, 5
     "--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MODEL",
     help="Write the augmented model: what was refitted, and the effects that were found.",
 )  # fmt: skip
+@accelerometer_option
 @band_option
 @json_option
 def explain(
@@ -86,13 +93,13 @@ def explain(
     effects_path: Path | None,
     healthy_paths: tuple[Path, ...],
     out: Path | None,
+    accelerometer: str | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
 ) -> None:
     """Find where measurements and a model part, name what is missing, add it, and show the gap shrink.
 
-    DATA is a set of frequency responses, a session whose accelerometer was on the table, a modal table, or a motion
-    record.
+    DATA is a set of frequency responses, a session, a modal table, or a motion record.
     """
     if out is not None and not out.parent.is_dir():
         raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
@@ -102,6 +109,7 @@ def explain(
         hold_out=tuple(metres(one) for one in hold_out_mm),
         effects=() if effects_path is None else read_effect_file(effects_path),
         healthy=tuple(_responses(path, band_hz) for path in _files(healthy_paths)),
+        accelerometer_at=accelerometer_points(accelerometer, of_session=format_of(data) == "preload-session"),
     )
     with _watched(data.name) as progress:
         explanation, model_text = explain_measurements(request, progress)
@@ -177,6 +185,8 @@ def _watched(name: str) -> Iterator[Callable[[str], None]]:
 
 def _print(explanation: Explanation) -> None:
     click.echo(headline(explanation))
+    for sentence in explanation.taken_as:
+        click.echo(sentence)
     places = explanation.localisation[:_MOST_PLACES]
     if places:
         rows = [(one.where, f"{quantity(one.size, 'sigma')}", str(one.kind)) for one in places]

@@ -19,7 +19,14 @@ from monitor_core.recordings.units import metres
 from monitor_core.uncertainty import Estimate
 from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import axis_settings, band_option, is_session, responses_of_session
+from service.cli.session_input import (
+    accelerometer_option,
+    accelerometer_points,
+    axis_settings,
+    band_option,
+    is_session,
+    responses_of_session,
+)
 from service.operations.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
 from service.operations.measured_responses import modal_observation
 from service.operations.predicted_calibration import PredictionRequest
@@ -64,6 +71,7 @@ from service.operations.predicted_calibration import PredictionRequest
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the search.")
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that search.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the model with the joints found.")
+@accelerometer_option
 @band_option
 @json_option
 def identify(
@@ -80,6 +88,7 @@ def identify(
     seed: int,
     workers: int,
     out: Path | None,
+    accelerometer: str | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
 ) -> None:
@@ -98,6 +107,7 @@ def identify(
         weighting=OBJECTIVES[objective],
         seed=seed,
         prediction=prediction,
+        accelerometer_at=accelerometer_points(accelerometer, of_session=_is_session(data)),
     )
     for path in (out, calibration_out):
         if path is not None and not path.parent.is_dir():
@@ -117,14 +127,17 @@ def identify(
 def _measured(
     data: Path, band_hz: tuple[float, float] | None
 ) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
-    is_frf_set = data.name.endswith(".frf.h5")
-    if band_hz is not None and (is_frf_set or not is_session(data)):
+    if band_hz is not None and not _is_session(data):
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
-    if is_frf_set:
+    if data.name.endswith(".frf.h5"):
         return read_frf_set(data).observations
-    if is_session(data):
+    if _is_session(data):
         return responses_of_session(data, axis_settings(band_hz))
     return tuple(modal_observation(row) for row in read_modal_table(data))
+
+
+def _is_session(data: Path) -> bool:
+    return is_session(data) and not data.name.endswith(".frf.h5")
 
 
 @contextmanager
@@ -150,6 +163,8 @@ def _print(data: Path, document: dict[str, Any]) -> None:
         ("joint", "value", "95 % interval", "verdict"),
         [_joint_row(name, one) for name, one in document["parameters"].items()],
     )
+    for sentence in document["taken_as"]:
+        click.echo(sentence)
     for sentence in (*document["not_identifiable"], *document["missing_modes"]):
         click.echo(f"- {sentence}.")
     rows = [

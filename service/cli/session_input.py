@@ -8,6 +8,7 @@ import click
 
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
+from monitor_core.models.protocol import ResponsePoint
 from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
@@ -15,6 +16,7 @@ from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.recordings.units import to_millimetres
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
+from service.operations.accelerometer import PLACES, points_of
 from service.operations.measured_responses import responses_of_windows
 
 SESSION_SUFFIXES = (".h5", ".hdf5")
@@ -26,6 +28,20 @@ band_option = click.option(
     metavar="LOW HIGH",
     help="Where the axial mode is looked for; without it nearly everywhere below 0.4 of the sampling rate.",
 )
+
+
+accelerometer_option = click.option(
+    "--accelerometer",
+    type=click.Choice(list(PLACES)),
+    help="Where that of a session sat; without it where the model explains the session better.",
+)
+
+
+def accelerometer_points(stated: str | None, *, of_session: bool) -> tuple[ResponsePoint, ...]:
+    """Return where the accelerometer may be; all data but a session say it."""
+    if stated is not None and not of_session:
+        raise click.UsageError("--accelerometer goes with a session; other data say where they are of")
+    return points_of(stated) if of_session else ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from service.errors import UnknownResourceError
 from service.jobs import JobHandle
 from service.operations.explanation import ExplanationRequest, require_explainable
 from service.operations.explanation_process import explained
-from service.operations.measured_of_axis import measured_of_axis, selected_measurements
+from service.operations.measured_of_axis import accelerometer_points_of, measured_of_axis, selected_measurements
 from service.store import jobs
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -96,6 +96,7 @@ class Discrepancies:
             baseline=parse_model(arguments["baseline"], "baseline"),
             measured=measured_of_axis(self._database, self._waveforms, axis_id, arguments),
             hold_out=tuple(metres(one) for one in arguments["hold_out_mm"]),
+            accelerometer_at=accelerometer_points_of(arguments),
         )
 
 

@@ -3,7 +3,7 @@
 from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.errors import OutsideValidityError
 from monitor_core.recordings.model_file import parse_model
-from service.operations.explanation import described_drive
+from service.operations.described_drive import described_drive
 
 
 def drive_of_axis(text: str) -> DriveSubject:

@@ -21,16 +21,16 @@ from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.extended import AxisPhysics, paper_motor_end
 from monitor_core.models.motion import MotionPhysics
-from monitor_core.models.protocol import DriveConditions
+from monitor_core.models.protocol import DriveConditions, ResponsePoint
 from monitor_core.motion import MotionRecord
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text
+from service.operations.accelerometer import place_accelerometer
 from service.operations.augmented_model import augmented_model, with_corrected_parameters
+from service.operations.described_drive import at_the_preload_of_the_nut, described_drive
 
 Physics = TypeVar("Physics")
-_Observation = TypeVar("_Observation", ModalObservation, FrequencyResponseObservation)
 Measured = tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...] | MotionRecord
 
-_RATING = "dynamic_load_rating_n"
 #: Two positions closer than this are one: tables show tenths of a millimetre.
 _SAME_POSITION = 1e-4  # [m]
 
@@ -44,6 +44,8 @@ class ExplanationRequest:
     hold_out: tuple[float, ...] = ()  # positions; without any, as the data allow [m]
     effects: tuple[Effect[Any], ...] = ()  # of the user's own, beside those of the product
     healthy: tuple[tuple[FrequencyResponseObservation, ...], ...] = ()  # of machines of this type that lack nothing
+    #: Where the accelerometer may be where the record does not say it; none: it does.
+    accelerometer_at: tuple[ResponsePoint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,10 +57,12 @@ class _Compared(Generic[Physics]):
     comparison: Comparison[Physics]
     subject: Subject[Physics]
     candidates: Sequence[Effect[Physics]]
+    taken_as: tuple[str, ...] = ()  # what is not in the data and was settled first, in sentences
 
     def explain(self, progress: Callable[[str], None] | None) -> tuple[Explanation, str]:
         """Return the answer with the augmented model."""
         found = explain(self.comparison, self.subject, self.candidates, progress=progress)
+        found = replace(found, taken_as=self.taken_as)
         return found, model_file_text(augmented_model(self.baseline, found, self.table))
 
     def require_answer(self) -> None:
@@ -123,19 +127,19 @@ def _drive_compared(
     table = _with_own_effects(DRIVE_EFFECTS, request)
     subject = described_drive(request.baseline, table)
     baseline = with_corrected_parameters(request.baseline)
-    peaks = _at_the_preload_of_the_nut([one for one in measured if isinstance(one, ModalObservation)], baseline)
-    lines = _at_the_preload_of_the_nut(
-        [one for one in measured if isinstance(one, FrequencyResponseObservation)], baseline
-    )
+    peaks = at_the_preload_of_the_nut([one for one in measured if isinstance(one, ModalObservation)], baseline)
+    responses = [one for one in measured if isinstance(one, FrequencyResponseObservation)]
+    placed = place_accelerometer(at_the_preload_of_the_nut(responses, baseline), request.accelerometer_at, subject)
+    lines = placed.observations
     folds = _folds([*(one.conditions for one in peaks), *(one.conditions for one in lines)], request.hold_out)
     end = paper_motor_end(subject.stated)
-    form = _form_learnt(request.healthy, baseline, subject)
+    form = _form_learnt([placed.likewise(machine) for machine in request.healthy], baseline, subject)
     comparison: Comparison[AxisPhysics] = (
         compare_responses(lines, held_out=folds, form=form, otherwise_held=end)
         if lines
         else compare_modes(peaks, end, held_out=folds)
     )
-    return _Compared(baseline, table, comparison, subject, subject.candidates())
+    return _Compared(baseline, table, comparison, subject, subject.candidates(), placed.sentences)
 
 
 def _require_responses(measured: Measured) -> None:
@@ -152,20 +156,7 @@ def _form_learnt(
 ) -> ModelFormError | None:
     if not healthy:
         return None
-    return learn_form_error([(_at_the_preload_of_the_nut(machine, baseline), subject) for machine in healthy])
-
-
-def described_drive(model: DriveModelFile, table: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveSubject:
-    """Return a drive as its model file describes it.
-
-    Raises
-    ------
-    OutsideValidityError, RecordingFormatError
-        If parameters or effects of the file are not sound.
-    """
-    model.build(table)  # so that its effects are sound
-    corrected = with_corrected_parameters(model)
-    return DriveSubject(corrected.build(table).parameters, corrected.uncertain, corrected.effects, table)
+    return learn_form_error([(at_the_preload_of_the_nut(machine, baseline), subject) for machine in healthy])
 
 
 def _with_own_effects(product: Sequence[Effect[Physics]], request: ExplanationRequest) -> tuple[Effect[Physics], ...]:
@@ -179,30 +170,6 @@ def _with_own_effects(product: Sequence[Effect[Physics]], request: ExplanationRe
     # refuses names that could not be written: before the search, not after it
     model_file_text(replace(request.baseline, effects={one.key: one.null_values() for one in request.effects}))
     return (*product, *request.effects)
-
-
-def _at_the_preload_of_the_nut(observations: Sequence[_Observation], model: DriveModelFile) -> list[_Observation]:
-    """Leave out a preload that all share where the nut does not follow it: its rigidity is that at this preload.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the preload varies: a nut of one rigidity cannot follow it.
-    """
-    preloads = {one.conditions.preload for one in observations}
-    if _RATING in model.parameters or preloads <= {None}:
-        return list(observations)
-    if len(preloads) > 1:
-        listed = ", ".join("none stated" if one is None else f"{one:g} N" for one in sorted(preloads, key=_or_zero))
-        raise OutsideValidityError(
-            f"a model without {_RATING} has the nut rigidity of one preload; got measurements at {listed}: "
-            "state the rating"
-        )
-    return [replace(one, conditions=replace(one.conditions, preload=None)) for one in observations]
-
-
-def _or_zero(preload: float | None) -> float:
-    return preload or 0.0
 
 
 def _folds(conditions: Sequence[DriveConditions], hold_out: Sequence[float]) -> tuple[frozenset[DriveConditions], ...]:

@@ -53,6 +53,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> dict[str,
         "pulls": {name: float(pull) for name, pull in explanation.pulls.items()},
         "pulls_before": {name: float(pull) for name, pull in explanation.pulls_before.items()},
         "maps": [_map(one) for one in explanation.maps],
+        "taken_as": list(explanation.taken_as),
         "next_measurement": explanation.next_measurement,
         "model": model_text,
     })  # fmt: skip

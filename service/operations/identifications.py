@@ -19,7 +19,7 @@ from service.operations.joint_identification import (
     identify_joints,
     require_identifiable,
 )
-from service.operations.measured_of_axis import measured_of_axis, selected_measurements
+from service.operations.measured_of_axis import accelerometer_points_of, measured_of_axis, selected_measurements
 from service.operations.predicted_calibration import PredictionRequest
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -79,6 +79,7 @@ class Identifications:
             weighting=OBJECTIVES[arguments["objective"]],
             seed=arguments["seed"],
             prediction=_prediction(arguments["prediction"]),
+            accelerometer_at=accelerometer_points_of(arguments),
         )
 
 

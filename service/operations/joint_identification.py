@@ -1,7 +1,7 @@
 """Joints from measurements: a drive model and what was measured in, one document with verdicts and advice out."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, cast
@@ -31,13 +31,17 @@ from monitor_core.identification.priors import relative_priors
 from monitor_core.identification.problem import Bounds
 from monitor_core.identification.search import MapFunction
 from monitor_core.models.parameters import name_in_file
-from monitor_core.models.protocol import DriveModel, MotorEnd, motor_end_of
+from monitor_core.models.protocol import DriveModel, MotorEnd, ResponsePoint, motor_end_of
 from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
 from monitor_core.models.receptance.parameters import JOINT_NAMES
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text
+from service.operations.accelerometer import PlacedAccelerometer, place_accelerometer
+from service.operations.described_drive import described_drive
 from service.operations.identification_document import identification_document, modes_to_monitor_document
 from service.operations.predicted_calibration import PredictionRequest, predicted_calibration
 
+#: Relative standard deviation of a joint while the accelerometer is placed.
+_FAR_OFF = 0.5
 #: Limits of a free joint of the receptance family without any stated: so many times less and more than the model says.
 STIFFNESS_FACTOR, DAMPING_FACTOR = 30.0, 100.0
 #: Tian's model knows joints best: derivatives in closed form, modes by their shapes, heights of peaks.
@@ -58,6 +62,8 @@ class IdentificationRequest:
     weighting: Weighting = Weighting.UNCERTAINTY
     seed: int = 1
     prediction: PredictionRequest | None = None  # of a calibration from the joints
+    #: Where the accelerometer may be where the record does not say it; none: it does.
+    accelerometer_at: tuple[ResponsePoint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +75,7 @@ class _Subject:
     model_at: Callable[[FloatArray], DriveModel]  # from coordinates
     names: tuple[str, ...]  # of the free parameters, in files
     stated: bool  # whether the data state their uncertainties
+    taken_as: tuple[str, ...]  # what is not in the data and was settled first, in sentences
     unseen: tuple[str, ...] = ()  # parameters that would be free if anything measured moved with them
 
 
@@ -104,6 +111,7 @@ def identify_joints(
         f"{name} moves nothing that was measured, and stays as the model states it" for name in subject.unseen
     ]
     return document | {
+        "taken_as": list(subject.taken_as),
         "modes_to_monitor": _modes_to_monitor(model, subject.case, request),
         "calibration": _calibration(request, subject, found),
         "model": model_file_text(model),
@@ -131,7 +139,8 @@ def _subject(request: IdentificationRequest) -> _Subject:
         )
     measured = _at_the_preload_of_the_nut(request)
     peaks = tuple(one for one in measured if isinstance(one, ModalObservation))
-    responses = tuple(one for one in measured if isinstance(one, FrequencyResponseObservation))
+    placed = _placed([one for one in measured if isinstance(one, FrequencyResponseObservation)], request)
+    responses = placed.observations
     stated = request.weighting is not Weighting.UNIT and all(_states_its_uncertainties(one) for one in peaks)
     if request.weighting is Weighting.UNIT and (responses or request.model.family != _RECEPTANCE):
         raise NotIdentifiableError(
@@ -139,7 +148,7 @@ def _subject(request: IdentificationRequest) -> _Subject:
             + ("whole responses" if responses else f"a {request.model.family} model")
         )
     if request.model.family == _RECEPTANCE:
-        return _receptance_subject(request, peaks, responses, stated)
+        return _receptance_subject(request, peaks, placed, stated)
     drive = joint_coordinates(request.model.family, request.model.parameters, request.model.uncertain)
     free = tuple(request.model.uncertain) or drive.free
     if peaks:
@@ -153,7 +162,20 @@ def _subject(request: IdentificationRequest) -> _Subject:
     )
     bounds = drive.bounds(_known_limits(request, drive.free))
     case = ModelResponseCase(drive, responses) if responses else frequency_case(drive, peaks)
-    return _Subject(case, bounds, drive.build, drive.free, stated, unseen)
+    return _Subject(case, bounds, drive.build, drive.free, stated, placed.sentences, unseen)
+
+
+def _placed(responses: Sequence[FrequencyResponseObservation], request: IdentificationRequest) -> PlacedAccelerometer:
+    """Place the accelerometer while every joint may be far from what the model states."""
+    model = request.model
+    joints = {name: _FAR_OFF for name, value in model.parameters.items() if value > 0.0 and _is_joint(name)}
+    return place_accelerometer(
+        responses, request.accelerometer_at, described_drive(replace(model, uncertain={**joints, **model.uncertain}))
+    )
+
+
+def _is_joint(name: str) -> bool:
+    return "stiffness" in name or "damping" in name or name == "loss_factor"
 
 
 def _at_the_preload_of_the_nut(
@@ -184,7 +206,7 @@ def _unseen(
 def _receptance_subject(
     request: IdentificationRequest,
     peaks: tuple[ModalObservation, ...],
-    responses: tuple[FrequencyResponseObservation, ...],
+    placed: PlacedAccelerometer,
     stated: bool,
 ) -> _Subject:
     """Free what the file calls uncertain, or else all the joints that it states."""
@@ -206,11 +228,11 @@ def _receptance_subject(
         {name: limits.get(in_file[name]) or _wide(name, getattr(axis, name)) for name in joints.free}
     )
     priors = relative_priors(joints.free, {name: getattr(axis, name) for name in joints.free}, uncertain)
-    if responses:
-        case: Case = ResponseCase(joints, responses, priors)
+    if placed.observations:
+        case: Case = ResponseCase(joints, placed.observations, priors)
     else:
         case = peak_case(joints, peaks, weighting=request.weighting, priors=priors)
-    return _Subject(case, bounds, partial(_receptance_model, joints), tuple(in_file.values()), stated)
+    return _Subject(case, bounds, partial(_receptance_model, joints), tuple(in_file.values()), stated, placed.sentences)
 
 
 def _receptance_model(joints: JointCoordinates, coordinates: FloatArray) -> DriveModel:

@@ -5,8 +5,9 @@ from typing import Any
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.models.protocol import DriveConditions
+from monitor_core.models.protocol import DriveConditions, ResponsePoint
 from monitor_core.recordings.units import metres
+from service.operations.accelerometer import points_of
 from service.operations.measured_modes import modes_and_windows
 from service.operations.measured_responses import responses_of_windows
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
@@ -64,6 +65,13 @@ def selected_measurements(database: Database, axis_id: str, arguments: dict[str,
             "range"
         )
     return rows
+
+
+def accelerometer_points_of(arguments: dict[str, Any]) -> tuple[ResponsePoint, ...]:
+    """Return where the accelerometer of stored measurements may be; peaks say where they are of."""
+    if arguments["peaks"] is not None:
+        return ()
+    return points_of(arguments.get("accelerometer"))  # a job of an older version has none
 
 
 def _moment(text: str | None) -> datetime | None:

@@ -41,6 +41,7 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
     """
     sections = [
         [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
+        *[[_text(one)] for one in explanation.taken_as],
         ["## Where model and measurement part", "", *_misfits(explanation.localisation)],
         *[_effect(one, held_out_data=not nothing_held_out(explanation)) for one in explanation.effects],
         ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],

@@ -1,0 +1,143 @@
+"""Where the accelerometer of a session sits: found from the session, stated, and what that does to what is found."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.recordings.model_file import DriveModelFile, read_model_file, write_model_file
+from monitor_core.recordings.session_hdf5 import read_session, write_session
+from service.operations.accelerometer import PLACES, place_accelerometer, points_of
+from service.operations.described_drive import described_drive
+from tests.conftest import PROJECT_ROOT
+from tests.service import test_cli
+from tests.service.conftest import Api, assert_problem
+from tests.service.test_jobs import wait_for
+
+REPLAY = PROJECT_ROOT / "replay_data"
+MACHINE = read_model_file(REPLAY / "models" / "replay-axis.toml")
+NUT = "nut_stiffness_n_per_m"
+preload = test_cli.preload  # a fixture
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return what the bundled calibration has of one preload: from a plant whose accelerometer is on the nut."""
+    whole = read_session(REPLAY / "calibration.session.h5")
+    kept = [one for one in whole.windows if (one.conditions.preload, one.conditions.temperature) == (200.0, 22.0)]
+    path = tmp_path_factory.mktemp("accelerometer") / "nut.session.h5"
+    write_session(path, replace(whole, windows=tuple(one for one in kept if not one.conditions.payload_mass)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the machine with a nut that is said to be a fifth too soft, and nothing else uncertain."""
+    path = tmp_path_factory.mktemp("accelerometer") / "machine.toml"
+    parameters = {**MACHINE.parameters, NUT: 0.8 * MACHINE.parameters[NUT]}
+    write_model_file(path, replace(MACHINE, parameters=parameters, uncertain={NUT: 0.3}))
+    return path
+
+
+def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -> None:
+    words = ("explain", session, "--baseline", REPLAY / "models" / "replay-axis.toml", "--json")
+    document = preload(*words).json()
+    (sentence,) = document["taken_as"]
+    assert sentence.startswith("The accelerometer is taken to be on the nut, where the model as described leaves 1.")
+    assert "σ on the table); state it if it is elsewhere." in sentence
+    # the plant's friction, which no window of a session can vary, is what is left
+    assert document["gap"]["before"]["fit"] < 1.5 * document["gap"]["noise_floor"]
+    assert all(channel.startswith("acceleration-at-nut") for channel in document["gap_by_channel"])
+
+
+def test_joints_are_those_of_the_plant(preload: Any, session: Path, machine: Path) -> None:
+    document = preload("identify", session, "--model", machine, "--json").json()
+    assert "taken to be on the nut" in document["taken_as"][0]
+    # friction, which the plant has and no model, raises the frequency by 0.3 Hz of 190 (replay_data/README.md): 0.3 % of
+    # the stiffness, which is 4 % of a nut that makes a thirteenth of the compliance
+    assert document["parameters"][NUT]["value"] == pytest.approx(MACHINE.parameters[NUT], rel=0.05)
+
+
+def test_stated_place_is_kept_though_the_other_fits_better(preload: Any, session: Path, machine: Path) -> None:
+    words = ("identify", session, "--model", machine, "--accelerometer", "table", "--json")
+    document = preload(*words).json()
+    assert document["taken_as"] == ["The accelerometer is on the table, as stated."]
+    assert abs(document["parameters"][NUT]["value"] / MACHINE.parameters[NUT] - 1.0) > 0.1
+
+
+def test_a_simulated_session_is_of_the_table(preload: Any, tmp_path: Path) -> None:
+    model, path = REPLAY / "models" / "lumped.toml", tmp_path / "trial.session.h5"
+    preload("simulate", model, "--out", path, "--preload-n", 200)
+    answer = preload("explain", path, "--baseline", model)
+    assert "\nThe accelerometer is taken to be on the table, where the model as described leaves 0." in answer.out
+
+
+def responses_at(point: ResponsePoint, model: DriveModelFile) -> list[FrequencyResponseObservation]:
+    """Return responses of a family's own equations, with noise."""
+    frequency, rng = np.linspace(20.0, 400.0, 80), np.random.default_rng(4)
+    made = []
+    for position in (0.2, 0.5, 0.8):
+        conditions = DriveConditions(position, 200.0)
+        at = ExcitationPoint.TORQUE_AT_SCREW, point
+        exact = model.build().frequency_response(frequency, conditions, excitation=at[0], response=at[1]).response
+        deviation = 0.003 * np.abs(exact)
+        noisy = exact + deviation * (rng.standard_normal(80) + 1j * rng.standard_normal(80))
+        unplaced = ResponsePoint.ACCELERATION_AT_TABLE
+        made.append(FrequencyResponseObservation(conditions, frequency, noisy, deviation, at[0], unplaced))
+    return made
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(("name", "error"), [("bracket_stiffness_n_per_m", 0.7), ("table_mass_kg", 1.2), (NUT, 0.5)])
+def test_place_is_found_though_the_description_is_wrong(place: str, name: str, error: float) -> None:
+    """What is missing or misprinted must not be taken for another place."""
+    observed = responses_at(PLACES[place], MACHINE)
+    wrong = replace(MACHINE, parameters={**MACHINE.parameters, name: error * MACHINE.parameters[name]}, uncertain={})
+    placed = place_accelerometer(observed, points_of(None), described_drive(wrong))
+    assert placed.point is PLACES[place]
+    assert {one.response_point for one in placed.observations} == {PLACES[place]}
+    assert {one.response_point for one in placed.likewise(observed)} == {PLACES[place]}
+
+
+def test_without_a_bracket_there_is_nothing_to_settle() -> None:
+    rigid = {
+        name: value for name, value in MACHINE.parameters.items() if "bracket" not in name and "nut_mass" not in name
+    }
+    model = replace(MACHINE, parameters=rigid, uncertain={})
+    observed = responses_at(ResponsePoint.ACCELERATION_AT_NUT, model)
+    placed = place_accelerometer(observed, points_of(None), described_drive(model))
+    assert (placed.point, placed.sentences) == (ResponsePoint.ACCELERATION_AT_TABLE, ())
+
+
+def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session: Path, machine: Path) -> None:
+    windows = list(read_session(session).windows)
+    shared_api.register("nut", windows_per_measurement=15)
+    shared_api.accept("nut", windows)
+    for stated, sentence in ((None, "taken to be on the nut"), ("nut", "is on the nut, as stated")):
+        body: dict[str, Any] = {"model": machine.read_text(encoding="utf-8"), "measurements": {}}
+        body |= {} if stated is None else {"accelerometer": stated}
+        answer = shared_api.http.post("/v1/axes/nut/identifications", json=body)
+        job = wait_for(shared_api, answer.json()["id"], "done", "failed")
+        assert job["status"] == "done", job["error"]
+        assert sentence in job["result"]["taken_as"][0]
+
+
+@pytest.mark.parametrize(("kind", "model"), [("identifications", "model"), ("discrepancies", "baseline")])
+def test_peaks_are_of_the_table(shared_api: Api, kind: str, model: str) -> None:
+    shared_api.register("peaks-of-the-table")
+    body = {model: "family = ", "peaks": [{"position_mm": 600, "frequency_hz": 118}], "accelerometer": "nut"}
+    answer = shared_api.http.post(f"/v1/axes/peaks-of-the-table/{kind}", json=body)
+    problem = assert_problem(answer, 422, "invalid-request")
+    assert "accelerometer goes with measurements; peaks are of the table" in str(problem)
+
+
+def test_other_data_say_where_they_are_of(preload: Any, tmp_path: Path) -> None:
+    table = tmp_path / "peaks.csv"
+    table.write_text("position_mm,frequency_hz\n300,180\n", encoding="utf-8")
+    for command, model in (("explain", "--baseline"), ("identify", "--model")):
+        words = (command, table, model, REPLAY / "models" / "replay-axis.toml", "--accelerometer", "nut")
+        test_cli.assert_refused(preload(*words), "--accelerometer goes with a session; other data say where they are")
