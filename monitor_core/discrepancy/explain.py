@@ -194,6 +194,11 @@ def _found_effect(one: EquivalenceClass[Physics], stated: Fitted[Physics], by: Y
         for name, item in parameters.items()
         if not item.plausible
     ]
+    remarks += [
+        f"{name} = {item.estimate.value:.3g} {item.unit} stands at an end of the range that it is sought in"
+        for name, item in parameters.items()
+        if item.at_end
+    ]
     return FoundEffect(
         key=leader.effect.key,
         name=leader.effect.name,

@@ -72,6 +72,7 @@ class FoundParameter:
     unit: str
     interval_95: tuple[float, float]
     plausible: bool  # whether the value lies within its plausible range
+    at_end: bool = False  # whether it stands at an end of the range that it is sought in
 
 
 @dataclass(frozen=True, slots=True)

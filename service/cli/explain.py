@@ -43,6 +43,7 @@ from service.operations.explanation_report.sentences import (
     candidates_in_order,
     found_heading,
     headline,
+    misfits_heading,
     place,
     seen_from,
     step_sentence,
@@ -190,7 +191,7 @@ def _print(explanation: Explanation) -> None:
     places = explanation.localisation[:_MOST_PLACES]
     if places:
         rows = [(one.where, f"{quantity(one.size, 'sigma')}", str(one.kind)) for one in places]
-        print_table("Where model and measurement part", ("where", "misfit, rms", "looks like"), rows)
+        print_table(misfits_heading(explanation.outcome), ("where", "misfit, rms", "looks like"), rows)
     if explanation.effects:
         print_table(
             found_heading(explanation.outcome),

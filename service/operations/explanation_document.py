@@ -83,6 +83,7 @@ def _parameter(found: FoundParameter) -> dict[str, Any]:
         "unit": found.unit,
         "interval_95": [float(end) for end in found.interval_95],
         "plausible": bool(found.plausible),
+        "at_end": bool(found.at_end),
     }
 
 

@@ -66,8 +66,10 @@ def responses_of_windows(
 ) -> tuple[FrequencyResponseObservation, ...]:
     """Return averaged responses, as :func:`measured_responses` does, with what their windows show of a response.
 
-    Temperatures are not looked at. Of a rectangular taper, which is chosen where it leaves the higher coherence, mostly
-    of impacts that ring out within their window, nothing is said: what rings on beyond the end is not corrected.
+    Where all measurements state their temperature, it is counted from the median, to the kelvin: told closer, no two
+    measurements would be of one temperature. Of a rectangular taper, which is chosen where it leaves the higher
+    coherence, mostly of impacts that ring out within their window, nothing is said: what rings on beyond the end is
+    not corrected.
 
     Parameters
     ----------
@@ -79,7 +81,20 @@ def responses_of_windows(
     NotIdentifiableError
         If there is no response.
     """
-    return _some(_with_spread(modal, windows) for modal, windows in measured)
+    spread = [(_with_spread(modal, windows), modal.conditions.temperature) for modal, windows in measured]
+    stated = [temperature for _, temperature in spread if temperature is not None]
+    if len(stated) < len(spread) or not stated:
+        return _some(response for response, _ in spread)
+    usual = float(np.median(stated))
+    deviations = [float(round(temperature - usual)) for temperature in stated]
+    return _some(
+        None if response is None else _at_temperature(response, deviation)
+        for (response, _), deviation in zip(spread, deviations, strict=True)
+    )
+
+
+def _at_temperature(response: FrequencyResponseObservation, deviation: float) -> FrequencyResponseObservation:
+    return replace(response, conditions=replace(response.conditions, temperature_deviation=deviation))
 
 
 def _with_spread(modal: ModalMeasurement, windows: Sequence[Window]) -> FrequencyResponseObservation | None:

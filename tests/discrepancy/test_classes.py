@@ -188,6 +188,20 @@ def test_parameters_of_a_member_in_their_units() -> None:
     assert not found.plausible  # it is 2, and 1 at most would be
 
 
+def test_interval_ends_where_no_axis_is() -> None:
+    effect = quantity(2)
+    (size,) = effect.parameters
+    narrow = replace(effect, parameters=(replace(size, upper=1.9, beyond=False),))
+    member = classed(narrow).leader
+    (found,) = found_parameters(member, member.fitted, BY).values()
+    assert found.estimate.value == pytest.approx(1.9, abs=1e-3)  # the data would have a little more
+    assert found.interval_95[1] == 1.9
+    assert found.interval_95[0] < 1.8
+    assert found.at_end
+    (inside,) = found_parameters(classed(effect).leader, classed(effect).leader.fitted, BY).values()
+    assert not inside.at_end
+
+
 def test_intervals_cover_what_they_promise() -> None:
     """95 ± 2 % over 450 draws of priors, settings and noise, three quantities each; chance alone does ± 1.2 %."""
     rng = np.random.default_rng(11)

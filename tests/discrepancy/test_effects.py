@@ -35,17 +35,18 @@ AXES = PARAMETERS | {
     for family, parameters in PARAMETERS.items()
     if parameters.dynamic_load_rating is None
 }
-#: FORMATS, section 6, the part that is about drives.
+#: FORMATS, section 6, the part that is about drives, and springs that soften as they warm.
 KEYS = [
     "added-mass", "payload-mass", "series-compliance", "far-bearing-stiffness", "screw-axial-stiffness",
     "screw-distributed-mass", "torsional-flexibility", "loss-factor", "guide-friction", "guide-stiffness",
-    "preload-exponent", "thermal-preload", "position-offset", "torque-delay", "sensor-mounting-resonance",
-    "base-compliance", "servo-stiffness", "periodic-preload", "cubic-stiffness", "second-mode",
+    "preload-exponent", "thermal-preload", "thermal-stiffness", "position-offset", "torque-delay",
+    "sensor-mounting-resonance", "base-compliance", "servo-stiffness", "periodic-preload", "cubic-stiffness",
+    "second-mode",
 ]  # fmt: skip
 #: How a unit ends a name.
 ENDINGS = {
     "kg": "_kg", "m/N": "_m_per_n", "N/m": "_n_per_m", "N": "_n", "N/K": "_n_per_k", "m": "_m", "s": "_s", "s²": "_s2",
-    "Hz": "_hz", "N·m/rad": "_nm_per_rad", "1/m²": "_per_m2", "1/kg": "_per_kg",
+    "Hz": "_hz", "N·m/rad": "_nm_per_rad", "1/m²": "_per_m2", "1/kg": "_per_kg", "1/K": "_per_k",
 }  # fmt: skip
 
 PAIRS = [
@@ -282,6 +283,23 @@ def test_it_is_the_axis_under_other_conditions(key) -> None:
         response_at(LUMPED_AXIS, replace(AT, **changes)),
         rtol=1e-12,
     )
+
+
+def test_warm_springs_and_screw_are_softer_by_one_share() -> None:
+    warm = of_key("thermal-stiffness", RATED).added_to(LUMPED_AXIS, {"relative_change_per_k": -3e-4})
+    share = 1.0 - 3e-4 * AT.temperature_deviation
+    screw, joints = LUMPED_AXIS.screw, LUMPED_AXIS.joints
+    of_screw = {name: share * getattr(screw, name) for name in ("axial_rigidity", "torsional_rigidity")}
+    of_joints = {
+        name: share * getattr(joints, name)
+        for name in ("bearing_stiffness", "bracket_stiffness", "nut_stiffness", "coupling_stiffness")
+    }
+    softer = replace(LUMPED_AXIS, screw=replace(screw, **of_screw), joints=replace(joints, **of_joints))
+    np.testing.assert_allclose(response_at(warm, AT), response_at(softer, AT), rtol=1e-12)
+    usual = replace(AT, temperature_deviation=0.0)
+    np.testing.assert_array_equal(response_at(warm, usual), response_at(LUMPED_AXIS, usual))
+    with pytest.raises(OutsideValidityError, match="springs must keep some stiffness at every temperature"):
+        response_at(of_key("thermal-stiffness", RATED).added_to(LUMPED_AXIS, {"relative_change_per_k": -1.0}), AT)
 
 
 def test_at_one_preload_an_exponent_is_a_nut_stiffness() -> None:

@@ -88,6 +88,9 @@ KINDS: dict[str, Kind] = {
         (0.06, 0.15, 0.27), _plain("preload_exponent_change", "exponent_change"), either_sign=True
     ),
     "thermal-preload": Kind((2.0, 5.0, 8.0), _plain("thermal_preload", "preload_n_per_k"), either_sign=True),
+    "thermal-stiffness": Kind(
+        (3e-5, 1e-4, 5e-4), _plain("thermal_stiffness", "relative_change_per_k"), either_sign=True
+    ),
     "position-offset": Kind((0.002, 0.006, 0.025), _plain("position_offset", "offset_m"), either_sign=True),
     "torque-delay": Kind((5e-7, 2e-6, 5e-5), _plain("torque_delay", "delay_s")),
     "sensor-mounting-resonance": Kind((1e-10, 6e-10, 4e-9), _mounting),

@@ -211,6 +211,7 @@ MECHANISMS = {
     "guide_stiffness": {"guide_stiffness": 3e6},
     "preload_exponent_change": {"preload_exponent_change": 0.1},
     "thermal_preload": {"thermal_preload": 5.0},
+    "thermal_stiffness": {"thermal_stiffness": -1e-3},
     "periodic_preload": {"periodic_preload": 0.2, "periodic_phase": 1.0},
     "position_offset": {"position_offset": 0.02},
     "torque_delay": {"torque_delay": 2e-4},
@@ -247,6 +248,16 @@ def test_every_field_of_hidden_acts_and_is_absent_at_its_default():
                 assert max(distance(*pair) for pair in zip(without, with_all, strict=True)) > 1e-3, name
 
 
+#: At 15 K, with 0.4 ‰ a kelvin.
+SOFTER = {
+    name: (1.0 - 6e-3) * getattr(PARTS, name)
+    for name in (
+        "youngs_modulus", "shear_modulus", "bearing_stiffness", "far_bearing_stiffness", "bracket_stiffness",
+        "nut_rigidity", "coupling_stiffness",
+    )
+}  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("mechanism", "parts", "setting"),
     [
@@ -256,6 +267,7 @@ def test_every_field_of_hidden_acts_and_is_absent_at_its_default():
         ({"torsional_compliance_share": 0.0, "axial_modulus_factor": 1.0}, {}, {}),
         ({"preload_exponent_change": 0.1}, {}, {"preload": 400.0 * 0.5 ** (1.3)}),
         ({"thermal_preload": 4.0}, {}, {"preload": 260.0}),
+        ({"thermal_stiffness": -4e-4}, SOFTER, {}),
         ({"periodic_preload": 0.2, "periodic_phase": 2.0 * math.pi * 0.31 / 0.006}, {}, {"preload": 240.0}),
         ({"position_offset": 0.02}, {}, {"position": 0.33}),
         ({"preload_drift": 0.2}, {}, {"preload": 172.0}),

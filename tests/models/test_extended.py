@@ -38,6 +38,7 @@ EFFECTS = {
     "base_compliance": {"base_compliance": 1e-9, "base_frequency": 90.0, "base_damping_ratio": 0.03},
     "preload_exponent_change": {"preload_exponent_change": 0.1},
     "thermal_preload": {"thermal_preload": 2.0},
+    "thermal_stiffness": {"thermal_stiffness": -3e-4},
     "preload_change": {"preload_change": -40.0},
     "periodic_preload_cosine": {"periodic_preload_cosine": 0.1},
     "periodic_preload_sine": {"periodic_preload_sine": 0.1},

@@ -57,8 +57,8 @@ def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -
 def test_joints_are_those_of_the_plant(preload: Any, session: Path, machine: Path) -> None:
     document = preload("identify", session, "--model", machine, "--json").json()
     assert "taken to be on the nut" in document["taken_as"][0]
-    # friction, which the plant has and no model, raises the frequency by 0.3 Hz of 190 (replay_data/README.md): 0.3 % of
-    # the stiffness, which is 4 % of a nut that makes a thirteenth of the compliance
+    # friction, which the plant has and no model, raises the frequency by 0.3 Hz of 190 (replay_data/README.md): 0.3 %
+    # of the stiffness, which is 4 % of a nut that makes a thirteenth of the compliance
     assert document["parameters"][NUT]["value"] == pytest.approx(MACHINE.parameters[NUT], rel=0.05)
 
 

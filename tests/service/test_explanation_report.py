@@ -280,6 +280,7 @@ def test_document_says_what_the_record_says() -> None:
     stiffness, mass = document["effects"]
     assert stiffness["parameters"]["stiffness_n_per_m"] == {
         "value": 3.8e7, "standard_uncertainty": 1.0e6, "unit": "N/m", "interval_95": [3.6e7, 4.0e7], "plausible": True,
+        "at_end": False,
     }  # fmt: skip
     assert (stiffness["plausible"], mass["plausible"]) == (True, False)
     assert document["gap"]["after"] == {"fit": 2.7, "held_out": 3.4}

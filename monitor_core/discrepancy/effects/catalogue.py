@@ -22,6 +22,7 @@ from monitor_core.discrepancy.effects.sensor_mounting_resonance import SENSOR_MO
 from monitor_core.discrepancy.effects.series_compliance import SERIES_COMPLIANCE
 from monitor_core.discrepancy.effects.servo_stiffness import SERVO_STIFFNESS
 from monitor_core.discrepancy.effects.thermal_preload import THERMAL_PRELOAD
+from monitor_core.discrepancy.effects.thermal_stiffness import THERMAL_STIFFNESS
 from monitor_core.discrepancy.effects.torque_delay import TORQUE_DELAY
 from monitor_core.discrepancy.effects.torsional_flexibility import (
     TORSIONAL_FLEXIBILITY,
@@ -46,6 +47,7 @@ DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
     GUIDE_STIFFNESS,
     PRELOAD_EXPONENT,
     THERMAL_PRELOAD,
+    THERMAL_STIFFNESS,
     POSITION_OFFSET,
     TORQUE_DELAY,
     SENSOR_MOUNTING_RESONANCE,

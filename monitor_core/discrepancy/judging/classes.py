@@ -11,7 +11,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
-from monitor_core.discrepancy.hypothesis import is_size
+from monitor_core.discrepancy.hypothesis import is_size, searched_range
 from monitor_core.discrepancy.judging.modes_of_their_own import modes_of_their_own
 from monitor_core.discrepancy.searching.evidence import STRONG, VERY_STRONG, Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
@@ -177,6 +177,7 @@ def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
 def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yardstick) -> dict[str, FoundParameter]:
     """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
 
+    An interval ends where the range ends that a parameter is sought in: beyond it no axis is.
     Beside the scatter of the data stands what the formula of the effect leaves out, of a size.
 
     Parameters
@@ -196,7 +197,9 @@ def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yards
         scatter = math.sqrt(max(float(variances[at]), 0.0))
         form = effect.form_share * abs(value) if is_size(one) else 0.0
         deviation = math.hypot(one.scale * scatter, form)
-        interval = (value - 1.959964 * deviation, value + 1.959964 * deviation)
+        lower, upper = searched_range(effect, one)
+        interval = (max(lower, value - 1.959964 * deviation), min(upper, value + 1.959964 * deviation))
+        at_end = min(value - lower, upper - value) < _AT_THE_END * (upper - lower)
         plausible = _is_plausible(stated, index, by)
-        found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible)
+        found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible, at_end)
     return found

@@ -91,9 +91,9 @@ def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: 
         Of each line.
     """
     joints, bodies, added = physics.joints, physics.bodies, physics.added
-    elastic = _elastic(joints, omega)
-    axial, axial_yield = _axial(physics, omega, states.position)
-    torsion = _torsion(physics, omega, states.position, ends)
+    elastic = _elastic(joints, omega) * states.softening
+    axial, axial_yield = _axial(physics, omega, states, elastic)
+    torsion = _torsion(physics, omega, states, elastic, ends)
     return EntireParts(
         axial,
         axial_yield,
@@ -104,20 +104,20 @@ def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: 
     )
 
 
-def _axial(physics: AxisPhysics, omega: Values, position: FloatArray) -> tuple[Values, Values]:
+def _axial(physics: AxisPhysics, omega: Values, states: AxisStates, elastic: Values) -> tuple[Values, Values]:
     r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
 
     Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
     :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. On a base of stiffness
     :math:`g/c_b` the sums over both rods leave :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
     """
-    screw, joints, added = physics.screw, physics.joints, physics.added
-    elastic = _elastic(joints, omega)
+    screw, joints, added, position = physics.screw, physics.joints, physics.added, states.position
     near_bearing = joints.bearing_stiffness * elastic + _damper(omega, joints.bearing_damping)
     far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
     mass = screw.axial_mass_share * screw.mass_per_length
-    near = _waves(omega, position, 1.0 / screw.axial_rigidity, mass)
-    far = _waves(omega, screw.length - position, 1.0 / screw.axial_rigidity, mass)
+    compliance = 1.0 / (screw.axial_rigidity * states.softening)
+    near = _waves(omega, position, compliance, mass)
+    far = _waves(omega, screw.length - position, compliance, mass)
     near_end = near.cosine + near_bearing * near.sine_over_z
     far_end = far.cosine + far_bearing * far.sine_over_z
     segment = omega * omega * screw.nut_segment_mass
@@ -136,17 +136,18 @@ def _axial(physics: AxisPhysics, omega: Values, position: FloatArray) -> tuple[V
 
 
 def _torsion(
-    physics: AxisPhysics, omega: Values, position: FloatArray, ends: EndMasks
+    physics: AxisPhysics, omega: Values, states: AxisStates, elastic: Values, ends: EndMasks
 ) -> tuple[Values, Values, Values, Values]:
     """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts.
 
     Of the inertia that is not spread along the screw nothing turns where the motor end is clamped.
     """
     screw, joints, bodies, i = physics.screw, physics.joints, physics.bodies, physics.screw.transmission_ratio
+    position = states.position
     squared = omega * omega
     inertia = screw.torsional_inertia_share * screw.inertia_per_length
     at_motor_end = (1.0 - screw.torsional_inertia_share) * screw.inertia_per_length * screw.length
-    compliance = screw.torsion_share / screw.torsional_rigidity
+    compliance = screw.torsion_share / (screw.torsional_rigidity * states.softening)
     near_compliance = compliance * (1.0 - screw.far_end_held_share * position / screw.length)
     near = _waves(omega, position, near_compliance, inertia)
     far = _waves(omega, screw.length - position, compliance, inertia)
@@ -158,7 +159,7 @@ def _torsion(
     torsion_0 = (segment * near.cosine - near.z_sine) * far.cosine + end_0 * beyond
     torsion_1 = near.cosine * far.cosine + near.sine_over_z * beyond
 
-    coupling = joints.coupling_stiffness * _elastic(joints, omega) + _damper(omega, joints.coupling_damping)
+    coupling = joints.coupling_stiffness * elastic + _damper(omega, joints.coupling_damping)
     rotor = physics.added.servo_stiffness - squared * (bodies.rotor_inertia + at_motor_end)
     rotor = rotor + _damper(omega, bodies.motor_damping)
     # held behind the coupling; a free rotor is in series with it, κ Z/(κ + Z), multiplied through with κ + Z

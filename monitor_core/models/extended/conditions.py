@@ -33,11 +33,13 @@ class AxisStates:
 
     position: FloatArray  # of the table from the fixed bearing [m]
     moving_mass: FloatArray  # of table, nut, payload and what of the screw moves with them [kg]
-    nut_stiffness: FloatArray  # rigidity under the preload [N/m]
+    nut_stiffness: FloatArray  # rigidity under the preload, at the reference temperature [N/m]
+    softening: FloatArray  # springs and screw over what they are at the reference temperature; () where 1 [-]
 
     def at(self, index: npt.NDArray[np.intp]) -> "AxisStates":
         """Return the states repeated for lines that belong to the conditions of this index."""
-        return AxisStates(self.position[index], self.moving_mass[index], self.nut_stiffness[index])
+        softening = self.softening[index] if self.softening.ndim else self.softening
+        return AxisStates(self.position[index], self.moving_mass[index], self.nut_stiffness[index], softening)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +88,8 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
     Raises
     ------
     OutsideValidityError
-        If a position is not on the screw, a moving mass is not positive, or preload and load rating do not go together.
+        If a position is not on the screw, a moving mass or the stiffness that warmth leaves is not positive, or preload
+        and load rating do not go together.
     """
     screw, bodies, added = physics.screw, physics.bodies, physics.added
     position = conditions.position + added.position_offset
@@ -99,7 +102,14 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
     moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
     if not np.all(moving_mass > 0.0):
         raise OutsideValidityError(f"the moving mass must be positive; got {np.min(moving_mass):g} kg")
-    return AxisStates(position, moving_mass, nut_rigidities(physics, conditions))
+    softening = np.array(1.0)
+    if added.thermal_stiffness:
+        softening = softening + added.thermal_stiffness * conditions.temperature_deviation
+    if not np.all(softening > 0.0):
+        raise OutsideValidityError(
+            f"springs must keep some stiffness at every temperature; got {np.min(softening):g} of what they have"
+        )
+    return AxisStates(position, moving_mass, nut_rigidities(physics, conditions), softening)
 
 
 def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatArray:

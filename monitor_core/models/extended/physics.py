@@ -109,6 +109,7 @@ class AddedPhysics:
     preload_exponent_change: float = 0.0  # δ in rigidity ∝ preload^(1/3 + δ), K unchanged at 0.1 C_d [-]
     preload_change: float = 0.0  # true preload less the stated one, wherever one is stated [N]
     thermal_preload: float = 0.0  # preload per temperature deviation [N/K]
+    thermal_stiffness: float = 0.0  # relative change of all springs and of the screw per temperature deviation [1/K]
     periodic_preload_cosine: float = 0.0  # relative amplitude over one lead, cos 2πx/lead of the stated position [-]
     periodic_preload_sine: float = 0.0  # [-]
     position_offset: float = 0.0  # true position less the stated one [m]

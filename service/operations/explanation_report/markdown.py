@@ -20,6 +20,8 @@ from service.operations.explanation_report.sentences import (
     candidates_in_order,
     headline,
     meaning,
+    misfits_heading,
+    model_heading,
     nothing_held_out,
     place,
     seen_from,
@@ -42,14 +44,14 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
     sections = [
         [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
         *[[_text(one)] for one in explanation.taken_as],
-        ["## Where model and measurement part", "", *_misfits(explanation.localisation)],
+        [f"## {misfits_heading(explanation.outcome)}", "", *_misfits(explanation.localisation)],
         *[_effect(one, held_out_data=not nothing_held_out(explanation)) for one in explanation.effects],
         ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],
         *([["## What stays unexplained", "", *_misfits(explanation.remainder)]] if explanation.effects else []),
         [f"## {candidates_heading(explanation.outcome)}", "", *_candidates(explanation)],
         ["## Next measurement", "", _text(explanation.next_measurement) or "None is proposed."],
         ["## What was set and declared", "", *_pulls(explanation)],
-        ["## Model", "", *_fenced(model_text)],
+        [f"## {model_heading(explanation.outcome)}", "", *_fenced(model_text)],
     ]
     return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
 

@@ -49,6 +49,8 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         candidates=sentences.candidates_in_order(explanation.candidates),
         found_heading=sentences.found_heading(explanation.outcome),
         place=sentences.place,
+        misfits_heading=sentences.misfits_heading(explanation.outcome),
+        model_heading=sentences.model_heading(explanation.outcome),
         candidates_heading=sentences.candidates_heading(explanation.outcome),
         shades=shade_names(),
         models=_models(explanation),

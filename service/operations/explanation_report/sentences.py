@@ -98,6 +98,18 @@ def found_heading(outcome: Outcome) -> str:
     return "What helped most, and is not the cause" if outcome is Outcome.UNKNOWN else "What was found"
 
 
+def misfits_heading(outcome: Outcome) -> str:
+    """Return the heading over the places of misfit: where nothing is missing they are patterns within the noise."""
+    return "Patterns within the noise" if outcome is Outcome.NONE else "Where model and measurement part"
+
+
+def model_heading(outcome: Outcome) -> str:
+    """Return the heading over the model: what helped most is not in it where it is not the cause."""
+    if outcome is Outcome.UNKNOWN:
+        return "The model, as it was: what helped most is not in it"
+    return "The model, as refitted" if outcome is Outcome.NONE else "The model, with what was added"
+
+
 def judged_gap(pair: GapPair) -> float:
     """Return the gap that counts: on data held out where there are any."""
     return pair.fit if math.isnan(pair.held_out) else pair.held_out

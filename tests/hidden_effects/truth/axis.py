@@ -1,7 +1,7 @@
 """What the two plants are told of an axis: its parts, the mechanisms hidden in it, and how it is set. SI units."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +35,13 @@ class Parts:
     motor_damping: float = 2e-3
 
 
+#: What becomes softer in a warm machine.
+_OF_WARMTH = (
+    "youngs_modulus", "shear_modulus", "bearing_stiffness", "far_bearing_stiffness", "bracket_stiffness",
+    "nut_rigidity", "coupling_stiffness",
+)  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hidden:
     """Mechanisms that the maker's description lacks; absent at their defaults."""
@@ -51,6 +58,7 @@ class Hidden:
     guide_stiffness: float = 0.0  # table to ground [N/m]
     preload_exponent_change: float = 0.0  # nut ∝ P^(1/3 + change), unchanged at the rated preload [-]
     thermal_preload: float = 0.0  # preload per temperature deviation [N/K]
+    thermal_stiffness: float = 0.0  # relative change of every modulus and spring per temperature deviation [1/K]
     periodic_preload: float = 0.0  # preload varies by this share over each lead of the position tag [-]
     periodic_phase: float = 0.0  # [rad]: preload (1 + share cos(2πx/lead − phase))
     position_offset: float = 0.0  # true position less the stated one [m]
@@ -93,3 +101,8 @@ class Axis:
 
     parts: Parts
     hidden: Hidden = Hidden()
+
+    def parts_at(self, setting: Setting) -> Parts:
+        """Return the parts as warm as they are at a setting."""
+        factor = 1.0 + self.hidden.thermal_stiffness * setting.temperature_deviation
+        return replace(self.parts, **{name: factor * getattr(self.parts, name) for name in _OF_WARMTH})

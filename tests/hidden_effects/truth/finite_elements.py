@@ -75,7 +75,7 @@ def transmission(parts: Parts) -> float:
 
 def nut_stiffness(axis: Axis, setting: Setting) -> float:
     """Return the stiffness of the nut under the preload that it really has. [N/m]."""
-    parts, hidden = axis.parts, axis.hidden
+    parts, hidden = axis.parts_at(setting), axis.hidden
     turn = 2.0 * math.pi * setting.position / parts.screw_lead - hidden.periodic_phase
     preload = setting.preload + hidden.thermal_preload * setting.temperature_deviation
     preload *= (1.0 + hidden.periodic_preload * math.cos(turn)) * (1.0 - hidden.preload_drift * setting.order)
@@ -85,7 +85,7 @@ def nut_stiffness(axis: Axis, setting: Setting) -> float:
 
 def assemble(axis: Axis, setting: Setting, element_length: float = ELEMENT_LENGTH) -> Structure:
     """Return the matrices of the axis as it is set."""
-    parts, hidden = axis.parts, axis.hidden
+    parts, hidden = axis.parts_at(setting), axis.hidden
     x = setting.position + hidden.position_offset
     near, far = (max(4, math.ceil(length / element_length)) for length in (x, parts.screw_length - x))
     nodes = np.r_[np.linspace(0.0, x, near + 1), np.linspace(x, parts.screw_length, far + 1)[1:]]

@@ -121,7 +121,7 @@ class Network:
 
 def network_of(axis: Axis, setting: Setting, lines: Lines) -> Network:
     """Return the linear axis at one setting."""
-    p, h, s = axis.parts, axis.hidden, lines.s
+    p, h, s = axis.parts_at(setting), axis.hidden, lines.s
     lead_ratio = p.screw_lead / (2.0 * math.pi)
     lever, turning, torsion = _torsion(axis, setting, lines)
     nut = nut_stiffness(axis, setting) * lines.joints + s * p.nut_damping
@@ -158,7 +158,7 @@ def position_of(axis: Axis, setting: Setting) -> float:
 
 def nut_stiffness(axis: Axis, setting: Setting) -> float:
     """Return the stiffness of the nut for small deflections under what is left of the preload. [N/m]."""
-    p, h = axis.parts, axis.hidden
+    p, h = axis.parts_at(setting), axis.hidden
     turn = 2.0 * math.pi * setting.position / p.screw_lead
     preload = setting.preload + h.thermal_preload * setting.temperature_deviation
     preload *= 1.0 + h.periodic_preload * math.cos(turn - h.periodic_phase)
@@ -170,7 +170,7 @@ def nut_stiffness(axis: Axis, setting: Setting) -> float:
 
 def _tension(axis: Axis, setting: Setting, lines: Lines) -> ComplexArray:
     """Return the stiffness of the screw at the nut: both lengths with their bearings, on a base that may yield."""
-    p, h, s = axis.parts, axis.hidden, lines.s
+    p, h, s = axis.parts_at(setting), axis.hidden, lines.s
     area = math.pi / 4.0 * p.screw_diameter**2
     rigidity = p.youngs_modulus * h.axial_modulus_factor * area * lines.steel
     position = position_of(axis, setting)
@@ -192,7 +192,7 @@ def _tension(axis: Axis, setting: Setting, lines: Lines) -> ComplexArray:
 
 def _torsion(axis: Axis, setting: Setting, lines: Lines) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Return lever and turning of the unloaded nut, and the torsional stiffness at the nut, the rotor taking part."""
-    p, h, s = axis.parts, axis.hidden, lines.s
+    p, h, s = axis.parts_at(setting), axis.hidden, lines.s
     polar = math.pi / 32.0 * p.screw_diameter**4
     rigidity = p.shear_modulus * polar / (1.0 + h.torsional_compliance_share) * lines.steel
     position = position_of(axis, setting)
