@@ -1,6 +1,6 @@
 """Natural frequencies only: what the workflow says of hidden effects where no response was measured.
 
-``python -m benchmarks.frequencies_only [--workers 2] [--share 1.0] [--first-seed 23000] [--out FILE]`` draws machines,
+``python -m benchmarks.frequencies_only [--workers 2] [--share 1.0] [--first-seed 26000] [--out FILE]`` draws machines,
 each with a modal table of the finite-element or the transmission-line plant; answers each from its table and model file
 alone; and prints the score card. Many effects move frequencies alike, so that a class of several is a right answer
 here, and none is one where the answer itself says that the effect could not have been seen. A wrong name never is.
