@@ -437,7 +437,7 @@ def test_evidence_says_in_which_place_it_is_meant() -> None:
 
 def test_what_is_not_the_cause_is_not_called_found() -> None:
     with_effects = replace(EXAMPLES[Outcome.NAMED], outcome=Outcome.UNKNOWN)
-    assert "What helped most, and is not the cause" in page_of(with_effects).text()
+    assert "What helped most, and is not named as the cause" in page_of(with_effects).text()
     assert "What was found" in page_of(EXAMPLES[Outcome.NAMED]).text()
 
 

@@ -199,7 +199,7 @@ def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yards
         deviation = math.hypot(one.scale * scatter, form)
         lower, upper = searched_range(effect, one)
         interval = (max(lower, value - 1.959964 * deviation), min(upper, value + 1.959964 * deviation))
-        at_end = min(value - lower, upper - value) < _AT_THE_END * (upper - lower)
+        at_end = any(abs(value - end) <= _AT_THE_END * (abs(end) or abs(one.scale)) for end in (lower, upper))
         plausible = _is_plausible(stated, index, by)
         found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible, at_end)
     return found

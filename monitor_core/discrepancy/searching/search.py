@@ -311,11 +311,17 @@ class Search(Generic[Physics]):
         return fitted
 
     def _without(self, fitted: Fitted[Physics], effect: Effect[Physics]) -> Fitted[Physics]:
+        """Return the fit without one of its effects; no worse than the best one known with still fewer of them."""
         hypothesis = fitted.hypothesis.without(effect.key)
         keys = frozenset(one.key for one in hypothesis.effects)
         if keys not in self._known_fits:
-            carried_over = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
-            self._known_fits[keys] = carried_over or self._fit(hypothesis, hypothesis.null)
+            best = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
+            fewer = [known for those, known in self._known_fits.items() if those < keys]
+            plain = min(fewer, key=lambda one: one.cost, default=None)
+            if plain is not None and (best is None or plain.cost < best.cost):
+                again = self._try(hypothesis, hypothesis.carried_over(plain.hypothesis, plain.coordinates))
+                best = min((one for one in (best, again) if one is not None), key=lambda one: one.cost, default=None)
+            self._known_fits[keys] = best or self._fit(hypothesis, hypothesis.null)
         return self._known_fits[keys]
 
     def _in_place_of(

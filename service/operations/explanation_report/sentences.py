@@ -95,7 +95,7 @@ def listed(parts: Sequence[str]) -> str:
 
 def found_heading(outcome: Outcome) -> str:
     """Return the heading over the effects: where the cause is unknown they are not it."""
-    return "What helped most, and is not the cause" if outcome is Outcome.UNKNOWN else "What was found"
+    return "What helped most, and is not named as the cause" if outcome is Outcome.UNKNOWN else "What was found"
 
 
 def misfits_heading(outcome: Outcome) -> str:
@@ -104,7 +104,7 @@ def misfits_heading(outcome: Outcome) -> str:
 
 
 def model_heading(outcome: Outcome) -> str:
-    """Return the heading over the model: what helped most is not in it where it is not the cause."""
+    """Return the heading over the model: where the cause is unknown, what helped most is not in it."""
     if outcome is Outcome.UNKNOWN:
         return "The model, as it was: what helped most is not in it"
     return "The model, as refitted" if outcome is Outcome.NONE else "The model, with what was added"
