@@ -9,7 +9,9 @@ import pytest
 from scipy import linalg
 
 from monitor_core.discrepancy.effect import ConditionAxis
+from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.searching.evidence import delta_bic
+from monitor_core.discrepancy.searching.fit import fit, resolved_at
 from monitor_core.discrepancy.searching.search import Search, SearchSettings
 from tests.discrepancy.axes import LinearComparison, LinearSubject, covariance_of, layout_of, quantity, wrong_quantity
 
@@ -122,6 +124,30 @@ def test_what_stood_for_two_is_left_out_again() -> None:
     assert keys(found.steps[0]) == {"quantity-3"}
     assert keys(found.final) == {"quantity-1", "quantity-2"}
     assert found.steps[-1] is found.final
+
+
+def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) -> None:
+    """Left where a fuller fit ended, a fit may stay in a false minimum: evidence would then be of that alone."""
+    comparison = comparison_of(np.array([0.1, 3.0, 3.0]), np.random.default_rng(2))
+    first, second = quantity(1), quantity(2)
+    search = Search(comparison, LinearSubject(UNCERTAIN, 3), (first, second))
+    hypothesis = Hypothesis(search.subject)
+    plain = fit(comparison, hypothesis, hypothesis.null)
+    search._remember(plain)
+    fuller = hypothesis.with_effect(first).with_effect(second)
+    both = fit(comparison, fuller, np.zeros(3))
+    far_off = replace(both, coordinates=both.coordinates + np.array([40.0, 0.0, 0.0]))
+
+    def stuck_where_it_is_far_off(of, hypothesis, start, chosen=None):
+        fitted = fit(of, hypothesis, start, chosen)
+        return resolved_at(fitted, start) if abs(start[0]) > 20.0 else fitted
+
+    monkeypatch.setattr("monitor_core.discrepancy.searching.search.fit", stuck_where_it_is_far_off)
+    without = search._without(far_off, second)
+    assert keys(without) == {"quantity-1"}
+    assert without.cost < plain.cost
+    best = fit(comparison, hypothesis.with_effect(first), np.zeros(2))
+    assert without.cost == pytest.approx(best.cost, rel=1e-6)
 
 
 def test_no_more_effects_than_allowed() -> None:
