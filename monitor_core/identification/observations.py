@@ -82,6 +82,7 @@ class FrequencyResponseObservation:
     #: What windows of a known excitation show of a response, in the place of what the resolution says. The discrepancy
     #: workflow alone looks at it.
     spread: LineSpread | None = None
+    placed: bool = True  # False: the record does not say where its accelerometer sat; it is taken to be at the point
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", read_only(self.frequency))
@@ -114,7 +115,7 @@ ACCELEROMETER_POINTS = (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ACCEL
 def with_accelerometer_at(
     point: ResponsePoint, observations: Sequence[FrequencyResponseObservation]
 ) -> tuple[FrequencyResponseObservation, ...]:
-    """Return responses as those of an accelerometer at a point; what is no acceleration stays.
+    """Return responses with the accelerometer at a point where their records do not place it.
 
     Parameters
     ----------
@@ -122,9 +123,7 @@ def with_accelerometer_at(
         One of ``ACCELEROMETER_POINTS``.
     observations : sequence of FrequencyResponseObservation
     """
-    return tuple(
-        replace(one, response_point=point) if one.response_point.is_acceleration else one for one in observations
-    )
+    return tuple(one if one.placed else replace(one, response_point=point, placed=True) for one in observations)
 
 
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:

@@ -280,6 +280,8 @@ class LumpedModel:
 
     Notes
     -----
+    An accelerometer on the nut has the screw's mass behind the bracket, with the table, as Σm has it.
+
     Neglected: the mass of the screw between bearing and nut as such (all of it travels with the table in Σm, although
     it is held axially by the bearing; all of its inertia turns with the motor end), the free rotation of the far end
     (Eq. 3 holds it), the far bearing, bending, and every mode beyond the first axial one. The paper gives no damping

@@ -21,9 +21,9 @@ from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.cli.session_input import (
     accelerometer_option,
-    accelerometer_points,
     axis_settings,
     band_option,
+    require_session,
     responses_of_session,
 )
 from service.operations.explanation import ExplanationRequest, Measured, explain_measurements
@@ -104,13 +104,15 @@ def explain(
     """
     if out is not None and not out.parent.is_dir():
         raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
+    measured, taken_as = _measured(data, band_hz, accelerometer)
     request = ExplanationRequest(
         baseline=read_model_file(baseline_path),
-        measured=_measured(data, band_hz),
+        measured=measured,
         hold_out=tuple(metres(one) for one in hold_out_mm),
         effects=() if effects_path is None else read_effect_file(effects_path),
         healthy=tuple(_responses(path, band_hz) for path in _files(healthy_paths)),
-        accelerometer_at=accelerometer_points(accelerometer, of_session=format_of(data) == "preload-session"),
+        accelerometer=accelerometer,
+        taken_as=taken_as,
     )
     with _watched(data.name) as progress:
         explanation, model_text = explain_measurements(request, progress)
@@ -139,19 +141,24 @@ def _written(report_dir: Path | None, out: Path | None) -> Iterator[Path]:
         yield out
 
 
-def _measured(data: Path, band_hz: tuple[float, float] | None) -> Measured:
+def _measured(
+    data: Path, band_hz: tuple[float, float] | None, accelerometer: str | None
+) -> tuple[Measured, tuple[str, ...]]:
+    """Return what was measured, and what was settled on the way, in sentences."""
     kind = format_of(data)
+    require_session(accelerometer, of_session=kind == "preload-session")
     if band_hz is not None and kind != "preload-session":
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
     match kind:
         case "preload-frf-set":
-            return read_frf_set(data).observations
+            return read_frf_set(data).observations, ()
         case "preload-session":
-            return responses_of_session(data, axis_settings(band_hz))
+            session = responses_of_session(data, axis_settings(band_hz))
+            return session.observations, session.sentences
         case "motion-record":
-            return read_motion_record(data)
+            return read_motion_record(data), ()
         case "modal-table":
-            return tuple(modal_observation(row) for row in read_modal_table(data))
+            return tuple(modal_observation(row) for row in read_modal_table(data)), ()
     got = "a text with other columns" if kind == "csv" else kind
     raise RecordingFormatError(
         f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
@@ -169,7 +176,7 @@ def _files(paths: Iterable[Path]) -> Iterator[Path]:
 
 def _responses(path: Path, band_hz: tuple[float, float] | None) -> tuple[FrequencyResponseObservation, ...]:
     """Return the responses of one machine."""
-    measured = _measured(path, band_hz)
+    measured, _ = _measured(path, band_hz, None)
     several = () if isinstance(measured, MotionRecord) else measured
     responses = tuple(one for one in several if isinstance(one, FrequencyResponseObservation))
     if not responses:

@@ -21,10 +21,10 @@ from service.cli.model_input import NumbersCommand
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.cli.session_input import (
     accelerometer_option,
-    accelerometer_points,
     axis_settings,
     band_option,
     is_session,
+    require_session,
     responses_of_session,
 )
 from service.operations.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
@@ -99,6 +99,7 @@ def identify(
             raise click.UsageError("--calibration needs --mode-hz, --preload-n and --scatter-hz; got not all of them")
         source = ExcitationSource(excitation_source)
         prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
+    require_session(accelerometer, of_session=_is_session(data))
     request = IdentificationRequest(
         model=read_model_file(model_path),
         measured=_measured(data, band_hz),
@@ -107,7 +108,7 @@ def identify(
         weighting=OBJECTIVES[objective],
         seed=seed,
         prediction=prediction,
-        accelerometer_at=accelerometer_points(accelerometer, of_session=_is_session(data)),
+        accelerometer=accelerometer,
     )
     for path in (out, calibration_out):
         if path is not None and not path.parent.is_dir():
@@ -132,7 +133,7 @@ def _measured(
     if data.name.endswith(".frf.h5"):
         return read_frf_set(data).observations
     if _is_session(data):
-        return responses_of_session(data, axis_settings(band_hz))
+        return responses_of_session(data, axis_settings(band_hz)).observations
     return tuple(modal_observation(row) for row in read_modal_table(data))
 
 

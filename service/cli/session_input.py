@@ -6,9 +6,7 @@ from pathlib import Path
 
 import click
 
-from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
-from monitor_core.models.protocol import ResponsePoint
 from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
@@ -16,8 +14,8 @@ from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.recordings.units import to_millimetres
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
-from service.operations.accelerometer import PLACES, points_of
-from service.operations.measured_responses import responses_of_windows
+from service.operations.accelerometer import PLACES
+from service.operations.measured_responses import SessionResponses, responses_of_windows
 
 SESSION_SUFFIXES = (".h5", ".hdf5")
 
@@ -37,11 +35,10 @@ accelerometer_option = click.option(
 )
 
 
-def accelerometer_points(stated: str | None, *, of_session: bool) -> tuple[ResponsePoint, ...]:
-    """Return where the accelerometer may be; all data but a session say it."""
-    if stated is not None and not of_session:
+def require_session(accelerometer: str | None, *, of_session: bool) -> None:
+    """Refuse a stated place of an accelerometer for data that say it themselves."""
+    if accelerometer is not None and not of_session:
         raise click.UsageError("--accelerometer goes with a session; other data say where they are of")
-    return points_of(stated) if of_session else ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +79,7 @@ def judge_session(
         )
 
 
-def responses_of_session(path: Path, settings: AxisSettings) -> tuple[FrequencyResponseObservation, ...]:
+def responses_of_session(path: Path, settings: AxisSettings) -> SessionResponses:
     """Return the averaged responses of the measurements that can be judged, with progress; memory stays flat.
 
     Raises

@@ -7,7 +7,7 @@ from typing import Any
 
 from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.effects import PREFIX
-from monitor_core.discrepancy.explanation import Explanation, Outcome
+from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.recordings.model_file import DriveModelFile
 
 #: Parameters of effects that multiply what is there, and such that take a share of what is left; others add.
@@ -37,7 +37,7 @@ def with_corrected_parameters(model: DriveModelFile) -> DriveModelFile:
 
 
 def augmented_model(baseline: DriveModelFile, explanation: Explanation, table: Sequence[Effect[Any]]) -> DriveModelFile:
-    """Return the model with what was found; where the cause is unknown, the model as it was.
+    """Return the model with what was found.
 
     Parameters
     ----------
@@ -46,8 +46,6 @@ def augmented_model(baseline: DriveModelFile, explanation: Explanation, table: S
     table : sequence of Effect
         What the keys of effects mean.
     """
-    if explanation.outcome is Outcome.UNKNOWN:
-        return baseline
     parameters = {
         name: value * math.exp(explanation.ln_ratios.get(name, 0.0)) for name, value in baseline.parameters.items()
     }

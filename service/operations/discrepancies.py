@@ -10,7 +10,7 @@ from service.errors import UnknownResourceError
 from service.jobs import JobHandle
 from service.operations.explanation import ExplanationRequest, require_explainable
 from service.operations.explanation_process import explained
-from service.operations.measured_of_axis import accelerometer_points_of, measured_of_axis, selected_measurements
+from service.operations.measured_of_axis import measured_of_axis, selected_measurements
 from service.store import jobs
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -92,11 +92,13 @@ class Discrepancies:
         return [_in_short(row) for row in rows]
 
     def _request(self, axis_id: str, arguments: dict[str, Any]) -> ExplanationRequest:
+        measured = measured_of_axis(self._database, self._waveforms, axis_id, arguments)
         return ExplanationRequest(
             baseline=parse_model(arguments["baseline"], "baseline"),
-            measured=measured_of_axis(self._database, self._waveforms, axis_id, arguments),
+            measured=measured.observations,
             hold_out=tuple(metres(one) for one in arguments["hold_out_mm"]),
-            accelerometer_at=accelerometer_points_of(arguments),
+            accelerometer=arguments.get("accelerometer"),  # a job of an older version has none
+            taken_as=measured.sentences,
         )
 
 

@@ -12,7 +12,7 @@ from monitor_core.discrepancy.comparing.responses import compare_responses
 from monitor_core.discrepancy.effect import Effect
 from monitor_core.discrepancy.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX
 from monitor_core.discrepancy.explain import explain
-from monitor_core.discrepancy.explanation import Explanation
+from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.discrepancy.motion.compared import MotionComparison
 from monitor_core.discrepancy.motion.subject import MotionSubject
 from monitor_core.discrepancy.searching.form_learning import learn_form_error
@@ -21,7 +21,7 @@ from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.extended import AxisPhysics, paper_motor_end
 from monitor_core.models.motion import MotionPhysics
-from monitor_core.models.protocol import DriveConditions, ResponsePoint
+from monitor_core.models.protocol import DriveConditions
 from monitor_core.motion import MotionRecord
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text
 from service.operations.accelerometer import place_accelerometer
@@ -44,15 +44,16 @@ class ExplanationRequest:
     hold_out: tuple[float, ...] = ()  # positions; without any, as the data allow [m]
     effects: tuple[Effect[Any], ...] = ()  # of the user's own, beside those of the product
     healthy: tuple[tuple[FrequencyResponseObservation, ...], ...] = ()  # of machines of this type that lack nothing
-    #: Where the accelerometer may be where the record does not say it; none: it does.
-    accelerometer_at: tuple[ResponsePoint, ...] = ()
+    accelerometer: str | None = None  # where that of a session is; without it where the model fits better
+    taken_as: tuple[str, ...] = ()  # what was settled while measuring, in sentences
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Compared(Generic[Physics]):
     """Measurements beside a described axis, and what it may lack."""
 
-    baseline: DriveModelFile  # its own corrections of parameters among its parameters
+    given: DriveModelFile
+    baseline: DriveModelFile  # the same, its own corrections of parameters among its parameters
     table: Sequence[Effect[Physics]]
     comparison: Comparison[Physics]
     subject: Subject[Physics]
@@ -60,9 +61,11 @@ class _Compared(Generic[Physics]):
     taken_as: tuple[str, ...] = ()  # what is not in the data and was settled first, in sentences
 
     def explain(self, progress: Callable[[str], None] | None) -> tuple[Explanation, str]:
-        """Return the answer with the augmented model."""
+        """Return the answer with the augmented model; with the one that was given where the cause is unknown."""
         found = explain(self.comparison, self.subject, self.candidates, progress=progress)
         found = replace(found, taken_as=self.taken_as)
+        if found.outcome is Outcome.UNKNOWN:
+            return found, model_file_text(self.given)
         return found, model_file_text(augmented_model(self.baseline, found, self.table))
 
     def require_answer(self) -> None:
@@ -118,7 +121,9 @@ def _motion_compared(record: MotionRecord, request: ExplanationRequest) -> _Comp
     baseline = with_corrected_parameters(request.baseline)
     stated = baseline.build_motion(table).parameters
     subject = MotionSubject(stated, baseline.uncertain, baseline.effects, table)
-    return _Compared(baseline, table, MotionComparison.of(record, stated), subject, subject.candidates())
+    return _Compared(
+        request.baseline, baseline, table, MotionComparison.of(record, stated), subject, subject.candidates()
+    )
 
 
 def _drive_compared(
@@ -129,17 +134,26 @@ def _drive_compared(
     baseline = with_corrected_parameters(request.baseline)
     peaks = at_the_preload_of_the_nut([one for one in measured if isinstance(one, ModalObservation)], baseline)
     responses = [one for one in measured if isinstance(one, FrequencyResponseObservation)]
-    placed = place_accelerometer(at_the_preload_of_the_nut(responses, baseline), request.accelerometer_at, subject)
+    responses = at_the_preload_of_the_nut(responses, baseline)
+    placed = place_accelerometer(responses, request.accelerometer, subject)
     lines = placed.observations
     folds = _folds([*(one.conditions for one in peaks), *(one.conditions for one in lines)], request.hold_out)
     end = paper_motor_end(subject.stated)
-    form = _form_learnt([placed.likewise(machine) for machine in request.healthy], baseline, subject)
+    form = _form_learnt(request, baseline, subject)
     comparison: Comparison[AxisPhysics] = (
         compare_responses(lines, held_out=folds, form=form, otherwise_held=end)
         if lines
         else compare_modes(peaks, end, held_out=folds)
     )
-    return _Compared(baseline, table, comparison, subject, subject.candidates(), placed.sentences)
+    return _Compared(
+        request.baseline,
+        baseline,
+        table,
+        comparison,
+        subject,
+        subject.candidates(),
+        (*placed.sentences, *request.taken_as),
+    )
 
 
 def _require_responses(measured: Measured) -> None:
@@ -151,12 +165,13 @@ def _require_responses(measured: Measured) -> None:
         )
 
 
-def _form_learnt(
-    healthy: Sequence[Sequence[FrequencyResponseObservation]], baseline: DriveModelFile, subject: DriveSubject
-) -> ModelFormError | None:
-    if not healthy:
+def _form_learnt(request: ExplanationRequest, baseline: DriveModelFile, subject: DriveSubject) -> ModelFormError | None:
+    """Learn from the healthy machines; the accelerometer of each is placed by itself."""
+    if not request.healthy:
         return None
-    return learn_form_error([(at_the_preload_of_the_nut(machine, baseline), subject) for machine in healthy])
+    machines = [at_the_preload_of_the_nut(machine, baseline) for machine in request.healthy]
+    placed = [place_accelerometer(machine, request.accelerometer, subject).observations for machine in machines]
+    return learn_form_error([(machine, subject) for machine in placed])
 
 
 def _with_own_effects(product: Sequence[Effect[Physics]], request: ExplanationRequest) -> tuple[Effect[Physics], ...]:

@@ -19,7 +19,7 @@ from service.operations.joint_identification import (
     identify_joints,
     require_identifiable,
 )
-from service.operations.measured_of_axis import accelerometer_points_of, measured_of_axis, selected_measurements
+from service.operations.measured_of_axis import measured_of_axis, selected_measurements
 from service.operations.predicted_calibration import PredictionRequest
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -73,13 +73,13 @@ class Identifications:
     def _request(self, axis_id: str, arguments: dict[str, Any]) -> IdentificationRequest:
         return IdentificationRequest(
             model=parse_model(arguments["model"], "model"),
-            measured=measured_of_axis(self._database, self._waveforms, axis_id, arguments),
+            measured=measured_of_axis(self._database, self._waveforms, axis_id, arguments).observations,
             hold_out=tuple(metres(one) for one in arguments["hold_out_mm"]),
             limits={name: (low, high) for name, (low, high) in arguments["limits"].items()},
             weighting=OBJECTIVES[arguments["objective"]],
             seed=arguments["seed"],
             prediction=_prediction(arguments["prediction"]),
-            accelerometer_at=accelerometer_points_of(arguments),
+            accelerometer=arguments.get("accelerometer"),  # a job of an older version has none
         )
 
 

@@ -1,7 +1,7 @@
 """Joints from measurements: a drive model and what was measured in, one document with verdicts and advice out."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, cast
@@ -62,8 +62,7 @@ class IdentificationRequest:
     weighting: Weighting = Weighting.UNCERTAINTY
     seed: int = 1
     prediction: PredictionRequest | None = None  # of a calibration from the joints
-    #: Where the accelerometer may be where the record does not say it; none: it does.
-    accelerometer_at: tuple[ResponsePoint, ...] = ()
+    accelerometer: str | None = None  # where that of a session is; without it where the model fits better
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +74,6 @@ class _Subject:
     model_at: Callable[[FloatArray], DriveModel]  # from coordinates
     names: tuple[str, ...]  # of the free parameters, in files
     stated: bool  # whether the data state their uncertainties
-    taken_as: tuple[str, ...]  # what is not in the data and was settled first, in sentences
     unseen: tuple[str, ...] = ()  # parameters that would be free if anything measured moved with them
 
 
@@ -90,10 +88,14 @@ def identify_joints(
     Raises
     ------
     NotIdentifiableError, OutsideValidityError
-        As :func:`monitor_core.identification.identify.identify`; and if a limit names no free joint.
+        As :func:`monitor_core.identification.identify.identify`; if a limit names no free joint; and if a calibration
+        is to be predicted for a nut whose mass the model's natural frequencies have elsewhere.
     """
+    _require_answer(_subject(request), request)  # before the accelerometer is placed, which takes seconds
+    placed = _placed(request, map_function)
+    request = replace(request, measured=placed.observations or request.measured)
+    _require_poles_of_the_nut(request)
     subject = _subject(request)
-    _require_answer(subject, request)
     found = identify(
         subject.case,
         subject.bounds,
@@ -111,7 +113,7 @@ def identify_joints(
         f"{name} moves nothing that was measured, and stays as the model states it" for name in subject.unseen
     ]
     return document | {
-        "taken_as": list(subject.taken_as),
+        "taken_as": list(placed.sentences),
         "modes_to_monitor": _modes_to_monitor(model, subject.case, request),
         "calibration": _calibration(request, subject, found),
         "model": model_file_text(model),
@@ -139,8 +141,7 @@ def _subject(request: IdentificationRequest) -> _Subject:
         )
     measured = _at_the_preload_of_the_nut(request)
     peaks = tuple(one for one in measured if isinstance(one, ModalObservation))
-    placed = _placed([one for one in measured if isinstance(one, FrequencyResponseObservation)], request)
-    responses = placed.observations
+    responses = tuple(one for one in measured if isinstance(one, FrequencyResponseObservation))
     stated = request.weighting is not Weighting.UNIT and all(_states_its_uncertainties(one) for one in peaks)
     if request.weighting is Weighting.UNIT and (responses or request.model.family != _RECEPTANCE):
         raise NotIdentifiableError(
@@ -148,7 +149,7 @@ def _subject(request: IdentificationRequest) -> _Subject:
             + ("whole responses" if responses else f"a {request.model.family} model")
         )
     if request.model.family == _RECEPTANCE:
-        return _receptance_subject(request, peaks, placed, stated)
+        return _receptance_subject(request, peaks, responses, stated)
     drive = joint_coordinates(request.model.family, request.model.parameters, request.model.uncertain)
     free = tuple(request.model.uncertain) or drive.free
     if peaks:
@@ -162,20 +163,39 @@ def _subject(request: IdentificationRequest) -> _Subject:
     )
     bounds = drive.bounds(_known_limits(request, drive.free))
     case = ModelResponseCase(drive, responses) if responses else frequency_case(drive, peaks)
-    return _Subject(case, bounds, drive.build, drive.free, stated, placed.sentences, unseen)
+    return _Subject(case, bounds, drive.build, drive.free, stated, unseen)
 
 
-def _placed(responses: Sequence[FrequencyResponseObservation], request: IdentificationRequest) -> PlacedAccelerometer:
+def _placed(request: IdentificationRequest, map_function: MapFunction) -> PlacedAccelerometer:
     """Place the accelerometer while every joint may be far from what the model states."""
-    model = request.model
+    model, measured = request.model, _at_the_preload_of_the_nut(request)
+    responses = [one for one in measured if isinstance(one, FrequencyResponseObservation)]
     joints = {name: _FAR_OFF for name, value in model.parameters.items() if value > 0.0 and _is_joint(name)}
-    return place_accelerometer(
-        responses, request.accelerometer_at, described_drive(replace(model, uncertain={**joints, **model.uncertain}))
-    )
+    subject = described_drive(replace(model, uncertain={**joints, **model.uncertain}))
+    return place_accelerometer(responses, request.accelerometer, subject, map_function)
 
 
 def _is_joint(name: str) -> bool:
     return "stiffness" in name or "damping" in name or name == "loss_factor"
+
+
+def _require_poles_of_the_nut(request: IdentificationRequest) -> None:
+    """Refuse to predict a calibration of a mode that the natural frequencies of the model would put elsewhere."""
+    if request.prediction is not None and _has_another_nut(request):
+        raise NotIdentifiableError(
+            "a calibration is predicted from natural frequencies, in which the nut's mass moves with the table: "
+            "expected responses of the table, or a model without nut_mass_kg; got an accelerometer on the nut"
+        )
+
+
+def _has_another_nut(request: IdentificationRequest) -> bool:
+    """Tell whether the responses know a nut that moves by itself, which natural frequencies of the model do not."""
+    at_nut = any(
+        isinstance(one, FrequencyResponseObservation) and one.response_point is ResponsePoint.ACCELERATION_AT_NUT
+        for one in request.measured
+    )
+    stated = request.model.parameters
+    return at_nut and stated.get("nut_mass_kg", 0.0) > 0.0 and "bracket_stiffness_n_per_m" in stated
 
 
 def _at_the_preload_of_the_nut(
@@ -206,7 +226,7 @@ def _unseen(
 def _receptance_subject(
     request: IdentificationRequest,
     peaks: tuple[ModalObservation, ...],
-    placed: PlacedAccelerometer,
+    responses: tuple[FrequencyResponseObservation, ...],
     stated: bool,
 ) -> _Subject:
     """Free what the file calls uncertain, or else all the joints that it states."""
@@ -228,11 +248,11 @@ def _receptance_subject(
         {name: limits.get(in_file[name]) or _wide(name, getattr(axis, name)) for name in joints.free}
     )
     priors = relative_priors(joints.free, {name: getattr(axis, name) for name in joints.free}, uncertain)
-    if placed.observations:
-        case: Case = ResponseCase(joints, placed.observations, priors)
+    if responses:
+        case: Case = ResponseCase(joints, responses, priors)
     else:
         case = peak_case(joints, peaks, weighting=request.weighting, priors=priors)
-    return _Subject(case, bounds, partial(_receptance_model, joints), tuple(in_file.values()), stated, placed.sentences)
+    return _Subject(case, bounds, partial(_receptance_model, joints), tuple(in_file.values()), stated)
 
 
 def _receptance_model(joints: JointCoordinates, coordinates: FloatArray) -> DriveModel:
@@ -276,7 +296,7 @@ def _known_limits(request: IdentificationRequest, free: tuple[str, ...]) -> Mapp
 
 def _modes_to_monitor(model: DriveModelFile, case: Case, request: IdentificationRequest) -> list[dict[str, Any]]:
     """Rank the peaks; only the receptance family knows how each answers to the nut."""
-    if model.family != _RECEPTANCE:
+    if model.family != _RECEPTANCE or _has_another_nut(request):
         return []
     axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
     first = request.measured[0]

@@ -1,13 +1,13 @@
 """What an identification or an explanation is asked to look at: stored measurements of an axis, or posted peaks."""
 
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.models.protocol import DriveConditions, ResponsePoint
+from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.units import metres
-from service.operations.accelerometer import points_of
 from service.operations.measured_modes import modes_and_windows
 from service.operations.measured_responses import responses_of_windows
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
@@ -21,9 +21,17 @@ from service.store.waveforms import WaveformStore
 MOST_MEASUREMENTS = 200
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredOfAxis:
+    """What an identification or an explanation looks at."""
+
+    observations: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]
+    sentences: tuple[str, ...] = ()  # what was settled on the way, for people
+
+
 def measured_of_axis(
     database: Database, waveforms: WaveformStore, axis_id: str, arguments: dict[str, Any]
-) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
+) -> MeasuredOfAxis:
     """Return the posted peaks, or the responses of stored measurements.
 
     Parameters
@@ -40,11 +48,12 @@ def measured_of_axis(
         As :func:`selected_measurements`, or if none of them can be judged.
     """
     if arguments["peaks"] is not None:
-        return tuple(_peak(one) for one in arguments["peaks"])
+        return MeasuredOfAxis(tuple(_peak(one) for one in arguments["peaks"]))
     with database.read() as session:
         configuration = AxisConfiguration.model_validate(get_axis(session, axis_id).configuration)
     rows = selected_measurements(database, axis_id, arguments)
-    return responses_of_windows(modes_and_windows(database, waveforms, core_settings(configuration), rows))
+    found = responses_of_windows(modes_and_windows(database, waveforms, core_settings(configuration), rows))
+    return MeasuredOfAxis(found.observations, found.sentences)
 
 
 def selected_measurements(database: Database, axis_id: str, arguments: dict[str, Any]) -> list[MeasurementRow]:
@@ -65,13 +74,6 @@ def selected_measurements(database: Database, axis_id: str, arguments: dict[str,
             "range"
         )
     return rows
-
-
-def accelerometer_points_of(arguments: dict[str, Any]) -> tuple[ResponsePoint, ...]:
-    """Return where the accelerometer of stored measurements may be; peaks say where they are of."""
-    if arguments["peaks"] is not None:
-        return ()
-    return points_of(arguments.get("accelerometer"))  # a job of an older version has none
 
 
 def _moment(text: str | None) -> datetime | None:

@@ -1,7 +1,7 @@
 """From judged measurements and modal tables to what an identification or an explanation takes."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,12 +61,18 @@ def measured_responses(
     return _some(_response(one, usual_temperature) for one in measurements)
 
 
-def responses_of_windows(
-    measured: Iterable[tuple[ModalMeasurement, Sequence[Window]]],
-) -> tuple[FrequencyResponseObservation, ...]:
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionResponses:
+    """Responses of a session."""
+
+    observations: tuple[FrequencyResponseObservation, ...]
+    sentences: tuple[str, ...] = ()  # what was settled on the way, for people
+
+
+def responses_of_windows(measured: Iterable[tuple[ModalMeasurement, Sequence[Window]]]) -> SessionResponses:
     """Return averaged responses, as :func:`measured_responses` does, with what their windows show of a response.
 
-    Where all measurements state their temperature, it is counted from the median, to the kelvin: told closer, no two
+    Where all of them state their temperature, it is counted from the median, to the kelvin: told closer, no two
     measurements would be of one temperature. Of a rectangular taper, which is chosen where it leaves the higher
     coherence, mostly of impacts that ring out within their window, nothing is said: what rings on beyond the end is
     not corrected.
@@ -81,20 +87,21 @@ def responses_of_windows(
     NotIdentifiableError
         If there is no response.
     """
-    spread = [(_with_spread(modal, windows), modal.conditions.temperature) for modal, windows in measured]
-    stated = [temperature for _, temperature in spread if temperature is not None]
-    if len(stated) < len(spread) or not stated:
-        return _some(response for response, _ in spread)
+    found = [(_with_spread(modal, windows), modal.conditions.temperature) for modal, windows in measured]
+    observations = _some(response for response, _ in found)
+    temperatures = [temperature for response, temperature in found if response is not None]
+    stated = [temperature for temperature in temperatures if temperature is not None]
+    if len(stated) < len(temperatures):
+        none = f"Temperatures are not compared: {len(temperatures) - len(stated)} of {len(temperatures)} state none."
+        return SessionResponses(observations, (none,) if stated else ())
     usual = float(np.median(stated))
-    deviations = [float(round(temperature - usual)) for temperature in stated]
-    return _some(
-        None if response is None else _at_temperature(response, deviation)
-        for (response, _), deviation in zip(spread, deviations, strict=True)
+    counted = tuple(
+        replace(one, conditions=replace(one.conditions, temperature_deviation=float(round(temperature - usual))))
+        for one, temperature in zip(observations, stated, strict=True)
     )
-
-
-def _at_temperature(response: FrequencyResponseObservation, deviation: float) -> FrequencyResponseObservation:
-    return replace(response, conditions=replace(response.conditions, temperature_deviation=deviation))
+    varied = any(one.conditions.temperature_deviation for one in counted)
+    sentence = f"Temperatures are counted from {usual:.4g} °C, their median, to the kelvin."
+    return SessionResponses(counted, (sentence,) if varied else ())
 
 
 def _with_spread(modal: ModalMeasurement, windows: Sequence[Window]) -> FrequencyResponseObservation | None:
@@ -132,6 +139,7 @@ def _response(one: ModalMeasurement, usual_temperature: float | None) -> Frequen
         np.abs(frf.response[seen]) * error,
         _excitation_point(one),
         ResponsePoint.ACCELERATION_AT_TABLE,
+        placed=False,
     )
 
 

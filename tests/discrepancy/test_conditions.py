@@ -51,6 +51,16 @@ def test_of_each_variation_the_last_one_is_held_out(name, values) -> None:
     assert fold == {usual[1], usual[-2], varied[1] if len(values) == 2 else varied[2]}
 
 
+def test_of_a_temperature_that_drifts_the_coldest_and_the_warmest_are_held_out() -> None:
+    """Each kelvin comes by twice; each of them held out would leave little to fit."""
+    visits = [one for _ in range(3) for one in settings(preloads=(220.0,))]
+    drifting = [replace(one, temperature_deviation=float(number // 2 - 5)) for number, one in enumerate(visits)]
+    (fold,) = default_folds(drifting)
+    inner = {one for one in drifting if one.position in (POSITIONS[1], POSITIONS[-2])}
+    assert {one.temperature_deviation for one in fold - inner} <= {-5.0, -4.0, 4.0, 5.0}
+    assert 1 <= len(fold - inner) <= 2
+
+
 def test_a_variation_at_a_held_out_position_is_held_out_with_it() -> None:
     usual = settings(preloads=(220.0,))
     loaded = replace(usual[1], payload_mass=6.0)

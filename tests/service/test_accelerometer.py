@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.identification.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.model_file import DriveModelFile, read_model_file, write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
-from service.operations.accelerometer import PLACES, place_accelerometer, points_of
+from service.operations.accelerometer import PLACES, place_accelerometer
 from service.operations.described_drive import described_drive
+from service.operations.explanation import ExplanationRequest, explain_measurements
 from tests.conftest import PROJECT_ROOT
 from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem
@@ -46,7 +48,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -> None:
     words = ("explain", session, "--baseline", REPLAY / "models" / "replay-axis.toml", "--json")
     document = preload(*words).json()
-    (sentence,) = document["taken_as"]
+    (sentence,) = document["taken_as"]  # of one temperature
     assert sentence.startswith("The accelerometer is taken to be on the nut, where the model as described leaves 1.")
     assert "σ on the table); state it if it is elsewhere." in sentence
     # the plant's friction, which no window of a session can vary, is what is left
@@ -87,7 +89,9 @@ def responses_at(point: ResponsePoint, model: DriveModelFile) -> list[FrequencyR
         deviation = 0.003 * np.abs(exact)
         noisy = exact + deviation * (rng.standard_normal(80) + 1j * rng.standard_normal(80))
         unplaced = ResponsePoint.ACCELERATION_AT_TABLE
-        made.append(FrequencyResponseObservation(conditions, frequency, noisy, deviation, at[0], unplaced))
+        made.append(
+            FrequencyResponseObservation(conditions, frequency, noisy, deviation, at[0], unplaced, placed=False)
+        )
     return made
 
 
@@ -97,10 +101,9 @@ def test_place_is_found_though_the_description_is_wrong(place: str, name: str, e
     """What is missing or misprinted must not be taken for another place."""
     observed = responses_at(PLACES[place], MACHINE)
     wrong = replace(MACHINE, parameters={**MACHINE.parameters, name: error * MACHINE.parameters[name]}, uncertain={})
-    placed = place_accelerometer(observed, points_of(None), described_drive(wrong))
-    assert placed.point is PLACES[place]
+    placed = place_accelerometer(observed, None, described_drive(wrong))
     assert {one.response_point for one in placed.observations} == {PLACES[place]}
-    assert {one.response_point for one in placed.likewise(observed)} == {PLACES[place]}
+    assert f"on the {place}, where" in placed.sentences[0]
 
 
 def test_without_a_bracket_there_is_nothing_to_settle() -> None:
@@ -109,8 +112,35 @@ def test_without_a_bracket_there_is_nothing_to_settle() -> None:
     }
     model = replace(MACHINE, parameters=rigid, uncertain={})
     observed = responses_at(ResponsePoint.ACCELERATION_AT_NUT, model)
-    placed = place_accelerometer(observed, points_of(None), described_drive(model))
-    assert (placed.point, placed.sentences) == (ResponsePoint.ACCELERATION_AT_TABLE, ())
+    placed = place_accelerometer(observed, None, described_drive(model))
+    assert placed.sentences == ()
+    assert {one.response_point for one in placed.observations} == {ResponsePoint.ACCELERATION_AT_TABLE}
+
+
+def test_a_bracket_too_stiff_to_show_leaves_the_place_open() -> None:
+    stiff = replace(MACHINE, parameters={**MACHINE.parameters, "bracket_stiffness_n_per_m": 1e12}, uncertain={})
+    placed = place_accelerometer(responses_at(PLACES["nut"], stiff), None, described_drive(stiff))
+    assert placed.sentences == (
+        "The session does not tell whether the accelerometer is on the nut; it is taken to be on the table.",
+    )
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_what_says_where_it_was_taken_stays_there(place: str) -> None:
+    placed = [replace(one, response_point=PLACES[place], placed=True) for one in responses_at(PLACES["nut"], MACHINE)]
+    for stated in (None, "table", "nut"):
+        found = place_accelerometer(placed, stated, described_drive(MACHINE))
+        assert (found.observations, found.sentences) == (tuple(placed), ())
+
+
+def test_healthy_machines_are_placed_each_by_itself() -> None:
+    """A file of responses that says it is of the table teaches nothing of a bracket that the session's nut sees."""
+    model = replace(MACHINE, uncertain={})
+    session = tuple(responses_at(PLACES["nut"], model))
+    of_table = tuple(replace(one, placed=True, response=one.response) for one in responses_at(PLACES["table"], model))
+    explanation, _ = explain_measurements(ExplanationRequest(model, session, healthy=(of_table, session)))
+    assert explanation.outcome is Outcome.NONE
+    assert all(channel.startswith("acceleration-at-nut") for channel in explanation.gap_by_channel)
 
 
 def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session: Path, machine: Path) -> None:
@@ -124,6 +154,15 @@ def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session
         job = wait_for(shared_api, answer.json()["id"], "done", "failed")
         assert job["status"] == "done", job["error"]
         assert sentence in job["result"]["taken_as"][0]
+
+
+def test_no_calibration_from_natural_frequencies_that_have_the_nut_elsewhere(
+    preload: Any, session: Path, machine: Path, tmp_path: Path
+) -> None:
+    words = ("identify", session, "--model", machine, "--accelerometer", "nut", "--calibration", tmp_path / "k.json")
+    words += ("--mode-hz", 120, 260, "--preload-n", 200, 5, "--scatter-hz", 0.3)
+    test_cli.assert_refused(preload(*words), "in which the nut's mass moves with the table: expected responses of the")
+    assert not (tmp_path / "k.json").exists()
 
 
 @pytest.mark.parametrize(("kind", "model"), [("identifications", "model"), ("discrepancies", "baseline")])

@@ -122,11 +122,6 @@ def test_parameters_move_by_their_ratio_and_stay_uncertain() -> None:
     model.build()
 
 
-def test_what_is_not_the_cause_is_in_no_model() -> None:
-    unknown = replace(explanation({"table_mass_kg": 0.1}, {"added-mass": {"mass_kg": 2.0}}), outcome=Outcome.UNKNOWN)
-    assert augmented_model(LUMPED, unknown, DRIVE_EFFECTS) == LUMPED
-
-
 def test_file_that_corrects_its_parameters_is_the_axis_with_the_parameters_corrected() -> None:
     effects = {
         "wrong-parameter:bracket_stiffness_n_per_m": {"ln_ratio": -0.7},

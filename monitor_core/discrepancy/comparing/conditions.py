@@ -80,8 +80,11 @@ def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveC
     for name in ("payload_mass", "temperature_deviation", "excitation_level"):
         counts = Counter(getattr(one, name) for one in remaining)
         usual = counts.most_common(1)[0][0] if counts else None
-        for value, count in counts.items():
-            if value != usual and count >= _FEWEST_OF_A_VARIATION:
+        several = sorted(value for value, count in counts.items() if count >= _FEWEST_OF_A_VARIATION)
+        if name == "temperature_deviation":  # one that drifts comes by every kelvin: the coldest and the warmest tell
+            several = [*several[:1], *several[-1:]]
+        for value in several:
+            if value != usual:
                 last.add([one for one in remaining if getattr(one, name) == value][-1])
     return last
 

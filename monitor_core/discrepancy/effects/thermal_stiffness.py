@@ -18,7 +18,7 @@ THERMAL_STIFFNESS = Effect(
         "Steel loses stiffness as it warms, some 0.3 ‰ a kelvin, and with it the screw and every joint by the same "
         "share of the deviation from the reference temperature: all frequencies fall alike, at every position."
     ),
-    source="Young's modulus of steels against temperature, see the effect of warming",
+    source="Young's modulus of steels against temperature, ASME B31.3, Table C-6",
     parameters=(EffectParameter("relative_change_per_k", "1/K", lower=-1e-3, upper=1e-3, scale=-3e-4),),
     add=_add,
     needs=frozenset({ConditionAxis.TEMPERATURE}),

@@ -8,10 +8,10 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.effect import Effect, EffectParameter
 from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import FoundParameter
-from monitor_core.discrepancy.hypothesis import is_size, searched_range
+from monitor_core.discrepancy.hypothesis import is_size
 from monitor_core.discrepancy.judging.modes_of_their_own import modes_of_their_own
 from monitor_core.discrepancy.searching.evidence import STRONG, VERY_STRONG, Yardstick, least_difference
 from monitor_core.discrepancy.searching.fit import Fitted
@@ -150,16 +150,23 @@ def _is_plausible(fitted: Fitted[Physics], index: int, by: Yardstick) -> bool:
     """Tell whether an unknown lies within its plausible range, and not at an end that the data want it to leave."""
     effect, one = fitted.hypothesis.unknowns[index]
     value = fitted.hypothesis.values(fitted.coordinates)[effect.key][one.name]
-    room = min(value - one.lower, one.upper - value) / (one.upper - one.lower)
-    known = effect.textbook is not None and abs(value - effect.textbook[one.name]) < _AT_THE_END
-    if one.beyond or known or not 0.0 <= room < _AT_THE_END:
-        return room >= 0.0
+    if one.beyond or not _at_an_end(effect, one, value):
+        return one.lower <= value <= one.upper
     at = fitted.hypothesis.n_uncertain + index
     slope = float(fitted.jacobian[fitted.fitted, at] @ fitted.standardised[fitted.fitted])
     downhill = -slope * one.scale  # a scale may be negative: that of what can only become less
     outward = downhill > 0.0 if one.upper - value < value - one.lower else downhill < 0.0
     promised = by.factor**2 * slope**2 * float(covariance(fitted, by)[at, at])
     return not (outward and promised > STRONG)
+
+
+def _at_an_end(effect: Effect[Physics], one: EffectParameter, value: float) -> bool:
+    """Tell whether a parameter not sought beyond its range stands at an end of it; at a textbook value it may."""
+    known = effect.textbook is not None and abs(value - effect.textbook[one.name]) < _AT_THE_END
+    if (one.beyond and one is effect.parameters[0]) or known:
+        return False
+    room = min(value - one.lower, one.upper - value) / (one.upper - one.lower)
+    return 0.0 <= room < _AT_THE_END
 
 
 def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
@@ -177,7 +184,7 @@ def covariance(fitted: Fitted[Physics], by: Yardstick) -> FloatArray:
 def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yardstick) -> dict[str, FoundParameter]:
     """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
 
-    An interval ends where the range ends that a parameter is sought in: beyond it no axis is.
+    An interval ends at 0 where a parameter cannot have the other sign.
     Beside the scatter of the data stands what the formula of the effect leaves out, of a size.
 
     Parameters
@@ -197,9 +204,9 @@ def found_parameters(member: Member[Physics], stated: Fitted[Physics], by: Yards
         scatter = math.sqrt(max(float(variances[at]), 0.0))
         form = effect.form_share * abs(value) if is_size(one) else 0.0
         deviation = math.hypot(one.scale * scatter, form)
-        lower, upper = searched_range(effect, one)
+        lower, upper = (end if end == 0.0 else side * math.inf for side, end in ((-1, one.lower), (1, one.upper)))
         interval = (max(lower, value - 1.959964 * deviation), min(upper, value + 1.959964 * deviation))
-        at_end = any(abs(value - end) <= _AT_THE_END * (abs(end) or abs(one.scale)) for end in (lower, upper))
+        at_end = _at_an_end(effect, one, value)
         plausible = _is_plausible(stated, index, by)
         found[one.name] = FoundParameter(Estimate(value, deviation), one.unit, interval, plausible, at_end)
     return found

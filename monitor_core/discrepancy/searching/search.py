@@ -311,7 +311,7 @@ class Search(Generic[Physics]):
         return fitted
 
     def _without(self, fitted: Fitted[Physics], effect: Effect[Physics]) -> Fitted[Physics]:
-        """Return the fit without one of its effects; no worse than the best one known with still fewer of them."""
+        """Return the fit without one of its effects; no worse than the best one known by then with still fewer."""
         hypothesis = fitted.hypothesis.without(effect.key)
         keys = frozenset(one.key for one in hypothesis.effects)
         if keys not in self._known_fits:

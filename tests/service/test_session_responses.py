@@ -1,0 +1,45 @@
+"""Responses of a session: whose accelerometer is not placed, and the temperatures that its windows state."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from monitor_core.recordings.session_hdf5 import read_session, write_session
+from service.cli.session_input import axis_settings, responses_of_session
+from service.operations.measured_responses import SessionResponses
+from tests.conftest import PROJECT_ROOT
+
+
+def responses(folder: Path, temperatures: Sequence[float | None]) -> SessionResponses:
+    """Return the responses of measurements of the bundled calibration, tagged with these temperatures."""
+    whole = read_session(PROJECT_ROOT / "replay_data" / "calibration.session.h5")
+    names = list(dict.fromkeys(one.measurement for one in whole.windows))[: len(temperatures)]
+    told = dict(zip(names, temperatures, strict=True))
+    windows = tuple(
+        replace(one, conditions=replace(one.conditions, temperature=told[one.measurement]))
+        for one in whole.windows
+        if one.measurement in told
+    )
+    path = folder / "tagged.session.h5"
+    write_session(path, replace(whole, windows=windows))
+    return responses_of_session(path, axis_settings(None))
+
+
+@pytest.mark.parametrize(
+    ("temperatures", "deviations", "sentence"),
+    [
+        ((22.2, 21.8, 22.4, 38.1), (0.0, 0.0, 0.0, 16.0), "Temperatures are counted from 22.3 °C, their median, to"),
+        ((22.2, 21.8, 22.4, 22.0), (0.0, 0.0, 0.0, 0.0), None),
+        ((22.0, None, 30.0, 38.0), (0.0, 0.0, 0.0, 0.0), "Temperatures are not compared: 1 of 4 state none."),
+        ((None, None, None, None), (0.0, 0.0, 0.0, 0.0), None),
+    ],
+)
+def test_temperatures_are_counted_from_their_median_to_the_kelvin(
+    tmp_path: Path, temperatures: tuple[float | None, ...], deviations: tuple[float, ...], sentence: str | None
+) -> None:
+    found = responses(tmp_path, temperatures)
+    assert tuple(one.conditions.temperature_deviation for one in found.observations) == deviations
+    assert [one[: len(sentence or "")] for one in found.sentences] == ([] if sentence is None else [sentence])
+    assert not any(one.placed for one in found.observations)
