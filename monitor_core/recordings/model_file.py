@@ -181,9 +181,16 @@ def _parameters_of(family: str) -> type[DriveParameters]:
 
 
 def _uncertain(fields: Fields, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the shares; one of a value that is not stated would say nothing."""
+    """Return the shares; one of a value that is not stated, or is zero, would say nothing."""
     fields.only(set(parameters))
-    return {name: fields.positive(name, "-") for name in fields.values}
+    shares = {name: fields.positive(name, "-") for name in fields.values}
+    for name in shares:
+        if parameters[name] == 0.0:
+            raise RecordingFormatError(
+                f"{fields.where}, {name}: a share of 0 is nothing; expected a parameter that is not zero, got 0 in "
+                "[parameters]"
+            )
+    return shares
 
 
 def _numbers(fields: Fields) -> dict[str, float]:

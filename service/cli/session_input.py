@@ -38,7 +38,9 @@ accelerometer_option = click.option(
 def require_session(accelerometer: str | None, *, of_session: bool) -> None:
     """Refuse a stated place of an accelerometer for data that say it themselves."""
     if accelerometer is not None and not of_session:
-        raise click.UsageError("--accelerometer goes with a session; other data say where they are of")
+        raise click.UsageError(
+            "--accelerometer goes with a session; a set of frequency responses says it itself, peaks are of the table"
+        )
 
 
 @dataclass(frozen=True, slots=True)

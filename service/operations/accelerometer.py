@@ -57,19 +57,22 @@ def place_accelerometer(
     """
     if all(one.placed for one in observations):
         return PlacedAccelerometer(tuple(observations))
-    if stated is not None:
-        point = PLACES[stated]
-        return PlacedAccelerometer(
-            with_accelerometer_at(point, observations), (f"The accelerometer is {_WORDS[point]}, as stated.",)
-        )
     best, other = fits_by_place(observations, subject, map_function)
     apart = other.cost - best.cost
+    if stated is not None:
+        point = PLACES[stated]
+        sentence = f"The accelerometer is {_WORDS[point]}, as stated"
+        if point is not best.point and apart >= VERY_STRONG:
+            sentence += (
+                f", where the model leaves {other.gap:.3g} σ; {_WORDS[best.point]} it would leave {best.gap:.3g} σ"
+            )
+        return PlacedAccelerometer(with_accelerometer_at(point, observations), (f"{sentence}.",))
     if apart < VERY_STRONG:
         at_table = with_accelerometer_at(ResponsePoint.ACCELERATION_AT_TABLE, observations)
         undecided = "The session does not tell whether the accelerometer is on the nut; it is taken to be on the table."
         return PlacedAccelerometer(at_table, () if apart <= _SAME_COST * abs(best.cost) else (undecided,))
     sentence = (
-        f"The accelerometer is taken to be {_WORDS[best.point]}, where the model as described leaves {best.gap:.3g} σ "
-        f"({other.gap:.3g} σ {_WORDS[other.point]}); state it if it is elsewhere."
+        f"The accelerometer is taken to be {_WORDS[best.point]}, where the model leaves {best.gap:.3g} σ once adjusted "
+        f"within its tolerances ({other.gap:.3g} σ {_WORDS[other.point]}); state it if it is elsewhere."
     )
     return PlacedAccelerometer(with_accelerometer_at(best.point, observations), (sentence,))

@@ -152,6 +152,10 @@ BAD = {
     "uncertain is no table": ("uncertain = 1\n" + TEXT, "expected a table [uncertain]; got int 1"),
     "uncertain of nothing": (TEXT + "[uncertain]\nmass_kg = 0.1", "drive.toml [uncertain]: expected only "),
     "uncertain not stated": (TEXT + "[uncertain]\nbracket_stiffness_n_per_m = 0.1", "got 'bracket_stiffness_n_per_m'"),
+    "uncertain about zero": (
+        TEXT.replace("loss_factor = 0.053", "loss_factor = 0.0") + "[uncertain]\nloss_factor = 0.2",
+        "[uncertain], loss_factor: a share of 0 is nothing; expected a parameter that is not zero",
+    ),
     "uncertain by zero": (
         TEXT + "[uncertain]\ntable_mass_kg = 0",
         "drive.toml [uncertain], table_mass_kg: expected a positive number; got 0.0 -",

@@ -49,7 +49,7 @@ def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -
     words = ("explain", session, "--baseline", REPLAY / "models" / "replay-axis.toml", "--json")
     document = preload(*words).json()
     (sentence,) = document["taken_as"]  # of one temperature
-    assert sentence.startswith("The accelerometer is taken to be on the nut, where the model as described leaves 1.")
+    assert sentence.startswith("The accelerometer is taken to be on the nut, where the model leaves 1.")
     assert "σ on the table); state it if it is elsewhere." in sentence
     # the plant's friction, which no window of a session can vary, is what is left
     assert document["gap"]["before"]["fit"] < 1.5 * document["gap"]["noise_floor"]
@@ -67,7 +67,9 @@ def test_joints_are_those_of_the_plant(preload: Any, session: Path, machine: Pat
 def test_stated_place_is_kept_though_the_other_fits_better(preload: Any, session: Path, machine: Path) -> None:
     words = ("identify", session, "--model", machine, "--accelerometer", "table", "--json")
     document = preload(*words).json()
-    assert document["taken_as"] == ["The accelerometer is on the table, as stated."]
+    (sentence,) = document["taken_as"]
+    assert sentence.startswith("The accelerometer is on the table, as stated, where the model leaves ")
+    assert " σ; on the nut it would leave 1." in sentence
     assert abs(document["parameters"][NUT]["value"] / MACHINE.parameters[NUT] - 1.0) > 0.1
 
 
@@ -75,7 +77,7 @@ def test_a_simulated_session_is_of_the_table(preload: Any, tmp_path: Path) -> No
     model, path = REPLAY / "models" / "lumped.toml", tmp_path / "trial.session.h5"
     preload("simulate", model, "--out", path, "--preload-n", 200)
     answer = preload("explain", path, "--baseline", model)
-    assert "\nThe accelerometer is taken to be on the table, where the model as described leaves 0." in answer.out
+    assert "\nThe accelerometer is taken to be on the table, where the model leaves 0." in answer.out
 
 
 def responses_at(point: ResponsePoint, model: DriveModelFile) -> list[FrequencyResponseObservation]:
@@ -147,7 +149,7 @@ def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session
     windows = list(read_session(session).windows)
     shared_api.register("nut", windows_per_measurement=15)
     shared_api.accept("nut", windows)
-    for stated, sentence in ((None, "taken to be on the nut"), ("nut", "is on the nut, as stated")):
+    for stated, sentence in ((None, "taken to be on the nut"), ("nut", "is on the nut, as stated.")):
         body: dict[str, Any] = {"model": machine.read_text(encoding="utf-8"), "measurements": {}}
         body |= {} if stated is None else {"accelerometer": stated}
         answer = shared_api.http.post("/v1/axes/nut/identifications", json=body)
@@ -179,4 +181,6 @@ def test_other_data_say_where_they_are_of(preload: Any, tmp_path: Path) -> None:
     table.write_text("position_mm,frequency_hz\n300,180\n", encoding="utf-8")
     for command, model in (("explain", "--baseline"), ("identify", "--model")):
         words = (command, table, model, REPLAY / "models" / "replay-axis.toml", "--accelerometer", "nut")
-        test_cli.assert_refused(preload(*words), "--accelerometer goes with a session; other data say where they are")
+        test_cli.assert_refused(
+            preload(*words), "--accelerometer goes with a session; a set of frequency responses says"
+        )

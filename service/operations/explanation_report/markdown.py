@@ -18,6 +18,7 @@ from service.operations.explanation_report.sentences import (
     beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
+    found_heading,
     headline,
     meaning,
     misfits_heading,
@@ -45,6 +46,7 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
         [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
         *[[_text(one)] for one in explanation.taken_as],
         [f"## {misfits_heading(explanation.outcome)}", "", *_misfits(explanation.localisation)],
+        *([[f"## {found_heading(explanation.outcome)}"]] if explanation.effects else []),
         *[_effect(one, held_out_data=not nothing_held_out(explanation)) for one in explanation.effects],
         ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],
         *([["## What stays unexplained", "", *_misfits(explanation.remainder)]] if explanation.effects else []),
@@ -64,7 +66,7 @@ def _misfits(misfits: Sequence[Misfit]) -> list[str]:
 
 
 def _effect(one: FoundEffect, *, held_out_data: bool) -> list[str]:
-    lines = [f"## Found: {_text(one.name)} (`{_code(one.key)}`)", "", _text(one.physics), ""]
+    lines = [f"### {_text(one.name)} (`{_code(one.key)}`)", "", _text(one.physics), ""]
     lines += _table(
         ["parameter", "value ± standard uncertainty", "95 % interval", "plausible"],
         [_parameter(one.key, name, found) for name, found in one.parameters.items()],
