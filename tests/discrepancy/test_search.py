@@ -150,6 +150,24 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
     assert without.cost == pytest.approx(best.cost, rel=1e-6)
 
 
+def test_what_only_leads_out_of_a_false_minimum_is_not_found(monkeypatch) -> None:
+    """A parameter set free of its tolerance may pass by what a fit is caught in."""
+    comparison = comparison_of(np.array([0.1, 0.0]), np.random.default_rng(4))
+
+    caught = iter([True])
+
+    def caught_at_first(of, hypothesis, start, chosen=None):
+        fitted = fit(of, hypothesis, start, chosen)
+        return resolved_at(fitted, np.array([12.0])) if next(caught, False) else fitted
+
+    monkeypatch.setattr("monitor_core.discrepancy.searching.search.fit", caught_at_first)
+    found = found_in(comparison, [wrong_quantity(0, "a")])
+    assert not keys(found.final)
+    assert (found.steps, found.accepted) == ((), ())
+    hypothesis = found.final.hypothesis
+    assert found.baseline.cost == pytest.approx(fit(comparison, hypothesis, hypothesis.null).cost, rel=1e-6)
+
+
 def test_no_more_effects_than_allowed() -> None:
     rng = np.random.default_rng(5)
     comparison = comparison_of(np.r_[0.0, np.full(4, 2.0)], rng)

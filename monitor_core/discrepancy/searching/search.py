@@ -124,9 +124,13 @@ class Search(Generic[Physics]):
             other = self._from(rival.fitted, [rival.fitted])
             if delta_bic(current, other[-1], yardstick(other[-1])) > least_difference(self.comparison):
                 steps, current = other, other[-1]
-        by = yardstick(current)
-        accepted = tuple(self._judged(current, effect, by) for effect in current.hypothesis.effects)
-        return Found(baseline, tuple(steps), current, accepted, by, self._looks(current), self._least_evidence(current))
+        final = self._pruned(current, current.hypothesis.effects)
+        if final is not current:
+            steps = [*steps[:-1], final] if final.hypothesis.effects else []
+        by = yardstick(final)
+        accepted = tuple(self._judged(final, effect, by) for effect in final.hypothesis.effects)
+        baseline = self._known_fits.get(frozenset(), baseline)
+        return Found(baseline, tuple(steps), final, accepted, by, self._looks(final), self._least_evidence(final))
 
     def _from(self, start: Fitted[Physics], steps: Sequence[Fitted[Physics]]) -> list[Fitted[Physics]]:
         """Return the steps of adding one effect after the other, as long as the evidence carries them."""
@@ -137,8 +141,13 @@ class Search(Generic[Physics]):
             better = self._best_addition(current)
             if better is None:
                 break
+            again = self._again(current, better)
+            if delta_bic(again, better, yardstick(better)) < self._least_evidence(again):
+                current = again  # the effect had only led out of a false minimum
+                taken[-1:] = [again] if taken else []
+                continue
             before = {one.key for one in current.hypothesis.effects}
-            current = self._pruned(better)
+            current = self._pruned(better, better.hypothesis.effects[:-1])
             if {one.key for one in current.hypothesis.effects} <= before:
                 break
             self._remember(current)
@@ -302,27 +311,43 @@ class Search(Generic[Physics]):
         least = self.settings.least_held_out_share * promised - 2.0 * math.sqrt(2.0 * promised)
         return gain(before, after, by) > least - forgiven
 
-    def _pruned(self, fitted: Fitted[Physics]) -> Fitted[Physics]:
-        """Return the fit without the effects that are no longer needed; the last one added is."""
-        for effect in fitted.hypothesis.effects[:-1]:
+    def _again(self, current: Fitted[Physics], fuller: Fitted[Physics]) -> Fitted[Physics]:
+        """Return the better fit of what was there before an effect: the one that was, or one from where the effect led.
+
+        An effect, whichever, may show the way out of a false minimum. That is no evidence for it.
+        """
+        again = self._try(current.hypothesis, current.hypothesis.carried_over(fuller.hypothesis, fuller.coordinates))
+        if again is None or current.cost - again.cost < _ONE_MINIMUM * abs(current.cost):
+            return current
+        self._remember(again)
+        return again
+
+    def _pruned(self, fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> Fitted[Physics]:
+        """Return the fit without those of some effects that are not needed."""
+        for effect in effects:
             without = self._without(fitted, effect)
             if delta_bic(without, fitted, yardstick(fitted)) < self._least_evidence(without):
-                return self._pruned(without)
+                kept = [one for one in effects if one.key != effect.key]
+                return self._pruned(without, kept)
         return fitted
 
     def _without(self, fitted: Fitted[Physics], effect: Effect[Physics]) -> Fitted[Physics]:
-        """Return the fit without one of its effects; no worse than the best one known by then with still fewer."""
+        """Return the best fit known without one of the effects of a fit.
+
+        From where the fuller one ended, and no worse than the best one known by then with still fewer effects: evidence
+        would else be of a false minimum.
+        """
         hypothesis = fitted.hypothesis.without(effect.key)
         keys = frozenset(one.key for one in hypothesis.effects)
-        if keys not in self._known_fits:
-            best = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
-            fewer = [known for those, known in self._known_fits.items() if those < keys]
-            plain = min(fewer, key=lambda one: one.cost, default=None)
-            if plain is not None and (best is None or plain.cost < best.cost):
-                again = self._try(hypothesis, hypothesis.carried_over(plain.hypothesis, plain.coordinates))
-                best = min((one for one in (best, again) if one is not None), key=lambda one: one.cost, default=None)
-            self._known_fits[keys] = best or self._fit(hypothesis, hypothesis.null)
-        return self._known_fits[keys]
+        from_fuller = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
+        best = _better(self._known_fits.get(keys), from_fuller)
+        plain = _better(*(known for those, known in self._known_fits.items() if those < keys))
+        if plain is not None and (best is None or plain.cost < best.cost):
+            start = hypothesis.carried_over(plain.hypothesis, plain.coordinates)
+            best = _better(best, self._try(hypothesis, start))
+        best = best or self._fit(hypothesis, hypothesis.null)
+        self._remember(best)
+        return best
 
     def _in_place_of(
         self, final: Fitted[Physics], effect: Effect[Physics], known: Collection[str]
@@ -359,6 +384,11 @@ class Search(Generic[Physics]):
         rivals = sorted(others, key=lambda one: one.delta_bic, reverse=True)
         held_out_gain = gain(without.held_out, final.held_out, by)
         return Accepted(effect, delta_bic(without, final, by), held_out_gain, tuple(rivals), without)
+
+
+def _better(*fits: Fitted[Physics] | None) -> Fitted[Physics] | None:
+    """Return the best of the fits that there are."""
+    return min((one for one in fits if one is not None), key=lambda one: one.cost, default=None)
 
 
 def _is_at_textbook_value(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
