@@ -81,13 +81,26 @@ def search_band(settings: AxisSettings, calibration: Calibration | None, window:
 
     Where a calibration says it, else where the operator says it, else nearly everywhere.
     """
-    usable = (UNSTATED_BAND[0] * window.sample_rate, UNSTATED_BAND[1] * window.sample_rate)
     if calibration is not None:
         try:
             return expected_band(calibration, window.conditions)
         except OutsideValidityError:
             pass  # so far from the calibrated positions that Eq. (8) says nothing
-    return settings.search_band or usable
+    return settings.search_band or _usable_band(window)
+
+
+def whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
+    """Tell which lines of a window are compared with a model, in hertz: all that can be used.
+
+    In the band of the mode alone friction may pass for a delay, and an antiresonance beside it is not seen.
+    """
+    low, high = _usable_band(window)
+    stated_low, stated_high = settings.search_band or (low, high)
+    return min(low, stated_low), max(high, stated_high)
+
+
+def _usable_band(window: Window) -> tuple[float, float]:
+    return UNSTATED_BAND[0] * window.sample_rate, UNSTATED_BAND[1] * window.sample_rate
 
 
 def check_window(window: Window, settings: AxisSettings, calibration: Calibration | None) -> SignalQuality | Rejection:

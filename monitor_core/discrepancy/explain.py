@@ -16,6 +16,7 @@ from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
     FoundEffect,
+    FoundParameter,
     Gap,
     GapPair,
     Misfit,
@@ -25,7 +26,13 @@ from monitor_core.discrepancy.explanation import (
 )
 from monitor_core.discrepancy.judging.advice import next_measurement
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member, equivalence_class, found_parameters
-from monitor_core.discrepancy.judging.outcome import OutcomeSettings, explained_share, outcome_of, variances_of_pulls
+from monitor_core.discrepancy.judging.outcome import (
+    OutcomeSettings,
+    explained_share,
+    hidden_in_remainder,
+    outcome_of,
+    remainder_of,
+)
 from monitor_core.discrepancy.localising.localisation import (
     HealthyScatter,
     localise,
@@ -34,7 +41,7 @@ from monitor_core.discrepancy.localising.localisation import (
 )
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import gain, gap_of, judged_values
+from monitor_core.discrepancy.searching.holding_out import gain, gap_of
 from monitor_core.discrepancy.searching.mode import at_mode
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
@@ -82,16 +89,19 @@ def explain(
     """
     settings = settings or ExplainSettings()
     tell = progress or (lambda _sentence: None)
-    found = Search(comparison, subject, tuple(candidates), settings.search, tell).run()
+    search = Search(comparison, subject, tuple(candidates), settings.search, tell)
+    found, hidden = search.run(), list[str]()
+    while (least := hidden_in_remainder(found, settings.outcome)) is not None:
+        hidden.append(least.key)
+        found = search.leave_out(found, least)
     tell("judging what was found")
     classes, final = _classes(found, candidates)
     final = at_mode(final)
     found = replace(found, final=final)
-    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(found.final))
-    pulls = variances_of_pulls(found.final)
-    n_judged = int(np.count_nonzero(judged_values(found.final)))
-    explained = explained_share(found.baseline, found.final, gap, pulls, n_judged=n_judged, settings=settings.outcome)
-    outcome = outcome_of(classes, gap, pulls=pulls, explained=explained, n_judged=n_judged, settings=settings.outcome)
+    remainder = remainder_of(found.final)
+    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), remainder.gap)
+    explained = explained_share(found.baseline, found.final, remainder.misfit)
+    outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
     models = {"before": found.baseline.physics(), "after": found.final.physics()}
@@ -107,7 +117,7 @@ def explain(
         gap=gap,
         steps=_steps(found, classes),
         candidates=_candidates(found, candidates, classes),
-        pulls={name: math.sqrt(value) for name, value in pulls.items()} | _parameter_pulls(found.final),
+        pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(found.final),
         least_delta_bic=found.least_delta_bic,
         next_measurement=next_measurement(found, classes, outcome, candidates),
         ln_ratios=ratios,
@@ -116,6 +126,7 @@ def explain(
         maps=_maps(found),
         gap_by_channel=_gap_by_channel(found),
         pulls_before=_parameter_pulls(found.baseline),
+        hidden_in_remainder=tuple(hidden),
     )
 
 
@@ -190,12 +201,12 @@ def _found_effect(one: EquivalenceClass[Physics], stated: Fitted[Physics], by: Y
     parameters = found_parameters(leader, stated, by)
     remarks = [f"the same finding as {key}" for key in one.twins]
     remarks += [
-        f"a stand-in for something else: {name} = {item.estimate.value:.3g} {item.unit} is beyond its plausible range"
+        f"a stand-in for something else: {name} = {_value(item)} is beyond its plausible range"
         for name, item in parameters.items()
         if not item.plausible
     ]
     remarks += [
-        f"{name} = {item.estimate.value:.3g} {item.unit} stands at an end of the range that it is sought in"
+        f"{name} = {_value(item)} stands at an end of the range that it is sought in"
         for name, item in parameters.items()
         if item.at_end
     ]
@@ -209,6 +220,10 @@ def _found_effect(one: EquivalenceClass[Physics], stated: Fitted[Physics], by: Y
         held_out_log_likelihood_gain=one.held_out_gain,
         remarks=tuple(remarks),
     )
+
+
+def _value(found: FoundParameter) -> str:
+    return f"{found.estimate.value:.3g}" + ("" if found.unit == "-" else f" {found.unit}")
 
 
 def _places(

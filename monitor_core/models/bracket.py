@@ -23,12 +23,8 @@ stated and the nut has a mass, an accelerometer on it peaks beside them, by 2.3 
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-Values = npt.NDArray[np.inexact[Any]]
+from monitor_core.arrays import Values
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,9 +7,9 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
+from monitor_core.arrays import ComplexArray, FloatArray, Values, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.bracket import BeyondContacts, Values, nut_from_table
+from monitor_core.models.bracket import BeyondContacts, nut_from_table
 from monitor_core.models.protocol import (
     ExcitationPoint,
     NaturalFrequency,

@@ -38,6 +38,7 @@ from service.operations.explanation_report.rounding import (
     with_uncertainty,
 )
 from service.operations.explanation_report.sentences import (
+    asides,
     beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
@@ -193,7 +194,7 @@ def _watched(name: str) -> Iterator[Callable[[str], None]]:
 
 def _print(explanation: Explanation) -> None:
     click.echo(headline(explanation))
-    for sentence in explanation.taken_as:
+    for sentence in asides(explanation):
         click.echo(sentence)
     places = explanation.localisation[:_MOST_PLACES]
     if places:

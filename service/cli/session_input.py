@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement
+from monitor_core.modal import ModalMeasurement, measure_mode
+from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement, whole_band
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.session_hdf5 import open_session
@@ -84,6 +84,8 @@ def judge_session(
 def responses_of_session(path: Path, settings: AxisSettings) -> SessionResponses:
     """Return the averaged responses of the measurements that can be judged, with progress; memory stays flat.
 
+    A band in the settings gates the windows; all lines of a measurement count.
+
     Raises
     ------
     NotIdentifiableError
@@ -92,8 +94,12 @@ def responses_of_session(path: Path, settings: AxisSettings) -> SessionResponses
     return responses_of_windows(
         (modal, one.accepted)
         for one in _checked_windows(path, settings, None)
-        if one.accepted and isinstance(modal := judge_measurement(one.accepted, settings, None).modal, ModalMeasurement)
+        if one.accepted and isinstance(modal := _whole_response(one.accepted, settings), ModalMeasurement)
     )
+
+
+def _whole_response(windows: Sequence[Window], settings: AxisSettings) -> ModalMeasurement | Rejection:
+    return measure_mode(windows, band=whole_band(settings, windows[0]), gate=settings.mode)
 
 
 @dataclass(frozen=True, slots=True)

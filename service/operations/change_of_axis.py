@@ -7,7 +7,7 @@ recent ones were taken after the alarm: those around the onset may be of before 
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
 
@@ -26,7 +26,7 @@ from service.jobs import JobHandle, JobRunner
 from service.operations.alarms import store_explanation
 from service.operations.change_document import examined_document, refused_document
 from service.operations.drive_of_axis import drive_of_axis
-from service.operations.measured_modes import measured_modes
+from service.operations.measured_modes import whole_responses
 from service.operations.measured_responses import measured_responses
 from service.operations.own_process import Tell, in_own_process
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
@@ -157,10 +157,10 @@ class AlarmExplanations:
         return in_own_process(partial(_explain, _model(case.configuration), reference, recent, preload), tell)
 
     def _responses(self, case: _Case) -> tuple[Sequence[FrequencyResponseObservation], ...]:
-        """Measure both sides once more, in a band wide enough to hold the antiresonance of the nut."""
-        settings = replace(core_settings(case.configuration), search_band=None)
+        """Measure both sides once more, on all lines: the antiresonance of the nut lies beside the mode."""
+        settings = core_settings(case.configuration)
         reference, recent = (
-            list(measured_modes(self._database, self._waveforms, settings, rows))
+            [modal for modal, _ in whole_responses(self._database, self._waveforms, settings, rows)]
             for rows in (case.reference, case.recent)
         )
         usual = _usual_temperature(reference, recent)

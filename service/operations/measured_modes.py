@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from monitor_core.modal import ModalMeasurement, measure_mode
-from monitor_core.pipeline import AxisSettings, search_band
+from monitor_core.pipeline import AxisSettings, search_band, whole_band
 from monitor_core.recording import Window
 from service.store.database import Database
 from service.store.measurements import accepted_places
@@ -19,27 +19,36 @@ def measured_modes(
     Raises
     ------
     WaveformDamagedError
-        As :func:`modes_and_windows`.
+        If a waveform is not what was stored: what comes of it must not silently rest on less than it was asked for.
     """
-    return (modal for modal, _ in modes_and_windows(database, waveforms, settings, rows))
+    for windows in _stored_windows(database, waveforms, rows):
+        modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
+        if isinstance(modal, ModalMeasurement):
+            yield modal
 
 
-def modes_and_windows(
+def whole_responses(
     database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
 ) -> Iterator[tuple[ModalMeasurement, Sequence[Window]]]:
-    """Measure the modes as :func:`measured_modes` does, and return each with the windows that it was measured from.
+    """Measure the response of each stored measurement on all its lines, and return it with its windows.
 
     Raises
     ------
     WaveformDamagedError
-        If a waveform is not what was stored: what comes of it must not silently rest on less than it was asked for.
+        As :func:`measured_modes`.
     """
+    for windows in _stored_windows(database, waveforms, rows):
+        modal = measure_mode(windows, band=whole_band(settings, windows[0]), gate=settings.mode)
+        if isinstance(modal, ModalMeasurement):
+            yield modal, windows
+
+
+def _stored_windows(
+    database: Database, waveforms: WaveformStore, rows: Iterable[MeasurementRow]
+) -> Iterator[Sequence[Window]]:
     for row in rows:
         with database.read() as session:
             places = accepted_places(session, row.id)
         windows = waveforms.read(places)
-        if not windows:
-            continue
-        modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
-        if isinstance(modal, ModalMeasurement):
-            yield modal, windows
+        if windows:
+            yield windows

@@ -339,3 +339,20 @@ def test_an_axis_without_an_answer_is_refused() -> None:
     comparison = compared(measured(true_subject(0), CONDITIONS))
     with pytest.raises(OutsideValidityError, match="position must lie on the screw"):
         explain(comparison, subject(screw_length=0.6), [wrong_parameter("bearing_stiffness_n_per_m", AXIS)])
+
+
+def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() -> None:
+    """Residuals of 1.6 floors stay; one effect falls short of a quarter of that, though its evidence would do."""
+    rng = np.random.default_rng(8)
+    design = np.linalg.qr(rng.standard_normal((400, 2)))[0] * [10.0, 1.0]
+    data = design @ [30.0, 9.0] + 1.6 * rng.standard_normal(400)
+    comparison = LinearComparison(layout_of([4] * 100, 1.0), design, data, np.zeros((0, 400)))
+    answer = explain(comparison, LinearSubject({}, 2), [quantity(0), quantity(1)])
+    assert answer.outcome is Outcome.PARTIAL
+    assert keys(answer) == ["quantity-0"]
+    assert answer.hidden_in_remainder == ("quantity-1",)
+    assert list(answer.added) == ["quantity-0"]
+    (candidate,) = answer.candidates
+    assert candidate.key == "quantity-1"
+    assert candidate.delta_bic > answer.least_delta_bic
+    assert [one.effect for one in answer.steps] == ["quantity-0"]

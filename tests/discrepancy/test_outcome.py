@@ -7,20 +7,28 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from monitor_core.discrepancy.explanation import Gap, GapPair, Outcome
+from monitor_core.discrepancy.explanation import GapPair, Outcome
 from monitor_core.discrepancy.hypothesis import Hypothesis
 from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.judging.outcome import OutcomeSettings, explained_share, outcome_of, variances_of_pulls
+from monitor_core.discrepancy.judging.outcome import (
+    OutcomeSettings,
+    Remainder,
+    explained_share,
+    hidden_in_remainder,
+    outcome_of,
+    remainder_of,
+    variances_of_pulls,
+)
+from monitor_core.discrepancy.searching.evidence import yardstick
 from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.holding_out import REMAINDER
+from monitor_core.discrepancy.searching.holding_out import REMAINDER, fitted_values
+from monitor_core.discrepancy.searching.search import Accepted, Found
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 SETTINGS = OutcomeSettings()
-MANY = 100_000  # values: their rms does not scatter
-FLOOR = 2.0
-#: Just within and just beyond what counts as nothing left, in the unit of the gap.
-AT_FLOOR, LEFT = 0.999 * REMAINDER * FLOOR, 1.001 * REMAINDER * FLOOR
-BEFORE = 40.0
+MOST = 1.2  # what a healthy axis may leave, in noise floors
+#: Just within and just beyond what counts as nothing left, in noise floors.
+AT_FLOOR, LEFT = 0.999 * MOST, 1.001 * MOST
 QUIET = {"position": 0.5 * SETTINGS.pulls, "gain 1": 0.5 * SETTINGS.pulls}
 PULLED = {"position": 1.1 * SETTINGS.pulls}
 GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
@@ -32,68 +40,121 @@ def found(*plausible):
     return EquivalenceClass(members, (), 50.0)
 
 
-def gap(fit_after, held_out_after=math.nan, before=BEFORE):
-    held_out_before = math.nan if math.isnan(held_out_after) else before
-    return Gap("sigma", FLOOR, GapPair(before, held_out_before), GapPair(fit_after, held_out_after))
+def remainder(in_floors, pulls):
+    return Remainder(GapPair(math.nan, math.nan), in_floors, MOST, pulls, misfit=math.nan)
 
 
 GOOD, TWO, STAND_IN = found(True), found(True, True), found(False)
 TABLE = {
-    "nothing found, nothing left": ((), gap(AT_FLOOR), QUIET, Outcome.NONE),
-    "nothing found, something left": ((), gap(LEFT), QUIET, Outcome.UNKNOWN),
-    "nothing found, something left on held-out data": ((), gap(FLOOR, LEFT), QUIET, Outcome.UNKNOWN),
-    "nothing found, settings drift": ((), gap(AT_FLOOR), PULLED, Outcome.UNKNOWN),
-    "nothing found, gains off": ((), gap(AT_FLOOR), GAINS, Outcome.NONE),
-    "found": ((GOOD,), gap(AT_FLOOR, AT_FLOOR), QUIET, Outcome.NAMED),
-    "two effects found": ((GOOD, GOOD), gap(AT_FLOOR), QUIET, Outcome.NAMED),
-    "not told apart": ((GOOD, TWO), gap(AT_FLOOR), QUIET, Outcome.EQUIVALENT),
-    "a remainder": ((GOOD,), gap(LEFT), QUIET, Outcome.PARTIAL),
-    "a remainder on held-out data": ((GOOD,), gap(FLOOR, LEFT), QUIET, Outcome.PARTIAL),
-    "a remainder, not told apart": ((TWO,), gap(LEFT), QUIET, Outcome.UNKNOWN),
-    "a remainder, one told apart": ((TWO, GOOD), gap(LEFT), QUIET, Outcome.PARTIAL),
-    "settings drift, not told apart": ((TWO,), gap(AT_FLOOR), PULLED, Outcome.PARTIAL),
-    "settings drift": ((GOOD,), gap(AT_FLOOR), PULLED, Outcome.PARTIAL),
-    "a stand-in alone": ((STAND_IN,), gap(AT_FLOOR), QUIET, Outcome.UNKNOWN),
-    "a stand-in beside an effect": ((GOOD, STAND_IN), gap(AT_FLOOR), QUIET, Outcome.PARTIAL),
+    "nothing found, nothing left": ((), AT_FLOOR, QUIET, Outcome.NONE),
+    "nothing found, something left": ((), LEFT, QUIET, Outcome.UNKNOWN),
+    "nothing found, settings drift": ((), AT_FLOOR, PULLED, Outcome.UNKNOWN),
+    "nothing found, gains off": ((), AT_FLOOR, GAINS, Outcome.NONE),
+    "found": ((GOOD,), AT_FLOOR, QUIET, Outcome.NAMED),
+    "two effects found": ((GOOD, GOOD), AT_FLOOR, QUIET, Outcome.NAMED),
+    "not told apart": ((GOOD, TWO), AT_FLOOR, QUIET, Outcome.EQUIVALENT),
+    "a remainder": ((GOOD,), LEFT, QUIET, Outcome.PARTIAL),
+    "a remainder, not told apart": ((TWO,), LEFT, QUIET, Outcome.UNKNOWN),
+    "a remainder, one told apart": ((TWO, GOOD), LEFT, QUIET, Outcome.PARTIAL),
+    "settings drift, not told apart": ((TWO,), AT_FLOOR, PULLED, Outcome.PARTIAL),
+    "settings drift": ((GOOD,), AT_FLOOR, PULLED, Outcome.PARTIAL),
+    "a stand-in alone": ((STAND_IN,), AT_FLOOR, QUIET, Outcome.UNKNOWN),
+    "a stand-in beside an effect": ((GOOD, STAND_IN), AT_FLOOR, QUIET, Outcome.PARTIAL),
 }  # fmt: skip
 
 
-def judged(classes, gap_, pulls, explained=1.0):
-    return outcome_of(classes, gap_, pulls=pulls, explained=explained, n_judged=MANY, settings=SETTINGS)
+def judged(classes, in_floors, pulls, explained=1.0):
+    return outcome_of(classes, remainder(in_floors, pulls), explained=explained, settings=SETTINGS)
 
 
 @pytest.mark.parametrize("what", TABLE)
 def test_outcome(what) -> None:
-    classes, gap_, pulls, expected = TABLE[what]
-    assert judged(classes, gap_, pulls) is expected
+    classes, in_floors, pulls, expected = TABLE[what]
+    assert judged(classes, in_floors, pulls) is expected
 
 
-@pytest.mark.parametrize("left", [(gap(LEFT), QUIET), (gap(FLOOR, LEFT), QUIET), (gap(AT_FLOOR), PULLED)])
+@pytest.mark.parametrize("left", [(LEFT, QUIET), (AT_FLOOR, PULLED)])
 def test_what_explains_too_little_may_stand_for_something_else(left) -> None:
     least = SETTINGS.least_share
     assert judged((GOOD,), *left, explained=least) is Outcome.PARTIAL
     assert judged((GOOD,), *left, explained=0.999 * least) is Outcome.UNKNOWN
-    assert judged((GOOD,), gap(AT_FLOOR), QUIET, explained=0.999 * least) is Outcome.NAMED  # nothing is left
+    assert judged((GOOD,), AT_FLOOR, QUIET, explained=0.999 * least) is Outcome.NAMED  # nothing is left
 
 
-@pytest.mark.parametrize("beyond", [0.0, 1.0, 3.0])
-def test_share_explained_is_of_residuals_and_of_pulls(beyond) -> None:
-    """Two steps that nothing takes up, a and b, of which the second fit has a: a² of a² + b² and the pulls is gone."""
-    rng = np.random.default_rng(3)
-    design = np.linalg.qr(rng.standard_normal((40, 2)))[0]
-    comparison = LinearComparison(layout_of([4] * 10, np.ones(40)), design, design @ [30.0, 10.0], np.zeros((0, 40)))
-    fits = [
-        fit(comparison, hypothesis, hypothesis.null)
-        for effects in ((), (quantity(0),))
-        for hypothesis in [Hypothesis(LinearSubject({}, 2), effects)]
-    ]
-    in_floors = 2.0 * REMAINDER
-    pulls = {"error 1": 1.0 + beyond, "gain 1": 50.0}
-    left = 10.0**2 * (1.0 - 0.5**2) + 10 * beyond
-    share = explained_share(*fits, gap(in_floors * FLOOR), pulls, n_judged=MANY, settings=SETTINGS)
-    assert share == pytest.approx(900.0 / (900.0 + left), rel=1e-6)
-    nothing = explained_share(fits[0], fits[0], gap(in_floors * FLOOR), pulls, n_judged=MANY, settings=SETTINGS)
-    assert nothing == 0.0
+def linear(data, effects=(), *, held_out=(), directions=None):
+    """Return the fit of effects, each of which adds one column of an orthonormal design, to 4 values in 10 settings."""
+    layout = layout_of([4] * 10, np.ones(40), held_out=held_out)
+    directions = np.zeros((0, 40)) if directions is None else directions
+    hypothesis = Hypothesis(LinearSubject({}, 3), tuple(quantity(index) for index in effects))
+    return fit(LinearComparison(layout, DESIGN, data, directions), hypothesis, hypothesis.null, fitted_values(layout))
+
+
+DESIGN = np.linalg.qr(np.random.default_rng(3).standard_normal((40, 3)))[0]
+
+
+def test_remainder_is_the_misfit_beyond_that_of_healthy_axes() -> None:
+    """A step of 40 that nothing takes up: χ² is 1600 over 40 values."""
+    left = remainder_of(linear(DESIGN @ [0.0, 40.0, 0.0]))
+    assert left.gap.fit == pytest.approx(math.sqrt(40.0), rel=1e-6)
+    assert math.isnan(left.gap.held_out)
+    assert left.misses
+    assert left.in_floors == pytest.approx(left.gap.fit, rel=1e-9)
+    limit = max(REMAINDER, math.sqrt(stats.chi2.ppf(0.99, 40) / 40))
+    assert left.misfit == pytest.approx(1600.0 * (1.0 - (limit / left.in_floors) ** 2), rel=1e-6)
+
+
+def test_remainder_counts_what_settings_are_pulled_by() -> None:
+    """Settings that err by ± 2 standard deviations leave residuals of the size of noise, but a variance of 4."""
+    directions = np.full((1, 40), 10.0)
+    data = 10.0 * np.repeat(2.0 * (-1.0) ** np.arange(10), 4)
+    left = remainder_of(linear(data, directions=directions))
+    assert not left.misses
+    assert left.is_pulled(SETTINGS)
+    assert left.misfit == pytest.approx(10 * (4.0 - 1.0), rel=0.01)
+
+
+def test_remainder_is_judged_where_it_is_larger() -> None:
+    """A step on held-out values alone."""
+    fold = np.arange(40) < 8
+    left = remainder_of(linear(np.where(fold, 4.0, 0.0), held_out=(fold,)))
+    assert left.gap.fit == pytest.approx(0.0, abs=1e-6)
+    assert left.in_floors == pytest.approx(left.gap.held_out, rel=1e-9)
+    assert left.misses
+
+
+def test_share_explained() -> None:
+    """Two steps, 30 and 10, of which the second fit has the first."""
+    before, after = linear(DESIGN @ [30.0, 10.0, 0.0]), linear(DESIGN @ [30.0, 10.0, 0.0], effects=(0,))
+    assert explained_share(before, after, 100.0) == pytest.approx(900.0 / (900.0 + 100.0), rel=1e-6)
+    assert explained_share(before, before, 100.0) == 0.0
+
+
+@pytest.mark.parametrize(("small", "hidden"), [(2.0, True), (5.0, False)])
+def test_an_effect_that_is_small_beside_what_is_left_is_not_named(small, hidden) -> None:
+    """χ² falls by 49² with one effect, by 2² or 5² with the other; 100 stays, some 36 of it beyond a healthy axis."""
+    noise = np.random.default_rng(5).standard_normal(40)
+    noise -= DESIGN @ (DESIGN.T @ noise)
+    data = DESIGN @ [49.0, small, 0.0] + 10.0 * noise / np.linalg.norm(noise)
+    final = linear(data, effects=(0, 1))
+    accepted = tuple(
+        Accepted(quantity(index), math.nan, math.nan, (), linear(data, effects=(1 - index,))) for index in (0, 1)
+    )
+    both = Found(linear(data), (), final, accepted, yardstick(final), (), math.nan)
+    assert remainder_of(final).misfit == pytest.approx(36.0, abs=1.0)
+    least = hidden_in_remainder(both, SETTINGS)
+    assert (least and least.key) == (quantity(1).key if hidden else None)
+    assert hidden_in_remainder(replace(both, accepted=accepted[1:]), SETTINGS) is None  # beside nothing
+
+
+def test_nothing_is_small_beside_the_noise() -> None:
+    data = DESIGN @ [49.0, 2.0, 0.0]
+    final = linear(data, effects=(0, 1))
+    accepted = tuple(
+        Accepted(quantity(index), math.nan, math.nan, (), linear(data, effects=(1 - index,))) for index in (0, 1)
+    )
+    assert (
+        hidden_in_remainder(Found(linear(data), (), final, accepted, yardstick(final), (), math.nan), SETTINGS) is None
+    )
 
 
 def test_variances_of_pulls_are_one_where_all_is_right() -> None:

@@ -33,7 +33,7 @@ from service.operations.explanation_document import explanation_document
 from service.operations.explanation_report import explanation_markdown, explanation_page, write_report
 from service.operations.explanation_report.panel_chart import POINTS
 from service.operations.explanation_report.rounding import quantity, with_uncertainty
-from service.operations.explanation_report.sentences import beside_what_is_stated, headline
+from service.operations.explanation_report.sentences import asides, beside_what_is_stated, headline
 from service.operations.explanation_report.svg import Axis, axis_over, decimated, element
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
@@ -175,6 +175,29 @@ def test_verdict_on_what_a_parameter_had_taken_up_says_which_and_how_far() -> No
         "with it the gap stays at 0.980 σ, on data that were not fitted (noise floor 1.00 σ), but without, "
         "bracket_stiffness_n_per_m would have to be 15 standard deviations from what is stated."
     )
+
+
+def test_what_helps_unnamed_and_what_is_pulled_far_is_said_below_the_verdict() -> None:
+    plain = EXAMPLES[Outcome.PARTIAL]
+    assert asides(plain) == ()
+    one = replace(plain, taken_as=("It is on the nut.",), hidden_in_remainder=("torque-delay",))
+    settled, hidden = asides(one)
+    assert settled == "It is on the nut."
+    assert hidden.startswith("torque-delay helps, too, but by little beside what is left")
+    assert hidden.endswith("so it is neither named nor in the model.")
+    two = replace(plain, hidden_in_remainder=("torque-delay", "added-mass"))
+    assert asides(two)[0].startswith("torque-delay and added-mass help, too")
+    pulled = replace(
+        plain,
+        pulls={"position": 11.0, "table_mass_kg": -71.6, "loss_factor": 4.9, "bracket_stiffness_n_per_m": 6.2},
+        pulls_before={"table_mass_kg": -70.0, "loss_factor": 0.0, "bracket_stiffness_n_per_m": 0.0},
+    )
+    (far,) = asides(pulled)  # an error of settings is another matter, and within five nothing is
+    assert far.startswith(
+        "Far from what is declared, in standard deviations: table_mass_kg (72) and bracket_stiffness_"
+    )
+    for text in (explanation_page(pulled, "", "x"), explanation_markdown(pulled, "", "x")):
+        assert "Far from what is declared, in standard deviations: table_mass_kg (72)" in text
 
 
 class Page(HTMLParser):

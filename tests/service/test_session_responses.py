@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from monitor_core.recordings.session_hdf5 import read_session, write_session
@@ -43,3 +44,17 @@ def test_temperatures_are_counted_from_their_median_to_the_kelvin(
     assert tuple(one.conditions.temperature_deviation for one in found.observations) == deviations
     assert [one[: len(sentence or "")] for one in found.sentences] == ([] if sentence is None else [sentence])
     assert not any(one.placed for one in found.observations)
+
+
+@pytest.mark.parametrize(("stated", "reaches"), [((140.0, 230.0), None), ((10.0, 230.0), 10.0)])
+def test_band_of_the_mode_does_not_leave_out_lines(stated: tuple[float, float], reaches: float | None) -> None:
+    """It may reach lower, where a mode lies below what is looked at by itself; never less far."""
+    session = PROJECT_ROOT / "replay_data" / "calibration.session.h5"
+    without, within = (responses_of_session(session, axis_settings(one)).observations for one in (None, stated))
+    assert [one.conditions for one in within] == [one.conditions for one in without]
+    for with_band, bare in zip(within, without, strict=True):
+        assert with_band.frequency[-1] == pytest.approx(bare.frequency[-1], abs=3.0)
+        if reaches is None:
+            assert np.array_equal(with_band.frequency, bare.frequency)
+        else:
+            assert reaches <= with_band.frequency[0] < bare.frequency[0]

@@ -6,10 +6,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.discrepancy.explanation import Gap, Outcome
+from monitor_core.discrepancy.effect import Effect
+from monitor_core.discrepancy.explanation import GapPair, Outcome
 from monitor_core.discrepancy.judging.classes import EquivalenceClass
 from monitor_core.discrepancy.searching.fit import Fitted
-from monitor_core.discrepancy.searching.holding_out import in_floors, most_of_healthy
+from monitor_core.discrepancy.searching.holding_out import gap_of, in_floors, judged_values, most_of_healthy
+from monitor_core.discrepancy.searching.search import Found
 
 Physics = TypeVar("Physics")
 
@@ -23,6 +25,8 @@ class OutcomeSettings:
     least_share: float = 0.95
     #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
     pulls: float = 3.0
+    #: Of what is left: an effect that explains less, beside others, may be a part of it in disguise.
+    least_of_remainder: float = 0.25
 
 
 def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
@@ -39,13 +43,54 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
     return found
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Remainder:
+    """What a fit leaves."""
+
+    gap: GapPair
+    in_floors: float  # the larger of both, in noise floors [-]
+    most_of_healthy: float  # what a healthy axis may leave, in noise floors [-]
+    pulls: Mapping[str, float]  # variances by kind of setting error, from :func:`variances_of_pulls`
+    misfit: float  # beyond that of healthy axes, of residuals and of pulls, in χ²
+
+    @property
+    def misses(self) -> bool:
+        """Whether the gap is larger than that of a healthy axis."""
+        return self.in_floors > self.most_of_healthy
+
+    def is_pulled(self, settings: OutcomeSettings) -> bool:
+        """Tell whether errors of settings scatter more than what is known of them allows."""
+        return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
+
+
+def remainder_of(fitted: Fitted[Physics]) -> Remainder:
+    r"""Return what a fit leaves.
+
+    Of its misfit, what is beyond that of healthy axes is
+
+    .. math::
+
+        R = \chi^2 \left( 1 - \left( \frac{limit}{gap} \right)^2 \right) + n_{settings} \sum_k (s_k^2 - 1)
+
+    with the excess of the gap over what healthy axes leave, and of the variances of the pulls over one, both only where
+    there is any.
+    """
+    comparison = fitted.comparison
+    gap = GapPair(fitted.gap, gap_of(comparison, fitted.held_out))
+    # of values that were not fitted where there are any: the rms of few scatters by itself
+    most = most_of_healthy(int(np.count_nonzero(judged_values(fitted))))
+    floors, pulls = in_floors(comparison.noise_floor, gap.fit, gap.held_out), variances_of_pulls(fitted)
+    chi_squared = float(np.sum(fitted.standardised[fitted.fitted] ** 2))
+    of_residuals = chi_squared * (1.0 - (most / floors) ** 2) if floors > most else 0.0
+    of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
+    return Remainder(gap, floors, most, pulls, of_residuals + len(comparison.layout.settings) * of_settings)
+
+
 def outcome_of(
     classes: Sequence[EquivalenceClass[Physics]],
-    gap: Gap,
+    remainder: Remainder,
     *,
-    pulls: Mapping[str, float],
     explained: float,
-    n_judged: int,
     settings: OutcomeSettings,
 ) -> Outcome:
     """Return the outcome.
@@ -54,65 +99,57 @@ def outcome_of(
     ----------
     classes : sequence of EquivalenceClass
         One for each effect that was accepted.
-    gap : Gap
-        Before any of them, and after all.
-    pulls : mapping of str to float
-        From :func:`variances_of_pulls`, after all.
+    remainder : Remainder
+        After all of them.
     explained : float
         From :func:`explained_share`.
-    n_judged : int
-        Values that the gap after all is of, held-out ones where there are any: the rms of few scatters by itself.
     settings : OutcomeSettings
     """
-    pulled = any(value > settings.pulls for name, value in pulls.items() if not name.startswith("gain"))
-    misses = in_floors(gap.noise_floor, gap.after.fit, gap.after.held_out) > most_of_healthy(n_judged)
-    left = misses or pulled
+    left = remainder.misses or remainder.is_pulled(settings)
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
     if not plausible or (left and explained < settings.least_share):
         return Outcome.UNKNOWN
-    if misses and all(one.others for one in classes):  # a model that misses something tells look-alikes apart by chance
-        return Outcome.UNKNOWN
+    if remainder.misses and all(one.others for one in classes):
+        return Outcome.UNKNOWN  # a model that misses something tells look-alikes apart by chance
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL
     return Outcome.EQUIVALENT if any(one.others for one in classes) else Outcome.NAMED
 
 
-def explained_share(
-    baseline: Fitted[Physics],
-    final: Fitted[Physics],
-    gap: Gap,
-    pulls: Mapping[str, float],
-    *,
-    n_judged: int,
-    settings: OutcomeSettings,
-) -> float:
-    r"""Return the share of the misfit that is gone: residuals, errors of the settings and pulls of parameters together.
-
-    .. math::
-
-        \frac{C_0 - C_1}{C_0 - C_1 + R}, \qquad
-        R = \chi^2_1 \left( 1 - \left( \frac{limit}{gap} \right)^2 \right) + n_{settings} \sum_k (s_k^2 - 1)
-
-    with the costs C before and after, and what is left: the excess of the gap over what healthy axes leave, and of the
-    variances of the pulls over one, both only where there is any.
+def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: float) -> float:
+    r"""Return the share :math:`(C_0 - C_1)/(C_0 - C_1 + R)` of the misfit that is gone, with costs C before and after.
 
     Parameters
     ----------
     baseline, final : Fitted
         Before anything was added, and after all.
-    gap : Gap
-    pulls : mapping of str to float
-        From :func:`variances_of_pulls`, after all.
-    n_judged : int
-        Values that the gap after all is of.
-    settings : OutcomeSettings
+    left : float
+        R, the misfit of :class:`Remainder`.
     """
     gained = baseline.cost - final.cost
-    chi_squared = float(np.sum(final.standardised[final.fitted] ** 2))
-    after, most = in_floors(gap.noise_floor, gap.after.fit, gap.after.held_out), most_of_healthy(n_judged)
-    residual = chi_squared * (1.0 - (most / after) ** 2) if after > most else 0.0
-    of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
-    left = residual + len(final.comparison.layout.settings) * of_settings
     return gained / (gained + left) if gained > 0.0 else 0.0
+
+
+def hidden_in_remainder(found: Found[Physics], settings: OutcomeSettings) -> Effect[Physics] | None:
+    """Return the effect that explains least, if what is found leaves so much that it may be a part of that.
+
+    Only where the others together explain enough to be believed beside what is left: where they do not, nothing is
+    named in any case.
+
+    Parameters
+    ----------
+    found : Found
+    settings : OutcomeSettings
+    """
+    if len(found.accepted) < 2:
+        return None
+    remainder = remainder_of(found.final)
+    if not (remainder.misses or remainder.is_pulled(settings)):
+        return None
+    if explained_share(found.baseline, found.final, remainder.misfit) < settings.least_share:
+        return None
+    least = min(found.accepted, key=lambda one: one.without.cost)
+    explains = least.without.cost - found.final.cost
+    return least.effect if explains < settings.least_of_remainder * remainder.misfit else None

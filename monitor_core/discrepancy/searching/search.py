@@ -124,13 +124,26 @@ class Search(Generic[Physics]):
             other = self._from(rival.fitted, [rival.fitted])
             if delta_bic(current, other[-1], yardstick(other[-1])) > least_difference(self.comparison):
                 steps, current = other, other[-1]
-        final = self._pruned(current, current.hypothesis.effects)
-        if final is not current:
-            steps = [*steps[:-1], final] if final.hypothesis.effects else []
-        by = yardstick(final)
-        accepted = tuple(self._judged(final, effect, by) for effect in final.hypothesis.effects)
-        baseline = self._known_fits.get(frozenset(), baseline)
-        return Found(baseline, tuple(steps), final, accepted, by, self._looks(final), self._least_evidence(final))
+        self._remember(baseline)
+        return self._found(steps[:-1], self._pruned(current, current.hypothesis.effects))
+
+    def leave_out(self, found: Found[Physics], effect: Effect[Physics]) -> Found[Physics]:
+        """Return what was found without one of its effects."""
+        final = self._without(found.final, effect)
+        return self._found([one for one in found.steps if _keys(one) < _keys(final)], final)
+
+    def _found(self, earlier: Sequence[Fitted[Physics]], final: Fitted[Physics]) -> Found[Physics]:
+        """Return where a search ended, after the steps before."""
+        keys, by = _keys(final), yardstick(final)
+        return Found(
+            self._known_fits[frozenset()],
+            (*(one for one in earlier if _keys(one) != keys), final) if keys else (),
+            final,
+            tuple(self._judged(final, effect, by) for effect in final.hypothesis.effects),
+            by,
+            self._looks(final),
+            self._least_evidence(final),
+        )
 
     def _from(self, start: Fitted[Physics], steps: Sequence[Fitted[Physics]]) -> list[Fitted[Physics]]:
         """Return the steps of adding one effect after the other, as long as the evidence carries them."""
@@ -146,16 +159,16 @@ class Search(Generic[Physics]):
                 current = again  # the effect had only led out of a false minimum
                 taken[-1:] = [again] if taken else []
                 continue
-            before = {one.key for one in current.hypothesis.effects}
+            before = _keys(current)
             current = self._pruned(better, better.hypothesis.effects[:-1])
-            if {one.key for one in current.hypothesis.effects} <= before:
+            if _keys(current) <= before:
                 break
             self._remember(current)
             taken.append(current)
         return taken
 
     def _remember(self, fitted: Fitted[Physics]) -> None:
-        keys = frozenset(one.key for one in fitted.hypothesis.effects)
+        keys = _keys(fitted)
         if keys not in self._known_fits or fitted.cost < self._known_fits[keys].cost:
             self._known_fits[keys] = fitted
 
@@ -316,11 +329,8 @@ class Search(Generic[Physics]):
 
         An effect, whichever, may show the way out of a false minimum. That is no evidence for it.
         """
-        again = self._try(current.hypothesis, current.hypothesis.carried_over(fuller.hypothesis, fuller.coordinates))
-        if again is None or current.cost - again.cost < _ONE_MINIMUM * abs(current.cost):
-            return current
-        self._remember(again)
-        return again
+        again = self._without(fuller, fuller.hypothesis.effects[-1])
+        return current if current.cost - again.cost < _ONE_MINIMUM * abs(current.cost) else again
 
     def _pruned(self, fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> Fitted[Physics]:
         """Return the fit without those of some effects that are not needed."""
@@ -384,6 +394,10 @@ class Search(Generic[Physics]):
         rivals = sorted(others, key=lambda one: one.delta_bic, reverse=True)
         held_out_gain = gain(without.held_out, final.held_out, by)
         return Accepted(effect, delta_bic(without, final, by), held_out_gain, tuple(rivals), without)
+
+
+def _keys(fitted: Fitted[Physics]) -> frozenset[str]:
+    return frozenset(effect.key for effect in fitted.hypothesis.effects)
 
 
 def _better(*fits: Fitted[Physics] | None) -> Fitted[Physics] | None:

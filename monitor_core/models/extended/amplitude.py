@@ -37,9 +37,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, Values
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import Path, Values, entire_parts
+from monitor_core.models.extended.closed_form import Path, entire_parts
 from monitor_core.models.extended.conditions import AxisStates
 from monitor_core.models.extended.excitations import Excitations
 from monitor_core.models.extended.lines import PreparedLines

@@ -22,18 +22,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, Values
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.physics import AxisPhysics, JointPhysics
 from monitor_core.models.rod import RodWaves
 
 #: Where springs with a causal loss factor have their stated stiffness: near a drive's first axial mode. [rad/s]
 _LOSS_REFERENCE = 2.0 * np.pi * 200.0
-
-#: Real where nothing damps, complex otherwise.
-Values = npt.NDArray[np.inexact[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

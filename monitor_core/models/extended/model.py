@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, Values
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import Values, entire_parts, path_of, receptances_of
+from monitor_core.models.extended.closed_form import entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.families import paper_motor_end, physics_of
 from monitor_core.models.extended.lines import ResponseCase, prepare_lines

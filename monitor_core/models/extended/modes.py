@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.optimize.elementwise
 
-from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray, Values
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import EntireParts, Values, characteristic, entire_parts, path_of
+from monitor_core.models.extended.closed_form import EntireParts, characteristic, entire_parts, path_of
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency

@@ -15,6 +15,7 @@ from service.operations.explanation_report.rounding import (
     with_uncertainty,
 )
 from service.operations.explanation_report.sentences import (
+    asides,
     beside_what_is_stated,
     candidates_heading,
     candidates_in_order,
@@ -44,7 +45,7 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
     """
     sections = [
         [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
-        *[[_text(one)] for one in explanation.taken_as],
+        *[[_text(one)] for one in asides(explanation)],
         [f"## {misfits_heading(explanation.outcome)}", "", *_misfits(explanation.localisation)],
         *([[f"## {found_heading(explanation.outcome)}"]] if explanation.effects else []),
         *[_effect(one, held_out_data=not nothing_held_out(explanation)) for one in explanation.effects],

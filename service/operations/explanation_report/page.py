@@ -57,6 +57,7 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         number=_number,
         parameter_value=_parameter_value,
         beside_what_is_stated=sentences.beside_what_is_stated,
+        asides=sentences.asides,
         nothing_held_out=sentences.nothing_held_out,
         parameter_interval=_parameter_interval,
         quantity=rounding.quantity,
@@ -71,7 +72,7 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
 def _pictures(explanation: Explanation) -> dict[str, Any]:
     gap = explanation.gap
     both = [("before", gap.before), ("after", gap.after)]
-    ladder = [("the model as stated", gap.before), *((f"+ {one.effect}", one.gap) for one in explanation.steps)]
+    ladder = [("nothing added", gap.before), *((f"+ {one.effect}", one.gap) for one in explanation.steps)]
     return {
         "gap_picture": gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
         "ladder": gap_chart("ladder", "Gap after each step", ladder, gap.noise_floor, gap.unit),
@@ -89,7 +90,7 @@ def _pictures(explanation: Explanation) -> dict[str, Any]:
 
 
 def _worst_first(panels: Sequence[Panel]) -> list[Panel]:
-    """Return responses with those first that the model as stated misses most; other panels as they come."""
+    """Return responses with those first that the model before misses most; other panels as they come."""
     return sorted(panels, key=lambda one: -_relative_error(one) if one.logarithmic else 0.0)
 
 

@@ -1,7 +1,7 @@
 """What an outcome says, in words: the verdict first, then what it means and what it does not."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from monitor_core.discrepancy.effects import PREFIX
@@ -40,7 +40,7 @@ _NOT_HELD = " on the data it was chosen by"
 _TO_THE_TEST = "None could be held out; of five positions or more, two would be."
 _HARDLY_LESS = 0.95  # of a gap
 _TIMES = 1.5  # from this ratio on people say "times"
-_STRAINED = 3.0  # standard deviations
+_STRAINED, _FAR = 3.0, 5.0  # standard deviations: of what was found instead; of what nothing was found for
 
 
 def headline(explanation: Explanation) -> str:
@@ -68,6 +68,33 @@ def meaning(explanation: Explanation) -> str:
     if "{judged}" not in words or not nothing_held_out(explanation):
         return words.format(judged=_HELD)
     return f"{words.format(judged=_NOT_HELD)} {_TO_THE_TEST}"
+
+
+def asides(explanation: Explanation) -> tuple[str, ...]:
+    """Return what goes with the verdict: what was settled first, what helps unnamed, and what is pulled far."""
+    return (*explanation.taken_as, *_hidden_in_remainder(explanation), *_pulled_far(explanation))
+
+
+def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
+    hidden = explanation.hidden_in_remainder
+    if hidden:
+        verb, they, are = ("helps", "it", "is") if len(hidden) == 1 else ("help", "they", "are")
+        yield (
+            f"{listed(hidden)} {verb}, too, but by little beside what is left: whatever is missing may look like that, "
+            f"so {they} {are} neither named nor in the model."
+        )
+
+
+def _pulled_far(explanation: Explanation) -> Iterator[str]:
+    """Say which declared parameters do not hold in the end: they may make up for one that is taken as exact."""
+    declared = [name for name in explanation.pulls_before if abs(explanation.pulls.get(name, 0.0)) > _FAR]
+    if declared:
+        far = listed([f"{name} ({rounded(abs(explanation.pulls[name]), 2)})" for name in declared])
+        what = "that parameter is" if len(declared) == 1 else "those parameters are"
+        yield (
+            f"Far from what is declared, in standard deviations: {far}. Either {what} wrong, or one that is taken as "
+            "exact, because it does not stand in [uncertain]."
+        )
 
 
 def beside_what_is_stated(key: str, found: FoundParameter) -> str:
