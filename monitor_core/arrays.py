@@ -8,8 +8,8 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 BoolArray = npt.NDArray[np.bool_]
-#: Real where nothing damps, complex otherwise.
-Values = npt.NDArray[np.inexact[Any]]
+#: Responses are real where nothing damps.
+NumberArray = npt.NDArray[np.inexact[Any]]
 #: Raw samples keep the precision in which they were recorded.
 SampleArray = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 

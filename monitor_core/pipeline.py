@@ -89,7 +89,7 @@ def search_band(settings: AxisSettings, calibration: Calibration | None, window:
     return settings.search_band or _usable_band(window)
 
 
-def whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
+def _whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
     """Tell which lines of a window are compared with a model, in hertz: all that can be used.
 
     In the band of the mode alone friction may pass for a delay, and an antiresonance beside it is not seen.
@@ -97,6 +97,20 @@ def whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
     low, high = _usable_band(window)
     stated_low, stated_high = settings.search_band or (low, high)
     return min(low, stated_low), max(high, stated_high)
+
+
+def measure_response(windows: Sequence[Window], settings: AxisSettings) -> ModalMeasurement | Rejection:
+    """Measure the response of one measurement, without a calibration, on all lines that a model is compared with.
+
+    Parameters
+    ----------
+    windows : sequence of Window
+        Accepted by :func:`check_window`, of one measurement at one position; at least one.
+    settings : AxisSettings
+        Of the axis; its band says where the mode is looked for, which the measurement is gated by.
+    """
+    band, lines = search_band(settings, None, windows[0]), _whole_band(settings, windows[0])
+    return measure_mode(windows, band=band, gate=settings.mode, lines=lines)
 
 
 def _usable_band(window: Window) -> tuple[float, float]:

@@ -101,7 +101,9 @@ def explain(
     remainder = remainder_of(found.final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), remainder.gap)
     explained = explained_share(found.baseline, found.final, remainder.misfit)
+    left = remainder.misses or remainder.is_pulled(settings.outcome)
     outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
+    told = {key for one in classes for key in (one.leader.effect.key, *one.others, *one.twins)}
     tell("locating the misfit")
     scatter = HealthyScatter(found.yardstick.correlation, math.sqrt(max(found.yardstick.scale, 1.0)))
     models = {"before": found.baseline.physics(), "after": found.final.physics()}
@@ -126,7 +128,8 @@ def explain(
         maps=_maps(found),
         gap_by_channel=_gap_by_channel(found),
         pulls_before=_parameter_pulls(found.baseline),
-        hidden_in_remainder=tuple(hidden),
+        # one that would do in the place of another is told there
+        hidden_in_remainder=tuple(key for key in hidden if key not in told and left),
     )
 
 

@@ -155,7 +155,7 @@ class Explanation:
     gap_by_channel: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Of the declared parameters, before anything was added: what they would have to be off by in its place [-]
     pulls_before: Mapping[str, float] = field(default_factory=dict)
-    #: Keys of effects that help, but less than what is left and may be a part of it; they are in no model.
+    #: Keys of effects that help, but by less than a quarter of what is left, and may be a part of it; in no model.
     hidden_in_remainder: tuple[str, ...] = ()
     #: What is not in the data and was settled before anything was compared, in sentences.
     taken_as: tuple[str, ...] = ()

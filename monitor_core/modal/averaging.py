@@ -47,6 +47,7 @@ def average_and_fit(
     band: tuple[float, float],
     gate: ModeGate,
     *,
+    lines: tuple[float, float],
     quantity: str,
     maximum_modes: int,
 ) -> AveragedFit | Rejection:
@@ -58,6 +59,8 @@ def average_and_fit(
         Un-windowed lines over the search band and as far around it as a fit may reach.
     band : tuple of float
         Search band. [Hz]
+    lines : tuple of float
+        What the taper and windows that do not belong at all are told by. [Hz]
     gate : ModeGate
         Least number of averages, classes of coherence, largest share of outlying windows.
     quantity : str
@@ -70,7 +73,7 @@ def average_and_fit(
     AveragedFit or Rejection
         The fit, or why there is none.
     """
-    taper, gross, first_share = _first_look(spectra.within(*band), gate)
+    taper, gross, first_share = _first_look(spectra.within(*lines), gate)
     kept = ~gross
     for _ in range(_PASSES):
         if kept.sum() < gate.minimum_averages:

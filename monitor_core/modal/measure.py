@@ -51,6 +51,7 @@ def measure_mode(
     gate: ModeGate,
     phase: PhaseReference | None = None,
     maximum_modes: int = 2,
+    lines: tuple[float, float] | None = None,
 ) -> ModalMeasurement | Rejection:
     """Find the mode in a band from the windows of one measurement, or say why not.
 
@@ -72,6 +73,8 @@ def measure_mode(
     maximum_modes : int
         1 where a calibration rests on fits of one mode: the frequencies of one and of two modes fitted to the same
         peak differ a little, and a change of model must not look like a change of preload.
+    lines : tuple of float, optional
+        Of the frequency response that is returned, where more is wanted of it than the band of the mode. [Hz]
 
     Returns
     -------
@@ -85,9 +88,10 @@ def measure_mode(
     """
     if (refusal := _check_windows(windows, gate)) is not None:
         return refusal
-    spectra = _spectra_around(windows, band)
+    lines = lines or band
+    spectra = _spectra_around(windows, band, lines)
     quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
-    answer = average_and_fit(spectra, band, gate, quantity=quantity, maximum_modes=maximum_modes)
+    answer = average_and_fit(spectra, band, gate, lines=lines, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
     fit, mode = answer.fit, answer.fit.modes[0]
@@ -104,7 +108,7 @@ def measure_mode(
         tones=fit.tones,
         warnings=(*answer.warnings, *_warnings(coherence, gate, phase), *mixed),
         refused_windows=answer.refused,
-        frequency_response=_within(answer.frf, band),
+        frequency_response=_within(answer.frf, lines),
         conditions=conditions,
         started_at=used[0].started_at,
         measurement=windows[0].measurement,
@@ -143,14 +147,17 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
     return None
 
 
-def _spectra_around(windows: Sequence[Window], band: tuple[float, float]) -> BandSpectra:
+def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines: tuple[float, float]) -> BandSpectra:
     """Transform once, over the search band and as far around it as the fit of a mode on its edge usually reaches.
+
+    And over all lines that are wanted.
 
     A fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so.
     """
     margin = max(40.0, 0.25 * band[1])
     sample_rate = windows[0].sample_rate
-    around = (max(band[0] - margin, 0.0), min(band[1] + margin, 0.5 * sample_rate))
+    low, high = min(band[0] - margin, lines[0]), max(band[1] + margin, lines[1])
+    around = (max(low, 0.0), min(high, 0.5 * sample_rate))
     if not 0.0 < band[0] < band[1] < 0.5 * sample_rate:
         raise OutsideValidityError(
             f"band must lie between 0 Hz and half the sampling rate, {0.5 * sample_rate:g} Hz; "

@@ -24,20 +24,20 @@ stated and the nut has a mass, an accelerometer on it peaks beside them, by 2.3 
 import math
 from dataclasses import dataclass
 
-from monitor_core.arrays import Values
+from monitor_core.arrays import NumberArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeyondContacts:
     """What the contacts of the nut carry; shape (n_frequencies,) or ()."""
 
-    nut: Values  # μ [N/m]
-    bracket: Values | complex  # c_s [m/N]
-    table: Values  # Z' [N/m]
+    nut: NumberArray  # μ [N/m]
+    bracket: NumberArray | complex  # c_s [m/N]
+    table: NumberArray  # Z' [N/m]
 
 
 def beyond_contacts(
-    s: Values,
+    s: NumberArray,
     *,
     table_mass: float,
     nut_mass: float = 0.0,
@@ -67,7 +67,9 @@ def beyond_contacts(
     )
 
 
-def nut_receptances(compliance: Values, unloaded_travel: Values, beyond: BeyondContacts) -> tuple[Values, Values]:
+def nut_receptances(
+    compliance: NumberArray, unloaded_travel: NumberArray, beyond: BeyondContacts
+) -> tuple[NumberArray, NumberArray]:
     """Return the displacement of the nut per force at the table [m/N] and per torque [m/(N·m)].
 
     Parameters
@@ -84,7 +86,9 @@ def nut_receptances(compliance: Values, unloaded_travel: Values, beyond: BeyondC
     return before * reciprocal, unloaded_travel * swinging * reciprocal
 
 
-def nut_from_table(per_force: Values, per_torque: Values, beyond: BeyondContacts) -> tuple[Values, Values]:
+def nut_from_table(
+    per_force: NumberArray, per_torque: NumberArray, beyond: BeyondContacts
+) -> tuple[NumberArray, NumberArray]:
     """Return the same from the receptances of the table, which have the nut's mass with the table.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from monitor_core.arrays import ComplexArray, FloatArray, Values, read_only, read_only_complex
+from monitor_core.arrays import ComplexArray, FloatArray, NumberArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.bracket import BeyondContacts, nut_from_table
 from monitor_core.models.protocol import (
@@ -188,8 +188,8 @@ def drive_response(
     of_table = response is not ResponsePoint.ANGLE_AT_MOTOR
     row = equations.displacement_at_table if of_table else equations.angle_at_motor
     to_row = row @ transfer_matrix(equations.system, s)
-    per_force: Values = to_row @ equations.displacement_at_table
-    per_torque: Values = to_row @ equations.angle_at_motor
+    per_force: NumberArray = to_row @ equations.displacement_at_table
+    per_torque: NumberArray = to_row @ equations.angle_at_motor
     if response is ResponsePoint.ACCELERATION_AT_NUT and beyond is not None:
         per_force, per_torque = nut_from_table(per_force, per_torque, beyond(s))
     chosen = per_force if excitation is ExcitationPoint.FORCE_AT_TABLE else per_torque

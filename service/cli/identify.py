@@ -100,15 +100,17 @@ def identify(
         source = ExcitationSource(excitation_source)
         prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
     require_session(accelerometer, of_session=_is_session(data))
+    measured, taken_as = _measured(data, band_hz)
     request = IdentificationRequest(
         model=read_model_file(model_path),
-        measured=_measured(data, band_hz),
+        measured=measured,
         hold_out=tuple(metres(one) for one in hold_out_mm),
         limits={name: (low, high) for name, low, high in limits},
         weighting=OBJECTIVES[objective],
         seed=seed,
         prediction=prediction,
         accelerometer=accelerometer,
+        taken_as=taken_as,
     )
     for path in (out, calibration_out):
         if path is not None and not path.parent.is_dir():
@@ -127,14 +129,16 @@ def identify(
 
 def _measured(
     data: Path, band_hz: tuple[float, float] | None
-) -> tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]:
+) -> tuple[tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...], tuple[str, ...]]:
+    """Return what was measured, and what was settled on the way, in sentences."""
     if band_hz is not None and not _is_session(data):
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
     if data.name.endswith(".frf.h5"):
-        return read_frf_set(data).observations
+        return read_frf_set(data).observations, ()
     if _is_session(data):
-        return responses_of_session(data, axis_settings(band_hz)).observations
-    return tuple(modal_observation(row) for row in read_modal_table(data))
+        session = responses_of_session(data, axis_settings(band_hz))
+        return session.observations, session.sentences
+    return tuple(modal_observation(row) for row in read_modal_table(data)), ()
 
 
 def _is_session(data: Path) -> bool:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from monitor_core.modal import ModalMeasurement, measure_mode
-from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement, whole_band
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement, measure_response
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.session_hdf5 import open_session
@@ -84,7 +84,7 @@ def judge_session(
 def responses_of_session(path: Path, settings: AxisSettings) -> SessionResponses:
     """Return the averaged responses of the measurements that can be judged, with progress; memory stays flat.
 
-    A band in the settings gates the windows; all lines of a measurement count.
+    All lines of a measurement count, wherever its mode is looked for.
 
     Raises
     ------
@@ -92,14 +92,12 @@ def responses_of_session(path: Path, settings: AxisSettings) -> SessionResponses
         If there is none.
     """
     return responses_of_windows(
-        (modal, one.accepted)
+        (
+            measure_response(one.accepted, settings) if one.accepted else _nothing_accepted(one.refused).modal,
+            one.accepted,
+        )
         for one in _checked_windows(path, settings, None)
-        if one.accepted and isinstance(modal := _whole_response(one.accepted, settings), ModalMeasurement)
     )
-
-
-def _whole_response(windows: Sequence[Window], settings: AxisSettings) -> ModalMeasurement | Rejection:
-    return measure_mode(windows, band=whole_band(settings, windows[0]), gate=settings.mode)
 
 
 @dataclass(frozen=True, slots=True)

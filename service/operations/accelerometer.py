@@ -59,6 +59,7 @@ def place_accelerometer(
         return PlacedAccelerometer(tuple(observations))
     best, other = fits_by_place(observations, subject, map_function)
     apart = other.cost - best.cost
+    alike = apart <= _SAME_COST * abs(best.cost)
     if stated is not None:
         point = PLACES[stated]
         sentence = f"The accelerometer is {_WORDS[point]}, as stated"
@@ -66,11 +67,13 @@ def place_accelerometer(
             sentence += (
                 f", where the model leaves {other.gap:.3g} σ; {_WORDS[best.point]} it would leave {best.gap:.3g} σ"
             )
+        elif alike:
+            sentence += "; to this model, without a bracket between nut and table, that makes no difference"
         return PlacedAccelerometer(with_accelerometer_at(point, observations), (f"{sentence}.",))
     if apart < VERY_STRONG:
         at_table = with_accelerometer_at(ResponsePoint.ACCELERATION_AT_TABLE, observations)
         undecided = "The session does not tell whether the accelerometer is on the nut; it is taken to be on the table."
-        return PlacedAccelerometer(at_table, () if apart <= _SAME_COST * abs(best.cost) else (undecided,))
+        return PlacedAccelerometer(at_table, () if alike else (undecided,))
     sentence = (
         f"The accelerometer is taken to be {_WORDS[best.point]}, where the model leaves {best.gap:.3g} σ once adjusted "
         f"within its tolerances ({other.gap:.3g} σ {_WORDS[other.point]}); state it if it is elsewhere."

@@ -26,7 +26,7 @@ from service.jobs import JobHandle, JobRunner
 from service.operations.alarms import store_explanation
 from service.operations.change_document import examined_document, refused_document
 from service.operations.drive_of_axis import drive_of_axis
-from service.operations.measured_modes import whole_responses
+from service.operations.measured_modes import measured_with_windows
 from service.operations.measured_responses import measured_responses
 from service.operations.own_process import Tell, in_own_process
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
@@ -160,7 +160,11 @@ class AlarmExplanations:
         """Measure both sides once more, on all lines: the antiresonance of the nut lies beside the mode."""
         settings = core_settings(case.configuration)
         reference, recent = (
-            [modal for modal, _ in whole_responses(self._database, self._waveforms, settings, rows)]
+            [
+                modal
+                for modal, _ in measured_with_windows(self._database, self._waveforms, settings, rows)
+                if isinstance(modal, ModalMeasurement)
+            ]
             for rows in (case.reference, case.recent)
         )
         usual = _usual_temperature(reference, recent)

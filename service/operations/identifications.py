@@ -71,15 +71,17 @@ class Identifications:
         job.report(steps, steps, finite_or_null(document))
 
     def _request(self, axis_id: str, arguments: dict[str, Any]) -> IdentificationRequest:
+        measured = measured_of_axis(self._database, self._waveforms, axis_id, arguments)
         return IdentificationRequest(
             model=parse_model(arguments["model"], "model"),
-            measured=measured_of_axis(self._database, self._waveforms, axis_id, arguments).observations,
+            measured=measured.observations,
             hold_out=tuple(metres(one) for one in arguments["hold_out_mm"]),
             limits={name: (low, high) for name, (low, high) in arguments["limits"].items()},
             weighting=OBJECTIVES[arguments["objective"]],
             seed=arguments["seed"],
             prediction=_prediction(arguments["prediction"]),
             accelerometer=arguments.get("accelerometer"),  # a job of an older version has none
+            taken_as=measured.sentences,
         )
 
 

@@ -63,6 +63,7 @@ class IdentificationRequest:
     seed: int = 1
     prediction: PredictionRequest | None = None  # of a calibration from the joints
     accelerometer: str | None = None  # where that of a session is; without it where the model fits better
+    taken_as: tuple[str, ...] = ()  # what was settled while measuring, in sentences
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +114,7 @@ def identify_joints(
         f"{name} moves nothing that was measured, and stays as the model states it" for name in subject.unseen
     ]
     return document | {
-        "taken_as": list(placed.sentences),
+        "taken_as": [*placed.sentences, *request.taken_as],
         "modes_to_monitor": _modes_to_monitor(model, subject.case, request),
         "calibration": _calibration(request, subject, found),
         "model": model_file_text(model),

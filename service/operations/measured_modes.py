@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from monitor_core.modal import ModalMeasurement, measure_mode
-from monitor_core.pipeline import AxisSettings, search_band, whole_band
-from monitor_core.recording import Window
+from monitor_core.pipeline import AxisSettings, measure_response, search_band
+from monitor_core.recording import Rejection, Window
 from service.store.database import Database
 from service.store.measurements import accepted_places
 from service.store.tables import MeasurementRow
@@ -27,10 +27,10 @@ def measured_modes(
             yield modal
 
 
-def whole_responses(
+def measured_with_windows(
     database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
-) -> Iterator[tuple[ModalMeasurement, Sequence[Window]]]:
-    """Measure the response of each stored measurement on all its lines, and return it with its windows.
+) -> Iterator[tuple[ModalMeasurement | Rejection, Sequence[Window]]]:
+    """Measure the response of each stored measurement on all its lines, and return it, or why not, with its windows.
 
     Raises
     ------
@@ -38,9 +38,7 @@ def whole_responses(
         As :func:`measured_modes`.
     """
     for windows in _stored_windows(database, waveforms, rows):
-        modal = measure_mode(windows, band=whole_band(settings, windows[0]), gate=settings.mode)
-        if isinstance(modal, ModalMeasurement):
-            yield modal, windows
+        yield measure_response(windows, settings), windows
 
 
 def _stored_windows(

@@ -8,7 +8,7 @@ from monitor_core.errors import NotIdentifiableError
 from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.units import metres
-from service.operations.measured_modes import whole_responses
+from service.operations.measured_modes import measured_with_windows
 from service.operations.measured_responses import responses_of_windows
 from service.operations.settings_of_axis import AxisConfiguration, core_settings
 from service.store import measurements
@@ -52,7 +52,7 @@ def measured_of_axis(
     with database.read() as session:
         configuration = AxisConfiguration.model_validate(get_axis(session, axis_id).configuration)
     rows = selected_measurements(database, axis_id, arguments)
-    found = responses_of_windows(whole_responses(database, waveforms, core_settings(configuration), rows))
+    found = responses_of_windows(measured_with_windows(database, waveforms, core_settings(configuration), rows))
     return MeasuredOfAxis(found.observations, found.sentences)
 
 

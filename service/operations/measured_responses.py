@@ -10,7 +10,7 @@ from monitor_core.identification.observations import FrequencyResponseObservatio
 from monitor_core.modal import ModalMeasurement
 from monitor_core.models.generator import EXCITED
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recording import Conditions, ExcitationQuantity, Window
+from monitor_core.recording import Conditions, ExcitationQuantity, Rejection, Window
 from monitor_core.recordings.modal_csv import ModalRow
 from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
@@ -69,7 +69,9 @@ class SessionResponses:
     sentences: tuple[str, ...] = ()  # what was settled on the way, for people
 
 
-def responses_of_windows(measured: Iterable[tuple[ModalMeasurement, Sequence[Window]]]) -> SessionResponses:
+def responses_of_windows(
+    measured: Iterable[tuple[ModalMeasurement | Rejection, Sequence[Window]]],
+) -> SessionResponses:
     """Return averaged responses, as :func:`measured_responses` does, with what their windows show of a response.
 
     Where all of them state their temperature, it is counted from the median, to the kelvin: told closer, no two
@@ -79,21 +81,27 @@ def responses_of_windows(measured: Iterable[tuple[ModalMeasurement, Sequence[Win
 
     Parameters
     ----------
-    measured : iterable of (ModalMeasurement, sequence of Window)
-        Each measurement with all the windows that it was judged by.
+    measured : iterable of (ModalMeasurement or Rejection, sequence of Window)
+        Each measurement, or why it cannot be judged, with all the windows that it was judged by.
 
     Raises
     ------
     NotIdentifiableError
         If there is no response.
     """
-    found = [(_with_spread(modal, windows), modal.conditions.temperature) for modal, windows in measured]
+    found, refusals = [], []
+    for modal, windows in measured:
+        if isinstance(modal, Rejection):
+            refusals.append(modal)
+        else:
+            found.append((_with_spread(modal, windows), modal.conditions.temperature))
     observations = _some(response for response, _ in found)
+    left_out = _left_out(refusals, len(refusals) + len(found))
     temperatures = [temperature for response, temperature in found if response is not None]
     stated = [temperature for temperature in temperatures if temperature is not None]
     if len(stated) < len(temperatures):
         none = f"Temperatures are not compared: {len(temperatures) - len(stated)} of {len(temperatures)} state none."
-        return SessionResponses(observations, (none,) if stated else ())
+        return SessionResponses(observations, (*left_out, none) if stated else left_out)
     usual = float(np.median(stated))
     counted = tuple(
         replace(one, conditions=replace(one.conditions, temperature_deviation=float(round(temperature - usual))))
@@ -101,7 +109,15 @@ def responses_of_windows(measured: Iterable[tuple[ModalMeasurement, Sequence[Win
     )
     varied = any(one.conditions.temperature_deviation for one in counted)
     sentence = f"Temperatures are counted from {usual:.4g} °C, their median, to the kelvin."
-    return SessionResponses(counted, (sentence,) if varied else ())
+    return SessionResponses(counted, (*left_out, sentence) if varied else left_out)
+
+
+def _left_out(refusals: Sequence[Rejection], n_measured: int) -> tuple[str, ...]:
+    if not refusals:
+        return ()
+    reasons = ", ".join(sorted({str(one.reason) for one in refusals}))
+    are = "is" if len(refusals) == 1 else "are"
+    return (f"{len(refusals)} of {n_measured} measurements {are} left out: {reasons}.",)
 
 
 def _with_spread(modal: ModalMeasurement, windows: Sequence[Window]) -> FrequencyResponseObservation | None:

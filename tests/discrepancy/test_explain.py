@@ -356,3 +356,17 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
     assert candidate.key == "quantity-1"
     assert candidate.delta_bic > answer.least_delta_bic
     assert [one.effect for one in answer.steps] == ["quantity-0"]
+
+
+@pytest.mark.parametrize("apart", [0.1, 0.15, 0.2])
+def test_what_would_do_in_the_place_of_another_is_not_said_to_be_left_out(apart) -> None:
+    """Of two look-alikes one is left out beside a third effect; it then may stand for the other."""
+    rng = np.random.default_rng(0)
+    one, rest, third = np.linalg.qr(rng.standard_normal((400, 3)))[0].T
+    design = np.column_stack([one, one * math.sqrt(1.0 - apart**2) + rest * apart, third])
+    data = design @ [60.0, 60.0, 80.0] + 1.6 * rng.standard_normal(400)
+    comparison = LinearComparison(layout_of([4] * 100, 1.0), design, data, np.zeros((0, 400)))
+    answer = explain(comparison, LinearSubject({}, 3), [quantity(index, upper=500.0) for index in range(3)])
+    named = {key for one in answer.effects for key in (one.key, *one.equivalent_to)}
+    assert named == {"quantity-0", "quantity-1", "quantity-2"}
+    assert answer.hidden_in_remainder == ()

@@ -166,6 +166,7 @@ def test_what_only_leads_out_of_a_false_minimum_is_not_found(monkeypatch) -> Non
     assert (found.steps, found.accepted) == ((), ())
     hypothesis = found.final.hypothesis
     assert found.baseline.cost == pytest.approx(fit(comparison, hypothesis, hypothesis.null).cost, rel=1e-6)
+    assert found.final is found.baseline
 
 
 def test_no_more_effects_than_allowed() -> None:

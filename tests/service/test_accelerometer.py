@@ -117,6 +117,11 @@ def test_without_a_bracket_there_is_nothing_to_settle() -> None:
     placed = place_accelerometer(observed, None, described_drive(model))
     assert placed.sentences == ()
     assert {one.response_point for one in placed.observations} == {ResponsePoint.ACCELERATION_AT_TABLE}
+    (sentence,) = place_accelerometer(observed, "nut", described_drive(model)).sentences
+    assert sentence == (
+        "The accelerometer is on the nut, as stated; to this model, without a bracket between nut and table, that "
+        "makes no difference."
+    )
 
 
 def test_a_bracket_too_stiff_to_show_leaves_the_place_open() -> None:

@@ -194,10 +194,10 @@ def test_what_helps_unnamed_and_what_is_pulled_far_is_said_below_the_verdict() -
     )
     (far,) = asides(pulled)  # an error of settings is another matter, and within five nothing is
     assert far.startswith(
-        "Far from what is declared, in standard deviations: table_mass_kg (72) and bracket_stiffness_"
+        "Far from what is declared, in standard deviations: table_mass_kg (−72) and bracket_stiffness"
     )
     for text in (explanation_page(pulled, "", "x"), explanation_markdown(pulled, "", "x")):
-        assert "Far from what is declared, in standard deviations: table_mass_kg (72)" in text
+        assert "Far from what is declared, in standard deviations: table_mass_kg (−72)" in text
 
 
 class Page(HTMLParser):

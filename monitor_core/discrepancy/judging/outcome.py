@@ -135,8 +135,8 @@ def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: flo
 def hidden_in_remainder(found: Found[Physics], settings: OutcomeSettings) -> Effect[Physics] | None:
     """Return the effect that explains least, if what is found leaves so much that it may be a part of that.
 
-    Only where the others together explain enough to be believed beside what is left: where they do not, nothing is
-    named in any case.
+    Only where all of them explain enough to be believed beside what is left: where they do not, nothing is named in any
+    case.
 
     Parameters
     ----------

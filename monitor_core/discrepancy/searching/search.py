@@ -113,6 +113,9 @@ class Search(Generic[Physics]):
         baseline = self._fit(hypothesis, hypothesis.null)
         first = self._with_textbook_physics(baseline)
         steps = self._from(first, [first] if first is not baseline else [])
+        self._remember(baseline)
+        baseline = self._known_fits[frozenset()]  # no false minimum, as far as an effect has led out of one
+        first = first if first.hypothesis.effects else baseline
         current = steps[-1] if steps else baseline
         rivals = self._rivals(first) if gap(current) > 1.0 else ()
         for rival in rivals[1 : self.settings.n_first_steps]:
@@ -124,7 +127,6 @@ class Search(Generic[Physics]):
             other = self._from(rival.fitted, [rival.fitted])
             if delta_bic(current, other[-1], yardstick(other[-1])) > least_difference(self.comparison):
                 steps, current = other, other[-1]
-        self._remember(baseline)
         return self._found(steps[:-1], self._pruned(current, current.hypothesis.effects))
 
     def leave_out(self, found: Found[Physics], effect: Effect[Physics]) -> Found[Physics]:

@@ -37,7 +37,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, Values
+from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.closed_form import Path, entire_parts
 from monitor_core.models.extended.conditions import AxisStates
@@ -56,7 +56,7 @@ _WEIGHTS = 0.5 - np.array([-1.0, 1.0]) / np.sqrt(12.0)
 _MOMENTS = 12
 
 #: Terms of f_00 + c f_10 + h f_01 + c h f_11, a function of damper and hardening, by the two powers.
-Bilinear = Mapping[tuple[int, int], Values]
+Bilinear = Mapping[tuple[int, int], NumberArray]
 #: The same between the knots: real and imaginary part are rows, shape (2, n_points).
 Pointwise = Mapping[tuple[int, int], FloatArray]
 
@@ -129,7 +129,7 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     return replace(path, table=table, nut=path.nut + seen * spring)
 
 
-def _averaged(hardening: FloatArray, resonant: Values, others: FloatArray) -> Values:
+def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) -> NumberArray:
     """Return the hardening that lines see through an amplitude that wanders.
 
     Parameters
@@ -146,7 +146,7 @@ def _averaged(hardening: FloatArray, resonant: Values, others: FloatArray) -> Va
     slope = 0.5 * (_WEIGHTS * (_ENERGIES - 2.0)) @ stiffer
     distance = resonant / (1.0 + others * resonant) - mean
     width = np.maximum(-distance.imag, 0.0)
-    rest: Values = np.zeros(mean.shape, dtype=np.complex128)
+    rest: NumberArray = np.zeros(mean.shape, dtype=np.complex128)
     for n in range(_MOMENTS, 0, -1):
         rest = n * (n + 1) * slope**2 / (1j * (distance - 2 * n * slope) + 2 * n * width + rest)
     seen = mean + 1j * rest
@@ -202,7 +202,7 @@ def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisState
     return characteristic, velocity, deflection
 
 
-def _at_points(excitations: Excitations, at_knots: Values) -> FloatArray:
+def _at_points(excitations: Excitations, at_knots: NumberArray) -> FloatArray:
     """Return real and imaginary part between the knots, (2, n_points)."""
     return np.array([excitations.interpolation @ part for part in (at_knots.real, at_knots.imag)])
 
@@ -261,7 +261,7 @@ def _require_sliding(motion: _Motion, friction: float) -> None:
         )
 
 
-def _spring(physics: AxisPhysics, omega: FloatArray, nut: Values) -> Values:
+def _spring(physics: AxisPhysics, omega: FloatArray, nut: NumberArray) -> NumberArray:
     """Return what of the nut's κ is its spring, which hardens, with its loss; the rest is the damper. [N/m]."""
     return np.asarray(nut - 1j * omega * physics.joints.nut_damping)
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, Values
+from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.physics import AxisPhysics, JointPhysics
 from monitor_core.models.rod import RodWaves
@@ -36,30 +36,30 @@ _LOSS_REFERENCE = 2.0 * np.pi * 200.0
 class EntireParts:
     """The letters of the module's docstring, functions of ω without poles; shape (n_lines,) or ()."""
 
-    axial: Values  # A: A/B is the stiffness of the screw at the nut, with bearings, base and nut segment
-    axial_yield: Values  # B
-    torsion: Values  # T: T/U is the torsional stiffness at the nut, motor end included
-    turning: Values  # U, with i²
-    torque_lever: Values  # u T: travel of the unloaded nut per torque at the motor end
-    held_torsion: Values  # T times the angle there per torque
-    nut: Values  # κ_n [N/m]
-    bracket: Values  # c_s of bracket and series compliance [m/N]
-    table: Values  # Z [N/m]
+    axial: NumberArray  # A: A/B is the stiffness of the screw at the nut, with bearings, base and nut segment
+    axial_yield: NumberArray  # B
+    torsion: NumberArray  # T: T/U is the torsional stiffness at the nut, motor end included
+    turning: NumberArray  # U, with i²
+    torque_lever: NumberArray  # u T: travel of the unloaded nut per torque at the motor end
+    held_torsion: NumberArray  # T times the angle there per torque
+    nut: NumberArray  # κ_n [N/m]
+    bracket: NumberArray  # c_s of bracket and series compliance [m/N]
+    table: NumberArray  # Z [N/m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
     """What force and torque meet; shape (n_lines,)."""
 
-    nut: Values  # κ_n [N/m]
-    beside_nut: Values  # C − 1/κ_n [m/N]
-    bracket: Values  # c_s, a part of it [m/N]
-    table: Values  # Z [N/m]
-    unloaded_travel: Values  # u [m/(N·m)]
-    unloaded_angle: Values  # of the motor end per torque while no force acts in the nut [rad/(N·m)]
+    nut: NumberArray  # κ_n [N/m]
+    beside_nut: NumberArray  # C − 1/κ_n [m/N]
+    bracket: NumberArray  # c_s, a part of it [m/N]
+    table: NumberArray  # Z [N/m]
+    unloaded_travel: NumberArray  # u [m/(N·m)]
+    unloaded_angle: NumberArray  # of the motor end per torque while no force acts in the nut [rad/(N·m)]
 
     @property
-    def compliance(self) -> Values:
+    def compliance(self) -> NumberArray:
         """C of the whole path. [m/N]."""
         return 1.0 / self.nut + self.beside_nut
 
@@ -68,12 +68,12 @@ class Path:
 class Receptances:
     """Responses of the drive; shape (n_lines,)."""
 
-    table_per_force: Values  # [m/N]
-    table_per_torque: Values  # and, by reciprocity, angle of the motor end per force [m/(N·m)]
-    angle_per_torque: Values  # [rad/(N·m)]
+    table_per_force: NumberArray  # [m/N]
+    table_per_torque: NumberArray  # and, by reciprocity, angle of the motor end per force [m/(N·m)]
+    angle_per_torque: NumberArray  # [rad/(N·m)]
 
 
-def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: EndMasks) -> EntireParts:
+def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> EntireParts:
     """Return all parts of the drive on lines.
 
     Parameters
@@ -100,7 +100,9 @@ def entire_parts(physics: AxisPhysics, omega: Values, states: AxisStates, ends: 
     )
 
 
-def _axial(physics: AxisPhysics, omega: Values, states: AxisStates, elastic: Values) -> tuple[Values, Values]:
+def _axial(
+    physics: AxisPhysics, omega: NumberArray, states: AxisStates, elastic: NumberArray
+) -> tuple[NumberArray, NumberArray]:
     r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
 
     Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
@@ -132,8 +134,8 @@ def _axial(physics: AxisPhysics, omega: Values, states: AxisStates, elastic: Val
 
 
 def _torsion(
-    physics: AxisPhysics, omega: Values, states: AxisStates, elastic: Values, ends: EndMasks
-) -> tuple[Values, Values, Values, Values]:
+    physics: AxisPhysics, omega: NumberArray, states: AxisStates, elastic: NumberArray, ends: EndMasks
+) -> tuple[NumberArray, NumberArray, NumberArray, NumberArray]:
     """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts.
 
     Of the inertia that is not spread along the screw nothing turns where the motor end is clamped.
@@ -171,7 +173,7 @@ def _torsion(
     )
 
 
-def _elastic(joints: JointPhysics, omega: Values) -> Values:
+def _elastic(joints: JointPhysics, omega: NumberArray) -> NumberArray:
     r"""Return the dynamic stiffness of the joints' springs over what is stated.
 
     .. math::
@@ -187,17 +189,17 @@ def _elastic(joints: JointPhysics, omega: Values) -> Values:
     if not causal:
         return constant
     exponent = 2.0 / np.pi * np.arctan(causal)
-    stiffening: Values = (omega / _LOSS_REFERENCE) ** exponent
-    dynamic: Values = constant + ((1.0 + 1j * causal) * stiffening - 1.0)
+    stiffening: NumberArray = (omega / _LOSS_REFERENCE) ** exponent
+    dynamic: NumberArray = constant + ((1.0 + 1j * causal) * stiffening - 1.0)
     return dynamic
 
 
-def _damper(omega: Values, damping: float) -> Values | float:
+def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
     """Return jωc, a plain number where nothing damps."""
     return 1j * omega * damping if damping else 0.0
 
 
-def _waves(omega: Values, length: FloatArray, compliance: float | FloatArray, inertia: float) -> RodWaves[Any]:
+def _waves(omega: NumberArray, length: FloatArray, compliance: float | FloatArray, inertia: float) -> RodWaves[Any]:
     """Return the trigonometry of a rod from compliance and inertia per length, either of which may be zero."""
     phase = omega * (length * np.sqrt(compliance * inertia))
     sinc = np.sinc(phase / np.pi)
@@ -228,7 +230,7 @@ def receptances_of(path: Path) -> Receptances:
     )
 
 
-def characteristic(parts: EntireParts) -> Values:
+def characteristic(parts: EntireParts) -> NumberArray:
     r"""Return the characteristic function, whose zeros are the poles of the drive, shape (n_lines,).
 
     .. math::

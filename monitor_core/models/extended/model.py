@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, Values
+from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.closed_form import entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
@@ -129,7 +129,7 @@ class ExtendedModel:
         parts = entire_parts(physics, around.ravel(), states.at(line), end_masks([end]).at(line))
         at = receptances_of(path_of(parts))
 
-        def mean(receptance: Values) -> FloatArray:
+        def mean(receptance: NumberArray) -> FloatArray:
             weighted = receptance.reshape(around.shape) * -offset * (around + omega[:, None])
             return np.asarray(np.mean(weighted, axis=1).real)
 

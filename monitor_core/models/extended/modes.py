@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.optimize.elementwise
 
-from monitor_core.arrays import ComplexArray, FloatArray, Values
+from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.closed_form import EntireParts, characteristic, entire_parts, path_of
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
@@ -56,7 +56,7 @@ class _Drives:
     states: AxisStates
     ends: EndMasks
 
-    def parts(self, omega: Values, condition: Index) -> EntireParts:
+    def parts(self, omega: NumberArray, condition: Index) -> EntireParts:
         return entire_parts(self.physics, omega, self.states.at(condition), self.ends.at(condition))
 
 

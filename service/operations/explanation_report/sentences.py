@@ -23,9 +23,9 @@ _MEANING: Final = {
         "remainder, and the values found may have taken up part of it."
     ),
     Outcome.NONE: (
-        "None: the model as it stands agrees with the measurement to its noise. It does not mean that the axis has no "
-        "other effect: whatever is smaller than its detection limit below could still hide, and so could what these "
-        "data cannot test."
+        "None: the model, adjusted within its tolerances, agrees with the measurement to its noise. It does not mean "
+        "that the axis has no other effect: whatever is smaller than its detection limit below could still hide, and "
+        "so could what these data cannot test."
     ),
     Outcome.UNKNOWN: (
         "Unknown: model and measurement disagree by more than noise, and no effect of the catalogue, alone or with "
@@ -86,14 +86,13 @@ def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
 
 
 def _pulled_far(explanation: Explanation) -> Iterator[str]:
-    """Say which declared parameters do not hold in the end: they may make up for one that is taken as exact."""
+    """Say which declared parameters do not hold in the end."""
     declared = [name for name in explanation.pulls_before if abs(explanation.pulls.get(name, 0.0)) > _FAR]
     if declared:
-        far = listed([f"{name} ({rounded(abs(explanation.pulls[name]), 2)})" for name in declared])
-        what = "that parameter is" if len(declared) == 1 else "those parameters are"
+        far = listed([f"{name} ({rounded(explanation.pulls[name], 2)})" for name in declared])
         yield (
-            f"Far from what is declared, in standard deviations: {far}. Either {what} wrong, or one that is taken as "
-            "exact, because it does not stand in [uncertain]."
+            f"Far from what is declared, in standard deviations: {far}. Either that is wrong, or it makes up for a "
+            "parameter that is taken as exact (it does not stand in [uncertain]), or for physics that is missing."
         )
 
 
