@@ -90,11 +90,12 @@ def explain(
     settings = settings or ExplainSettings()
     tell = progress or (lambda _sentence: None)
     search = Search(comparison, subject, tuple(candidates), settings.search, tell)
-    found, hidden = search.run(), list[str]()
-    while (least := hidden_in_remainder(found, settings.outcome)) is not None:
+    steps, hidden = search.run(), list[str]()
+    while (least := hidden_in_remainder(steps[0], steps[-1], search.without, settings.outcome)) is not None:
         hidden.append(least.key)
-        found = search.leave_out(found, least)
+        steps = search.leave_out(steps, least)
     tell("judging what was found")
+    found = search.found(steps)
     classes, final = _classes(found, candidates)
     final = at_mode(final)
     found = replace(found, final=final)

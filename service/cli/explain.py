@@ -105,6 +105,8 @@ def explain(
     """
     if out is not None and not out.parent.is_dir():
         raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
+    if any(path.resolve() == data.resolve() for path in _files(healthy_paths)):
+        raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
     measured, taken_as = _measured(data, band_hz, accelerometer)
     request = ExplanationRequest(
         baseline=read_model_file(baseline_path),
@@ -203,7 +205,7 @@ def _print(explanation: Explanation) -> None:
     if explanation.effects:
         print_table(
             found_heading(explanation.outcome),
-            ("effect", "parameter", "value", "95 % interval", "plausible"),
+            ("effect", "ΔBIC", "parameter", "value", "95 % interval", "plausible"),
             [_found_row(effect, *item) for effect in explanation.effects for item in effect.parameters.items()],
         )
     for effect in explanation.effects:
@@ -239,6 +241,7 @@ def _found_row(effect: FoundEffect, name: str, found: FoundParameter) -> tuple[s
     value, uncertainty, unit = found.estimate.value, found.estimate.standard_uncertainty, unit_shown(found.unit)
     return (
         " or ".join((effect.key, *effect.equivalent_to)),
+        evidence(effect.delta_bic),
         name,
         with_uncertainty(value, uncertainty) + unit + beside_what_is_stated(effect.key, found),
         between(*found.interval_95, notation(value, uncertainty)) + unit,

@@ -63,7 +63,8 @@ class _Compared(Generic[Physics]):
     def explain(self, progress: Callable[[str], None] | None) -> tuple[Explanation, str]:
         """Return the answer with the augmented model; with the one that was given where the cause is unknown."""
         found = explain(self.comparison, self.subject, self.candidates, progress=progress)
-        found = replace(found, taken_as=self.taken_as)
+        exact = _taken_as_exact(self.given) if found.outcome is not Outcome.NONE else ()
+        found = replace(found, taken_as=(*self.taken_as, *exact))
         if found.outcome is Outcome.UNKNOWN:
             return found, model_file_text(self.given)
         return found, model_file_text(augmented_model(self.baseline, found, self.table))
@@ -71,6 +72,14 @@ class _Compared(Generic[Physics]):
     def require_answer(self) -> None:
         """Ask the axis as described once; raises OutsideValidityError if it has none."""
         self.comparison.misfit(self.subject.physics({}))
+
+
+def _taken_as_exact(given: DriveModelFile) -> tuple[str, ...]:
+    """Say what was not free: the true cause may be there, and is then made up for by what is found."""
+    exact = [name for name in given.parameters if name not in given.uncertain]
+    if not exact:
+        return ()
+    return (f"Taken as exact, and not looked at, since [uncertain] does not list it: {', '.join(exact)}.",)
 
 
 def explain_measurements(

@@ -19,10 +19,8 @@ from monitor_core.discrepancy.judging.outcome import (
     remainder_of,
     variances_of_pulls,
 )
-from monitor_core.discrepancy.searching.evidence import yardstick
 from monitor_core.discrepancy.searching.fit import fit
 from monitor_core.discrepancy.searching.holding_out import REMAINDER, fitted_values
-from monitor_core.discrepancy.searching.search import Accepted, Found
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 SETTINGS = OutcomeSettings()
@@ -136,25 +134,22 @@ def test_an_effect_that_is_small_beside_what_is_left_is_not_named(small, hidden)
     noise -= DESIGN @ (DESIGN.T @ noise)
     data = DESIGN @ [49.0, small, 0.0] + 10.0 * noise / np.linalg.norm(noise)
     final = linear(data, effects=(0, 1))
-    accepted = tuple(
-        Accepted(quantity(index), math.nan, math.nan, (), linear(data, effects=(1 - index,))) for index in (0, 1)
-    )
-    both = Found(linear(data), (), final, accepted, yardstick(final), (), math.nan)
     assert remainder_of(final).misfit == pytest.approx(36.0, abs=1.0)
-    least = hidden_in_remainder(both, SETTINGS)
+    least = hidden_in_remainder(linear(data), final, lambda _, one: without(data, one), SETTINGS)
     assert (least and least.key) == (quantity(1).key if hidden else None)
-    assert hidden_in_remainder(replace(both, accepted=accepted[1:]), SETTINGS) is None  # beside nothing
+    alone = linear(data, effects=(0,))
+    assert hidden_in_remainder(linear(data), alone, lambda _, one: linear(data), SETTINGS) is None
+
+
+def without(data, effect):
+    """Return the fit without one of the first two effects."""
+    return linear(data, effects=(1 if effect.key == quantity(0).key else 0,))
 
 
 def test_nothing_is_small_beside_the_noise() -> None:
     data = DESIGN @ [49.0, 2.0, 0.0]
     final = linear(data, effects=(0, 1))
-    accepted = tuple(
-        Accepted(quantity(index), math.nan, math.nan, (), linear(data, effects=(1 - index,))) for index in (0, 1)
-    )
-    assert (
-        hidden_in_remainder(Found(linear(data), (), final, accepted, yardstick(final), (), math.nan), SETTINGS) is None
-    )
+    assert hidden_in_remainder(linear(data), final, lambda _, one: without(data, one), SETTINGS) is None
 
 
 def test_variances_of_pulls_are_one_where_all_is_right() -> None:

@@ -31,7 +31,8 @@ def comparison_of(truth, rng, *, columns=None, held_out=()):
 
 def found_in(comparison, candidates, **settings):
     subject = LinearSubject(UNCERTAIN, comparison.design.shape[1])
-    return Search(comparison, subject, tuple(candidates), SearchSettings(**settings)).run()
+    search = Search(comparison, subject, tuple(candidates), SearchSettings(**settings))
+    return search.found(search.run())
 
 
 def keys(fitted):
@@ -143,7 +144,7 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
         return resolved_at(fitted, start) if abs(start[0]) > 20.0 else fitted
 
     monkeypatch.setattr("monitor_core.discrepancy.searching.search.fit", stuck_where_it_is_far_off)
-    without = search._without(far_off, second)
+    without = search.without(far_off, second)
     assert keys(without) == {"quantity-1"}
     assert without.cost < plain.cost
     best = fit(comparison, hypothesis.with_effect(first), np.zeros(2))
@@ -204,7 +205,8 @@ def test_a_user_is_told_what_is_being_tried() -> None:
     rng = np.random.default_rng(8)
     comparison = comparison_of(np.array([0.0, 3.0]), rng)
     told = []
-    Search(comparison, LinearSubject(UNCERTAIN, 2), (quantity(1),), progress=told.append).run()
+    search = Search(comparison, LinearSubject(UNCERTAIN, 2), (quantity(1),), progress=told.append)
+    search.found(search.run())
     assert told[:2] == ["0 effects found", "refitting with quantity-1"]
     assert "1 effects found" in told
 

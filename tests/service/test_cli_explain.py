@@ -163,7 +163,7 @@ def test_people_read_verdict_values_gaps_and_candidates(preload: Any, responses:
     assert verdict.startswith("The model lacks “Axial stiffness of the far bearing”: with it the gap falls, from ")
     assert re.search(r"σ, on data that were not fitted \(noise floor [\d.]+ σ\)\.$", verdict)
     for words in (
-        "Where model and measurement part", "far-bearing-stiffness │ stiffness_n_per_m", "× 10⁶ N/m", "│ yes",
+        "Where model and measurement part", " │ stiffness_n_per_m │ ", "× 10⁶ N/m", "│ yes",
         "1. with far-bearing-stiffness: ", "held-out data", "What else was thought of",
     ):  # fmt: skip
         assert words in answer.out
@@ -188,7 +188,10 @@ def test_what_is_held_out_is_what_is_asked_for(preload: Any, responses: Path, tm
     """With nothing to adjust the gap at some positions is the same whether these are fitted or held out."""
     fixed = model_in(tmp_path / "fixed.toml", replace(BASELINE, uncertain={}))
     words = ("explain", responses, "--baseline", fixed, "--json", "--hold-out-mm")
-    some = preload(*words, 400, 1525).json()["gap"]["before"]
+    first = preload(*words, 400, 1525).json()
+    some, exact = first["gap"]["before"], first["taken_as"][-1]
+    assert exact.startswith("Taken as exact, and not looked at, since [uncertain] does not list it: ")
+    assert all(name in exact for name in BASELINE.parameters)
     others = preload(*words, 775, 1150, 1900).json()["gap"]["before"]
     assert some["held_out"] == pytest.approx(others["fit"], rel=1e-6)
     assert some["fit"] == pytest.approx(others["held_out"], rel=1e-6)
@@ -364,6 +367,7 @@ FRF = ("axis.frf.h5", "--baseline", "baseline.toml")
         ((*FRF, "--hold-out-mm", 401), "must be a measured one, 400, 775, 1150, 1525, 1900 mm; got 401 mm"),
         ((*FRF, "--hold-out-mm", 400, 775, 1150, 1525, 1900), "must be left for the fit; got all of them"),
         ((*FRF, "--band-hz", 60, 250), "--band-hz goes with a session; got axis.frf.h5"),
+        ((*FRF, "--healthy", "axis.frf.h5"), "--healthy takes machines that lack nothing; axis.frf.h5 is the one"),
         ((*FRF, "--effects", "none.py"), "none.py: expected a file; there is none"),
         ((*FRF, "--effects", "taken.py"), "needs a key that the product does not use; got 'added-mass'"),
         ((*FRF, "--effects", "prefixed.py"), "does not use; got 'wrong-parameter:handwheel'"),

@@ -189,15 +189,41 @@ def test_what_helps_unnamed_and_what_is_pulled_far_is_said_below_the_verdict() -
     assert asides(two)[0].startswith("torque-delay and added-mass help, too")
     pulled = replace(
         plain,
-        pulls={"position": 11.0, "table_mass_kg": -71.6, "loss_factor": 4.9, "bracket_stiffness_n_per_m": 6.2},
-        pulls_before={"table_mass_kg": -70.0, "loss_factor": 0.0, "bracket_stiffness_n_per_m": 0.0},
+        pulls={"position": 11.0, "table_mass_kg": -71.6, "loss_factor": 2.4, "bracket_stiffness_n_per_m": 2.6},
+        pulls_before={"table_mass_kg": -70.0, "loss_factor": 0.0, "bracket_stiffness_n_per_m": 4.9},
+        ln_ratios={"table_mass_kg": math.log(0.7), "loss_factor": 0.9, "bracket_stiffness_n_per_m": math.log(1.5)},
     )
-    (far,) = asides(pulled)  # an error of settings is another matter, and within five nothing is
-    assert far.startswith(
-        "Far from what is declared, in standard deviations: table_mass_kg (−72) and bracket_stiffness"
+    (far,) = asides(pulled)  # an error of settings is another matter, and within 2.5 nothing is
+    moved = (
+        "The fit has table_mass_kg at 0.700 times what is stated (−72 standard deviations) and "
+        "bracket_stiffness_n_per_m at 1.50 times what is stated (2.6 standard deviations)."
     )
+    assert far.startswith(moved)
     for text in (explanation_page(pulled, "", "x"), explanation_markdown(pulled, "", "x")):
-        assert "Far from what is declared, in standard deviations: table_mass_kg (−72)" in text
+        assert moved in text
+
+
+def test_agreement_that_a_parameter_had_to_move_for_is_said_in_the_verdict() -> None:
+    softer = replace(
+        EXAMPLES[Outcome.NONE],
+        pulls={"bearing_stiffness_n_per_m": -3.0, "table_mass_kg": 1.0},
+        pulls_before={"bearing_stiffness_n_per_m": -3.0, "table_mass_kg": 1.0},
+        ln_ratios={"bearing_stiffness_n_per_m": math.log(0.4), "table_mass_kg": 0.01},
+    )
+    assert headline(softer).startswith(
+        "Nothing is missing that these data would show, once bearing_stiffness_n_per_m is as refitted: the gap is"
+    )
+    (moved,) = asides(softer)
+    assert moved.startswith("The fit has bearing_stiffness_n_per_m at 0.400 times what is stated (−3.0 standard dev")
+
+
+def test_gap_of_a_model_that_was_bent_to_the_data_is_said_to_be_that() -> None:
+    bent = replace(EXAMPLES[Outcome.NAMED], pulls={"youngs_modulus_pa": 0.4}, pulls_before={"youngs_modulus_pa": 85.0})
+    assert asides(bent) == (
+        "The gap before is so small only because parameters were bent to the data, in standard deviations: "
+        "youngs_modulus_pa 85.",
+    )
+    assert asides(replace(bent, pulls_before={"youngs_modulus_pa": 4.9})) == ()
 
 
 class Page(HTMLParser):

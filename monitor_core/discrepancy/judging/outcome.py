@@ -1,6 +1,6 @@
 """What a search means: named, equivalent, partial, none or unknown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -11,7 +11,6 @@ from monitor_core.discrepancy.explanation import GapPair, Outcome
 from monitor_core.discrepancy.judging.classes import EquivalenceClass
 from monitor_core.discrepancy.searching.fit import Fitted
 from monitor_core.discrepancy.searching.holding_out import gap_of, in_floors, judged_values, most_of_healthy
-from monitor_core.discrepancy.searching.search import Found
 
 Physics = TypeVar("Physics")
 
@@ -132,7 +131,12 @@ def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: flo
     return gained / (gained + left) if gained > 0.0 else 0.0
 
 
-def hidden_in_remainder(found: Found[Physics], settings: OutcomeSettings) -> Effect[Physics] | None:
+def hidden_in_remainder(
+    baseline: Fitted[Physics],
+    final: Fitted[Physics],
+    without: Callable[[Fitted[Physics], Effect[Physics]], Fitted[Physics]],
+    settings: OutcomeSettings,
+) -> Effect[Physics] | None:
     """Return the effect that explains least, if what is found leaves so much that it may be a part of that.
 
     Only where all of them explain enough to be believed beside what is left: where they do not, nothing is named in any
@@ -140,16 +144,17 @@ def hidden_in_remainder(found: Found[Physics], settings: OutcomeSettings) -> Eff
 
     Parameters
     ----------
-    found : Found
+    baseline, final : Fitted
+        Before anything was added, and after all.
+    without : callable
+        Returns the fit without one of the effects.
     settings : OutcomeSettings
     """
-    if len(found.accepted) < 2:
+    effects, remainder = final.hypothesis.effects, remainder_of(final)
+    if len(effects) < 2 or not (remainder.misses or remainder.is_pulled(settings)):
         return None
-    remainder = remainder_of(found.final)
-    if not (remainder.misses or remainder.is_pulled(settings)):
+    if explained_share(baseline, final, remainder.misfit) < settings.least_share:
         return None
-    if explained_share(found.baseline, found.final, remainder.misfit) < settings.least_share:
-        return None
-    least = min(found.accepted, key=lambda one: one.without.cost)
-    explains = least.without.cost - found.final.cost
-    return least.effect if explains < settings.least_of_remainder * remainder.misfit else None
+    explains = {effect: without(final, effect).cost - final.cost for effect in effects}
+    least = min(explains, key=lambda one: explains[one])
+    return least if explains[least] < settings.least_of_remainder * remainder.misfit else None

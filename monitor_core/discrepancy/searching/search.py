@@ -107,8 +107,14 @@ class Search(Generic[Physics]):
     _known_looks: dict[bytes, tuple[Scanned[Physics], ...]] = field(default_factory=dict, init=False)
     _known_rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
 
-    def run(self) -> Found[Physics]:
-        """Search; raises OutsideValidityError if the subject itself has no answer."""
+    def run(self) -> tuple[Fitted[Physics], ...]:
+        """Return the fits of the search: without any effect, and after each step.
+
+        Raises
+        ------
+        OutsideValidityError
+            If the subject itself has no answer.
+        """
         hypothesis = Hypothesis(self.subject)
         baseline = self._fit(hypothesis, hypothesis.null)
         first = self._with_textbook_physics(baseline)
@@ -127,25 +133,40 @@ class Search(Generic[Physics]):
             other = self._from(rival.fitted, [rival.fitted])
             if delta_bic(current, other[-1], yardstick(other[-1])) > least_difference(self.comparison):
                 steps, current = other, other[-1]
-        return self._found(steps[:-1], self._pruned(current, current.hypothesis.effects))
+        final = self._pruned(current, current.hypothesis.effects)
+        before = [self._known_fits[frozenset()], *steps[:-1]] if final.hypothesis.effects else []
+        return _leading_to(final, before)
 
-    def leave_out(self, found: Found[Physics], effect: Effect[Physics]) -> Found[Physics]:
-        """Return what was found without one of its effects."""
-        final = self._without(found.final, effect)
-        return self._found([one for one in found.steps if _keys(one) < _keys(final)], final)
+    def leave_out(self, steps: Sequence[Fitted[Physics]], effect: Effect[Physics]) -> tuple[Fitted[Physics], ...]:
+        """Return the fits of a search that ends without one of its effects."""
+        final = self.without(steps[-1], effect)
+        return _leading_to(final, [one for one in steps if _keys(one) < _keys(final)])
 
-    def _found(self, earlier: Sequence[Fitted[Physics]], final: Fitted[Physics]) -> Found[Physics]:
-        """Return where a search ended, after the steps before."""
-        keys, by = _keys(final), yardstick(final)
-        return Found(
-            self._known_fits[frozenset()],
-            (*(one for one in earlier if _keys(one) != keys), final) if keys else (),
-            final,
-            tuple(self._judged(final, effect, by) for effect in final.hypothesis.effects),
-            by,
-            self._looks(final),
-            self._least_evidence(final),
-        )
+    def found(self, steps: Sequence[Fitted[Physics]]) -> Found[Physics]:
+        """Judge what a search has found: the evidence for each effect, and what else would do in its place."""
+        final = steps[-1]
+        by = yardstick(final)
+        accepted = tuple(self._judged(final, effect, by) for effect in final.hypothesis.effects)
+        baseline = self._known_fits[frozenset()] if accepted else final
+        return Found(baseline, tuple(steps[1:]), final, accepted, by, self._looks(final), self._least_evidence(final))
+
+    def without(self, fitted: Fitted[Physics], effect: Effect[Physics]) -> Fitted[Physics]:
+        """Return the best fit known without one of the effects of a fit.
+
+        From where the fuller one ended, and no worse than the best one known by then with still fewer effects: evidence
+        would else be of a false minimum.
+        """
+        hypothesis = fitted.hypothesis.without(effect.key)
+        keys = frozenset(one.key for one in hypothesis.effects)
+        from_fuller = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
+        best = _better(self._known_fits.get(keys), from_fuller)
+        plain = _better(*(known for those, known in self._known_fits.items() if those < keys))
+        if plain is not None and (best is None or plain.cost < best.cost):
+            start = hypothesis.carried_over(plain.hypothesis, plain.coordinates)
+            best = _better(best, self._try(hypothesis, start))
+        best = best or self._fit(hypothesis, hypothesis.null)
+        self._remember(best)
+        return best
 
     def _from(self, start: Fitted[Physics], steps: Sequence[Fitted[Physics]]) -> list[Fitted[Physics]]:
         """Return the steps of adding one effect after the other, as long as the evidence carries them."""
@@ -331,35 +352,17 @@ class Search(Generic[Physics]):
 
         An effect, whichever, may show the way out of a false minimum. That is no evidence for it.
         """
-        again = self._without(fuller, fuller.hypothesis.effects[-1])
+        again = self.without(fuller, fuller.hypothesis.effects[-1])
         return current if current.cost - again.cost < _ONE_MINIMUM * abs(current.cost) else again
 
     def _pruned(self, fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> Fitted[Physics]:
         """Return the fit without those of some effects that are not needed."""
         for effect in effects:
-            without = self._without(fitted, effect)
+            without = self.without(fitted, effect)
             if delta_bic(without, fitted, yardstick(fitted)) < self._least_evidence(without):
                 kept = [one for one in effects if one.key != effect.key]
                 return self._pruned(without, kept)
         return fitted
-
-    def _without(self, fitted: Fitted[Physics], effect: Effect[Physics]) -> Fitted[Physics]:
-        """Return the best fit known without one of the effects of a fit.
-
-        From where the fuller one ended, and no worse than the best one known by then with still fewer effects: evidence
-        would else be of a false minimum.
-        """
-        hypothesis = fitted.hypothesis.without(effect.key)
-        keys = frozenset(one.key for one in hypothesis.effects)
-        from_fuller = self._try(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
-        best = _better(self._known_fits.get(keys), from_fuller)
-        plain = _better(*(known for those, known in self._known_fits.items() if those < keys))
-        if plain is not None and (best is None or plain.cost < best.cost):
-            start = hypothesis.carried_over(plain.hypothesis, plain.coordinates)
-            best = _better(best, self._try(hypothesis, start))
-        best = best or self._fit(hypothesis, hypothesis.null)
-        self._remember(best)
-        return best
 
     def _in_place_of(
         self, final: Fitted[Physics], effect: Effect[Physics], known: Collection[str]
@@ -385,7 +388,7 @@ class Search(Generic[Physics]):
 
         Physics without which the model is far from the data, and that is found at its textbook value, has no rival.
         """
-        without = self._without(final, effect)
+        without = self.without(final, effect)
         plain = _is_at_textbook_value(final, effect) and is_far(without)
         refitted = [] if plain else [(one.effect, one.fitted) for one in self._rivals(without)]
         if not plain and looks_mislead(without):
@@ -400,6 +403,11 @@ class Search(Generic[Physics]):
 
 def _keys(fitted: Fitted[Physics]) -> frozenset[str]:
     return frozenset(effect.key for effect in fitted.hypothesis.effects)
+
+
+def _leading_to(final: Fitted[Physics], earlier: Sequence[Fitted[Physics]]) -> tuple[Fitted[Physics], ...]:
+    """Return fits with the final one at their end; one of the same effects gives way to it."""
+    return (*(one for one in earlier if _keys(one) != _keys(final)), final)
 
 
 def _better(*fits: Fitted[Physics] | None) -> Fitted[Physics] | None:

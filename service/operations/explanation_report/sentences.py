@@ -40,7 +40,8 @@ _NOT_HELD = " on the data it was chosen by"
 _TO_THE_TEST = "None could be held out; of five positions or more, two would be."
 _HARDLY_LESS = 0.95  # of a gap
 _TIMES = 1.5  # from this ratio on people say "times"
-_STRAINED, _FAR = 3.0, 5.0  # standard deviations: of what was found instead; of what nothing was found for
+#: Standard deviations: any of a dozen right parameters is moved farther than the first in one report of seven.
+_MOVED, _STRAINED, _FAR = 2.5, 3.0, 5.0
 
 
 def headline(explanation: Explanation) -> str:
@@ -57,7 +58,9 @@ def headline(explanation: Explanation) -> str:
         case Outcome.PARTIAL:
             return f"The model lacks {names}, and more that nothing in the catalogue explains: {gap}."
         case Outcome.NONE:
-            return f"Nothing is missing that these data would show: {_none_sentence(explanation)}."
+            moved = listed(list(_moved(explanation)))
+            once = f", once {moved} {'is' if len(_moved(explanation)) == 1 else 'are'} as refitted" if moved else ""
+            return f"Nothing is missing that these data would show{once}: {_none_sentence(explanation)}."
         case Outcome.UNKNOWN:
             return f"Something is missing that nothing in the catalogue explains: {_unknown_sentence(explanation)}."
 
@@ -71,8 +74,13 @@ def meaning(explanation: Explanation) -> str:
 
 
 def asides(explanation: Explanation) -> tuple[str, ...]:
-    """Return what goes with the verdict: what was settled first, what helps unnamed, and what is pulled far."""
-    return (*explanation.taken_as, *_hidden_in_remainder(explanation), *_pulled_far(explanation))
+    """Return what goes with the verdict: what was settled first, what helps unnamed, and what was pulled far."""
+    return (
+        *explanation.taken_as,
+        *_hidden_in_remainder(explanation),
+        *_pulled(explanation),
+        *_strained_before(explanation),
+    )
 
 
 def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
@@ -85,14 +93,39 @@ def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
         )
 
 
-def _pulled_far(explanation: Explanation) -> Iterator[str]:
-    """Say which declared parameters do not hold in the end."""
-    declared = [name for name in explanation.pulls_before if abs(explanation.pulls.get(name, 0.0)) > _FAR]
-    if declared:
-        far = listed([f"{name} ({rounded(explanation.pulls[name], 2)})" for name in declared])
+def _pulled(explanation: Explanation) -> Iterator[str]:
+    """Say which declared parameters were moved beyond what is usual, to what, and what it may mean."""
+    moved = _moved(explanation)
+    if moved:
+        each = [
+            f"{name} at {rounded(math.exp(explanation.ln_ratios[name]), 3)} times what is stated "
+            f"({rounded(pull, 2)} standard deviations)"
+            for name, pull in moved.items()
+        ]
         yield (
-            f"Far from what is declared, in standard deviations: {far}. Either that is wrong, or it makes up for a "
-            "parameter that is taken as exact (it does not stand in [uncertain]), or for physics that is missing."
+            f"The fit has {listed(each)}. That may be a finding of its own, or the statement is wrong, or it makes "
+            "up for a parameter that is taken as exact, or for physics that is missing."
+        )
+
+
+def _moved(explanation: Explanation) -> dict[str, float]:
+    """Return the pulls of the declared parameters that the fit has moved beyond what is usual."""
+    pulls = {name: explanation.pulls.get(name, 0.0) for name in explanation.pulls_before}
+    return {name: pull for name, pull in pulls.items() if abs(pull) > _MOVED}
+
+
+def _strained_before(explanation: Explanation) -> Iterator[str]:
+    """Say that the gap before is of a model that was bent to the data."""
+    strained = {
+        name: pull
+        for name, pull in explanation.pulls_before.items()
+        if abs(pull) > _FAR and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
+    }
+    if strained:
+        each = [f"{name} {rounded(abs(pull), 2)}" for name, pull in strained.items()]
+        yield (
+            f"The gap before is so small only because parameters were bent to the data, in standard deviations: "
+            f"{listed(each)}."
         )
 
 
@@ -115,7 +148,7 @@ def effect_named(one: FoundEffect) -> str:
 
 
 def listed(parts: Sequence[str]) -> str:
-    """Join as a sentence does."""
+    """Join as a sentence does; nothing is an empty text."""
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
@@ -214,7 +247,7 @@ def threshold(explanation: Explanation) -> str:
 def _gap_sentence(explanation: Explanation) -> str:
     gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
     before, after = judged_gap(gap.before), judged_gap(gap.after)
-    if after > _HARDLY_LESS * before and (strained := _strained_before(explanation)):
+    if after > _HARDLY_LESS * before and (strained := _eased(explanation)):
         return (
             f"the gap stays at {rounded(after)}{unit}, {judged_on(explanation)} (noise floor "
             f"{rounded(gap.noise_floor)}{unit}), but without, {strained}"
@@ -226,7 +259,7 @@ def _gap_sentence(explanation: Explanation) -> str:
     )
 
 
-def _strained_before(explanation: Explanation) -> str:
+def _eased(explanation: Explanation) -> str:
     """Say which declared parameter would have to be far off in the place of what was found; empty if none."""
     eased = {
         name: pull
