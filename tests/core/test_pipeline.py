@@ -16,6 +16,7 @@ from monitor_core.pipeline import (
     calibrate_from_measurements,
     check_window,
     judge_measurement,
+    measure_response,
 )
 from monitor_core.preload import (
     Calibration,
@@ -144,3 +145,32 @@ def test_dead_zone_opens_only_where_the_baseline_has_not_been() -> None:
     # its scatter holds the errors of k1 and k2 already, so they are not counted again
     assert [doubt(x, all_over) for x in all_over] == [0.0] * 5
     assert doubt(1.2, all_over) > 0.0
+
+
+def ringing(modes: list[tuple[float, float]], template: tuple[Window, ...]) -> list[Window]:
+    """Return windows of white excitation of an axis with modes of 2 % damping, at frequencies with amplitudes."""
+    rng, n, rate = np.random.default_rng(1), template[0].n_samples, template[0].sample_rate
+    omega = 2.0 * np.pi * np.fft.rfftfreq(2 * n, 1.0 / rate)
+    accelerance = sum(
+        -amplitude * omega**2 / ((2.0 * np.pi * f) ** 2 - omega**2 + 0.04j * 2.0 * np.pi * f * omega)
+        for f, amplitude in modes
+    )
+    made = []
+    for one in template:
+        excitation = rng.standard_normal(2 * n)
+        response = np.fft.irfft(np.fft.rfft(excitation) * accelerance, 2 * n)[n:]
+        noise = 0.3 * np.std(response) * rng.standard_normal(n)
+        made.append(replace(one, excitation=excitation[n:], response=response + noise))
+    return made
+
+
+def test_response_has_all_lines_though_its_mode_is_looked_for_in_a_band(measurements) -> None:
+    """Two close modes above the band, which nobody wants, refuse the measurement where no band says so."""
+    windows = ringing([(180.0, 1.0), (350.0, 1.0), (358.0, 1.0)], measurements[0])
+    banded, free = (measure_response(windows, AxisSettings(search_band=band)) for band in ((140.0, 230.0), None))
+    assert isinstance(banded, ModalMeasurement)
+    assert banded.mode.frequency.value == pytest.approx(180.0, abs=0.5)
+    lines, rate = banded.frequency_response.frequency, windows[0].sample_rate
+    assert lines[0] == pytest.approx(0.02 * rate, abs=2.0)
+    assert lines[-1] == pytest.approx(0.4 * rate, abs=2.0)
+    assert isinstance(free, Rejection)
