@@ -220,7 +220,7 @@ def test_agreement_that_a_parameter_had_to_move_for_is_said_in_the_verdict() -> 
 def test_gap_of_a_model_that_was_bent_to_the_data_is_said_to_be_that() -> None:
     bent = replace(EXAMPLES[Outcome.NAMED], pulls={"youngs_modulus_pa": 0.4}, pulls_before={"youngs_modulus_pa": 85.0})
     assert asides(bent) == (
-        "The gap before is so small only because parameters were bent to the data, in standard deviations: "
+        "The gap before is that of a model bent to the data, in standard deviations of its parameters: "
         "youngs_modulus_pa 85.",
     )
     assert asides(replace(bent, pulls_before={"youngs_modulus_pa": 4.9})) == ()

@@ -124,7 +124,7 @@ def _strained_before(explanation: Explanation) -> Iterator[str]:
     if strained:
         each = [f"{name} {rounded(abs(pull), 2)}" for name, pull in strained.items()]
         yield (
-            f"The gap before is so small only because parameters were bent to the data, in standard deviations: "
+            f"The gap before is that of a model bent to the data, in standard deviations of its parameters: "
             f"{listed(each)}."
         )
 
