@@ -320,5 +320,5 @@ def _detection_limit(look: Scanned[Physics] | None, found: Found[Physics]) -> fl
     by = found.yardstick
     needed = found.least_delta_bic + by.penalty(len(look.effect.parameters))
     one = look.effect.parameters[0]
-    limit = one.scale * math.sqrt(needed / (by.factor * look.information))
+    limit = abs(one.scale) * math.sqrt(needed / (by.factor * look.information))
     return limit if limit <= max(abs(one.lower), abs(one.upper)) else None

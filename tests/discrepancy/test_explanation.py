@@ -31,10 +31,11 @@ def linear(truth, *, columns=None, seed=1, held_out=()):
     return LinearComparison(layout, design, data, np.zeros((0, N)), least_delta_bic=30.0)
 
 
-def test_an_effect_at_its_detection_limit_is_found() -> None:
-    """A quarter more is, a quarter less is not; the limit is stated where nothing is missing, in its unit."""
+@pytest.mark.parametrize("scale", [0.02, -0.02])
+def test_an_effect_at_its_detection_limit_is_found(scale) -> None:
+    """A quarter more is, a quarter less is not; the limit is stated where nothing is missing, in its unit, unsigned."""
     healthy = linear(np.zeros(2))
-    subject_, candidate = LinearSubject({}, 2), quantity(1, scale=0.02)
+    subject_, candidate = LinearSubject({}, 2), quantity(1, scale=scale)
     answer = explain(healthy, subject_, [candidate])
     (stated,) = answer.candidates
     assert (stated.key, stated.unit) == ("quantity-1", "-")
