@@ -184,15 +184,11 @@ def _uncertain(fields: Fields, parameters: Mapping[str, float]) -> dict[str, flo
     """Return the shares; one of a value that is not stated, or is zero, would say nothing."""
     fields.only(set(parameters))
     shares = {name: fields.positive(name, "-") for name in fields.values}
-    for name, share in shares.items():
+    for name in shares:
         if parameters[name] == 0.0:
             raise RecordingFormatError(
                 f"{fields.where}, {name}: a share of 0 is nothing; expected a parameter that is not zero, got 0 in "
                 "[parameters]"
-            )
-        if share > 1.0:
-            raise RecordingFormatError(
-                f"{fields.where}, {name}: expected a share of at most 1, 0.05 for 5 %; got {share:g}"
             )
     return shares
 

@@ -38,7 +38,7 @@ def test_what_is_written_is_read_back(tmp_path, family):
 
 @given(
     mass=st.floats(1e-30, 1e30),
-    share=st.floats(1e-12, 1.0),
+    share=st.floats(1e-12, 1e6),
     value=st.floats(allow_nan=False, allow_infinity=False),
     key=st.from_regex(r"[A-Za-z0-9_.:-]{1,20}", fullmatch=True),
 )
@@ -152,10 +152,6 @@ BAD = {
     "uncertain is no table": ("uncertain = 1\n" + TEXT, "expected a table [uncertain]; got int 1"),
     "uncertain of nothing": (TEXT + "[uncertain]\nmass_kg = 0.1", "drive.toml [uncertain]: expected only "),
     "uncertain not stated": (TEXT + "[uncertain]\nbracket_stiffness_n_per_m = 0.1", "got 'bracket_stiffness_n_per_m'"),
-    "uncertain by 500 %": (
-        TEXT + "[uncertain]\nbearing_stiffness_n_per_m = 5",
-        "[uncertain], bearing_stiffness_n_per_m: expected a share of at most 1, 0.05 for 5 %; got 5",
-    ),
     "uncertain about zero": (
         TEXT.replace("loss_factor = 0.053", "loss_factor = 0.0") + "[uncertain]\nloss_factor = 0.2",
         "[uncertain], loss_factor: a share of 0 is nothing; expected a parameter that is not zero",

@@ -48,7 +48,8 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -> None:
     words = ("explain", session, "--baseline", REPLAY / "models" / "replay-axis.toml", "--json")
     document = preload(*words).json()
-    (sentence,) = document["taken_as"]  # of one temperature
+    sentence, exact = document["taken_as"]  # of one temperature
+    assert exact.startswith("Taken as exact, and not looked at, since [uncertain] does not list it: nut_mass_kg")
     assert sentence.startswith("The accelerometer is taken to be on the nut, where the model leaves 1.")
     assert "σ on the table); state it if it is elsewhere." in sentence
     # the plant's friction, which no window of a session can vary, is what is left
