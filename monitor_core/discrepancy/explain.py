@@ -18,7 +18,6 @@ from monitor_core.discrepancy.explanation import (
     FoundEffect,
     FoundParameter,
     Gap,
-    GapPair,
     Misfit,
     MisfitMap,
     Outcome,
@@ -29,6 +28,7 @@ from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member, e
 from monitor_core.discrepancy.judging.outcome import (
     OutcomeSettings,
     explained_share,
+    gap_pair,
     hidden_in_remainder,
     outcome_of,
     remainder_of,
@@ -41,7 +41,7 @@ from monitor_core.discrepancy.localising.localisation import (
 )
 from monitor_core.discrepancy.searching.evidence import Yardstick
 from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import gain, gap_of
+from monitor_core.discrepancy.searching.holding_out import gain
 from monitor_core.discrepancy.searching.mode import at_mode
 from monitor_core.discrepancy.searching.scan import Scanned
 from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
@@ -100,9 +100,9 @@ def explain(
     final = at_mode(final)
     found = replace(found, final=final)
     remainder = remainder_of(found.final)
-    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), remainder.gap)
+    gap = Gap(comparison.unit, comparison.noise_floor, gap_pair(found.baseline), remainder.gap)
     explained = explained_share(found.baseline, found.final, remainder.misfit)
-    left = remainder.misses or remainder.is_pulled(settings.outcome)
+    left = remainder.is_left(settings.outcome)
     outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
     told = {key for one in classes for key in (one.leader.effect.key, *one.others, *one.twins)}
     tell("locating the misfit")
@@ -184,10 +184,6 @@ def _with_answer(comparison: Comparison[Physics], models: Mapping[str, Physics])
     return found
 
 
-def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
-    return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
-
-
 def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
     """Return what was added one after the other, by the keys that lead their classes, and what it left."""
     leaders = {one.effect.key: of.leader.effect.key for one, of in zip(found.accepted, classes, strict=True)}
@@ -196,7 +192,7 @@ def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) 
         known = {effect.key for effect in earlier.hypothesis.effects}
         added = [effect.key for effect in later.hypothesis.effects if effect.key not in known]
         left = found.final if later is found.steps[-1] else later
-        steps.append(Step(" + ".join(leaders.get(key, key) for key in added), _gap_pair(left)))
+        steps.append(Step(" + ".join(leaders.get(key, key) for key in added), gap_pair(left)))
     return tuple(steps)
 
 

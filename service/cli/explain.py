@@ -105,7 +105,8 @@ def explain(
     """
     if out is not None and not out.parent.is_dir():
         raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
-    if any(path.resolve() == data.resolve() for path in _files(healthy_paths)):
+    healthy_files = tuple(_files(healthy_paths))
+    if any(path.resolve() == data.resolve() for path in healthy_files):
         raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
     measured, taken_as = _measured(data, band_hz, accelerometer)
     request = ExplanationRequest(
@@ -113,7 +114,7 @@ def explain(
         measured=measured,
         hold_out=tuple(metres(one) for one in hold_out_mm),
         effects=() if effects_path is None else read_effect_file(effects_path),
-        healthy=tuple(_responses(path, band_hz) for path in _files(healthy_paths)),
+        healthy=tuple(_responses(path, band_hz) for path in healthy_files),
         accelerometer=accelerometer,
         taken_as=taken_as,
     )

@@ -61,6 +61,15 @@ class Remainder:
         """Tell whether errors of settings scatter more than what is known of them allows."""
         return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
 
+    def is_left(self, settings: OutcomeSettings) -> bool:
+        """Tell whether anything is left that a healthy axis would not leave."""
+        return self.misses or self.is_pulled(settings)
+
+
+def gap_pair(fitted: Fitted[Physics]) -> GapPair:
+    """Return the gap of a fit on the values it saw and on those it did not."""
+    return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
+
 
 def remainder_of(fitted: Fitted[Physics]) -> Remainder:
     r"""Return what a fit leaves.
@@ -74,8 +83,7 @@ def remainder_of(fitted: Fitted[Physics]) -> Remainder:
     with the excess of the gap over what healthy axes leave, and of the variances of the pulls over one, both only where
     there is any.
     """
-    comparison = fitted.comparison
-    gap = GapPair(fitted.gap, gap_of(comparison, fitted.held_out))
+    comparison, gap = fitted.comparison, gap_pair(fitted)
     # of values that were not fitted where there are any: the rms of few scatters by itself
     most = most_of_healthy(int(np.count_nonzero(judged_values(fitted))))
     floors, pulls = in_floors(comparison.noise_floor, gap.fit, gap.held_out), variances_of_pulls(fitted)
@@ -104,7 +112,7 @@ def outcome_of(
         From :func:`explained_share`.
     settings : OutcomeSettings
     """
-    left = remainder.misses or remainder.is_pulled(settings)
+    left = remainder.is_left(settings)
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
     plausible = [one for one in classes if one.leader.plausible]
@@ -151,7 +159,7 @@ def hidden_in_remainder(
     settings : OutcomeSettings
     """
     effects, remainder = final.hypothesis.effects, remainder_of(final)
-    if len(effects) < 2 or not (remainder.misses or remainder.is_pulled(settings)):
+    if len(effects) < 2 or not remainder.is_left(settings):
         return None
     if explained_share(baseline, final, remainder.misfit) < settings.least_share:
         return None

@@ -116,11 +116,7 @@ def _moved(explanation: Explanation) -> dict[str, float]:
 
 def _strained_before(explanation: Explanation) -> Iterator[str]:
     """Say that the gap before is of a model that was bent to the data."""
-    strained = {
-        name: pull
-        for name, pull in explanation.pulls_before.items()
-        if abs(pull) > _FAR and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
-    }
+    strained = _eased(explanation, _FAR)
     if strained:
         each = [f"{name} {rounded(abs(pull), 2)}" for name, pull in strained.items()]
         yield (
@@ -247,7 +243,7 @@ def threshold(explanation: Explanation) -> str:
 def _gap_sentence(explanation: Explanation) -> str:
     gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
     before, after = judged_gap(gap.before), judged_gap(gap.after)
-    if after > _HARDLY_LESS * before and (strained := _eased(explanation)):
+    if after > _HARDLY_LESS * before and (strained := _would_have_to_be(explanation)):
         return (
             f"the gap stays at {rounded(after)}{unit}, {judged_on(explanation)} (noise floor "
             f"{rounded(gap.noise_floor)}{unit}), but without, {strained}"
@@ -259,17 +255,22 @@ def _gap_sentence(explanation: Explanation) -> str:
     )
 
 
-def _eased(explanation: Explanation) -> str:
+def _would_have_to_be(explanation: Explanation) -> str:
     """Say which declared parameter would have to be far off in the place of what was found; empty if none."""
-    eased = {
-        name: pull
-        for name, pull in explanation.pulls_before.items()
-        if abs(pull) > _STRAINED and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
-    }
+    eased = _eased(explanation, _STRAINED)
     if not eased:
         return ""
     name = max(eased, key=lambda one: abs(eased[one]))
     return f"{name} would have to be {rounded(abs(eased[name]), 2)} standard deviations from what is stated"
+
+
+def _eased(explanation: Explanation, beyond: float) -> dict[str, float]:
+    """Return the pulls before, beyond so much, of the declared parameters that what was found has eased."""
+    return {
+        name: pull
+        for name, pull in explanation.pulls_before.items()
+        if abs(pull) > beyond and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
+    }
 
 
 def _none_sentence(explanation: Explanation) -> str:
