@@ -79,7 +79,7 @@ def _taken_as_exact(given: DriveModelFile) -> tuple[str, ...]:
     exact = [name for name in given.parameters if name not in given.uncertain]
     if not exact:
         return ()
-    return (f"Taken as exact, and not looked at, since [uncertain] does not list it: {', '.join(exact)}.",)
+    return (f"Taken as exact, since [uncertain] does not list it: {', '.join(exact)}.",)
 
 
 def explain_measurements(

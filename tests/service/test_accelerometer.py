@@ -49,7 +49,7 @@ def test_a_session_of_the_nut_is_explained_as_one(preload: Any, session: Path) -
     words = ("explain", session, "--baseline", REPLAY / "models" / "replay-axis.toml", "--json")
     document = preload(*words).json()
     sentence, exact = document["taken_as"]  # of one temperature
-    assert exact.startswith("Taken as exact, and not looked at, since [uncertain] does not list it: nut_mass_kg")
+    assert exact.startswith("Taken as exact, since [uncertain] does not list it: nut_mass_kg")
     assert sentence.startswith("The accelerometer is taken to be on the nut, where the model leaves 1.")
     assert "σ on the table); state it if it is elsewhere." in sentence
     # the plant's friction, which no window of a session can vary, is what is left
