@@ -21,7 +21,7 @@ from monitor_core.models.extended import (
     responses,
 )
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.receptance import ReceptanceModel
+from monitor_core.models.published.receptance import ReceptanceModel
 
 FREQUENCY = np.linspace(10.0, 800.0, 100)
 CONDITIONS = [DriveConditions(position=0.2 + 0.07 * n, excitation_level=5.0) for n in range(30)]

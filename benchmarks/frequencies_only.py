@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.score_card import OUTSIDE, row, size_of
-from monitor_core.discrepancy.comparing.conditions import default_folds
-from monitor_core.discrepancy.comparing.modes import compare_modes
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Candidate, Outcome
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects.frequencies import (

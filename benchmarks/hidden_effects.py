@@ -18,18 +18,18 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.score_card import NOISES, OUTSIDE, Job, Scored, score_card
-from monitor_core.discrepancy.comparing.conditions import default_folds
-from monitor_core.discrepancy.comparing.model_form import ModelFormError
-from monitor_core.discrepancy.comparing.responses import ResponsesComparison, compare_responses
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Explanation
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.evidence import yardstick
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.form_learning import learn_form_error
-from monitor_core.discrepancy.searching.holding_out import fitted_values
-from monitor_core.discrepancy.subject import DriveSubject
 from monitor_core.errors import MonitorCoreError, OutsideValidityError
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.evidence import yardstick
+from monitor_core.fitting.hold_out import fitted_values
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.learnt_form import learn_form_error
+from monitor_core.fitting.residuals.model_form import ModelFormError
+from monitor_core.fitting.residuals.responses import ResponsesComparison, compare_responses
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.families import build_model
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.model_file import parse_model

@@ -9,16 +9,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.fit import LocalFit, fit_local
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.residuals.peaks import ModalProblem, Weighting, modal_problem
+from monitor_core.fitting.residuals.receptance_lines import ResidualForm, in_form, response_problem
+from monitor_core.fitting.solver.global_search import SearchSettings, StartOrigin, search
+from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
 from monitor_core.identification.identifiability import assess
-from monitor_core.identification.modal_problem import ModalProblem, Weighting, modal_problem
-from monitor_core.identification.observations import AssignedPeak, ModalObservation
-from monitor_core.identification.problem import Bounds
-from monitor_core.identification.response_problem import ResidualForm, in_form, response_problem
-from monitor_core.identification.search import SearchSettings, StartOrigin, search
 from monitor_core.models.protocol import DriveConditions
-from monitor_core.models.receptance.closed_form import position_terms, table_receptance
+from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
 from tests.identification import simulated, tian
 
 JOINTS = JointCoordinates(tian.axis())

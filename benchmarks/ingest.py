@@ -36,9 +36,9 @@ from monitor_core.pipeline import check_window, judge_measurement
 from monitor_core.preload import Calibration, ModalReading, Weighting, calibrate
 from monitor_core.recording import Conditions, ExcitationSource, Rejection, Window
 from monitor_core.recordings.calibration_file import calibration_document
-from service.api.body import JSON_TYPE, MSGPACK_TYPE
-from service.cli.client import window_document
-from service.operations.settings_of_axis import AxisConfiguration, core_settings
+from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
+from service.cli.remote.client import window_document
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 
 SAMPLE_RATE, N_SAMPLES, N_WINDOWS = 4000.0, 20_000, 20  # five seconds each
 IN_A_ROW = 4  # measurements of a turn

@@ -13,7 +13,7 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from service.api.body import JSON_TYPE
+from service.api.http.body import JSON_TYPE
 
 
 def create_app(folder: Path) -> FastAPI:

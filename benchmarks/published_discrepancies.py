@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from monitor_core.discrepancy.explanation import Explanation, GapPair
-from monitor_core.identification.observations import ModalObservation
+from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import DriveModelFile, read_model_file
-from service.operations.explanation import ExplanationRequest, explain_measurements
-from service.operations.explanation_report import explanation_markdown
+from service.operations.discrepancy.explanation import ExplanationRequest, explain_measurements
 from service.operations.measured_responses import modal_observation
+from service.report import explanation_markdown
 
 REPLAY_DATA = Path(__file__).resolve().parent.parent / "replay_data"
 #: Joints of this kind are known to some 30 %.

@@ -13,9 +13,13 @@ from collections.abc import Callable
 import numpy as np
 
 from monitor_core.models.protocol import DriveConditions
-from monitor_core.models.receptance import ReceptanceParameters
-from monitor_core.models.receptance.closed_form import position_terms, table_receptance, table_receptance_gradient
-from monitor_core.models.receptance.matrices import drive_receptance
+from monitor_core.models.published.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance.closed_form import (
+    position_terms,
+    table_receptance,
+    table_receptance_gradient,
+)
+from monitor_core.models.published.receptance.matrices import drive_receptance
 
 FREQUENCY = np.linspace(5.0, 1000.0, 2000)
 CONDITIONS = DriveConditions(position=1.0)

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from monitor_core.discrepancy.effect import EffectParameter
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS
-from monitor_core.discrepancy.hypothesis import is_size
+from monitor_core.effects import DRIVE_EFFECTS
+from monitor_core.effects.effect import EffectParameter
+from monitor_core.fitting.hypothesis import is_size
 
 Case = TypeVar("Case")
 NOISES = (0.003, 0.01)

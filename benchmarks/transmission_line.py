@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from monitor_core.models.transmission_line import LineGrid, common_step_grid, synchronised_grid
-from monitor_core.models.transmission_line.kernel import (
+from monitor_core.models.published.transmission_line import LineGrid, common_step_grid, synchronised_grid
+from monitor_core.models.published.transmission_line.kernel import (
     LineState,
     Outputs,
     compiled_stepper,

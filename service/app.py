@@ -10,26 +10,26 @@ from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 
 from service.api import alarms, axes, calibrations, discrepancies, health, identifications, jobs, trend, windows
-from service.api.body import require_json
-from service.api.limits import RequestLimits
-from service.api.observer import RequestObserver
-from service.api.openapi import describe
-from service.api.problems import PROBLEM_RESPONSES, install_problem_handlers
+from service.api.http.body import require_json
+from service.api.http.limits import RequestLimits
+from service.api.http.observer import RequestObserver
+from service.api.http.openapi import describe
+from service.api.http.problems import PROBLEM_RESPONSES, install_problem_handlers
 from service.api.services import Services
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
-from service.operations.alarms import Alarms
-from service.operations.axes import Axes
-from service.operations.calibrations import Calibrations
-from service.operations.change_of_axis import KIND as ALARM_EXPLANATION
-from service.operations.change_of_axis import AlarmExplanations
-from service.operations.discrepancies import KIND as DISCREPANCY
-from service.operations.discrepancies import Discrepancies
-from service.operations.identifications import Identifications
-from service.operations.ingest import Ingest
-from service.operations.lanes import Lanes
-from service.operations.replay import Replays
-from service.operations.trend import Trend
+from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
+from service.operations.discrepancy.alarm_cause import AlarmExplanations
+from service.operations.discrepancy.discrepancies import KIND as DISCREPANCY
+from service.operations.discrepancy.discrepancies import Discrepancies
+from service.operations.identification.identifications import Identifications
+from service.operations.monitoring.alarms import Alarms
+from service.operations.monitoring.axes import Axes
+from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.ingest import Ingest
+from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.replay import Replays
+from service.operations.monitoring.trend import Trend
 from service.settings import Settings
 from service.store.database import Database
 from service.store.reports import ReportStore

@@ -8,10 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.discrepancy.comparing.comparison import Comparison
-from monitor_core.discrepancy.comparing.conditions import varied_conditions
-from monitor_core.discrepancy.effect import Effect
-from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -23,9 +19,18 @@ from monitor_core.discrepancy.explanation import (
     Outcome,
     Step,
 )
-from monitor_core.discrepancy.judging.advice import next_measurement
-from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member, equivalence_class, found_parameters
-from monitor_core.discrepancy.judging.outcome import (
+from monitor_core.discrepancy.localisation.places import (
+    HealthyScatter,
+    localise,
+    misfit_map,
+    varied_conditions_of_maps,
+)
+from monitor_core.discrepancy.localisation.signatures import signatures
+from monitor_core.discrepancy.screening import Scanned
+from monitor_core.discrepancy.search.search import Found, Search, SearchSettings
+from monitor_core.discrepancy.verdict.advice import next_measurement
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class, found_parameters
+from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     explained_share,
     gap_pair,
@@ -33,21 +38,16 @@ from monitor_core.discrepancy.judging.outcome import (
     outcome_of,
     remainder_of,
 )
-from monitor_core.discrepancy.localising.localisation import (
-    HealthyScatter,
-    localise,
-    misfit_map,
-    varied_conditions_of_maps,
-)
-from monitor_core.discrepancy.searching.evidence import Yardstick
-from monitor_core.discrepancy.searching.fit import Fitted, fit
-from monitor_core.discrepancy.searching.holding_out import gain
-from monitor_core.discrepancy.searching.mode import at_mode
-from monitor_core.discrepancy.searching.scan import Scanned
-from monitor_core.discrepancy.searching.search import Found, Search, SearchSettings
-from monitor_core.discrepancy.searching.signatures import signatures
-from monitor_core.discrepancy.subject import Subject
+from monitor_core.effects import PREFIX
+from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Comparison
+from monitor_core.fitting.conditions.settings import varied_conditions
+from monitor_core.fitting.described_axis import Subject
+from monitor_core.fitting.evidence import Yardstick
+from monitor_core.fitting.hold_out import gain
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+from monitor_core.fitting.solver.posterior_mode import at_mode
 
 Physics = TypeVar("Physics")
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from monitor_core.arrays import FloatArray, read_only
-from monitor_core.discrepancy.comparing.comparison import Panel
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
 
 

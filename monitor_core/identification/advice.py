@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.residuals.peak_search import Band
+from monitor_core.fitting.solver.least_squares import LocalFit
 from monitor_core.identification.cases import Case, positions_of
-from monitor_core.identification.fit import LocalFit
-from monitor_core.identification.peaks import Band
 from monitor_core.identification.sensitivity import (
     Detectability,
     NextPosition,
@@ -19,7 +19,7 @@ from monitor_core.identification.sensitivity import (
     rank_next_positions,
 )
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
 
 #: Of one monitored frequency: what a judged measurement of some twenty windows states on the bundled sessions.
 MONITORED_UNCERTAINTY = 1e-3

@@ -22,11 +22,11 @@ from scipy.optimize import linear_sum_assignment
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
+from monitor_core.fitting.residuals.peak_search import IndexArray
 from monitor_core.identification.mode_tracks import ModeTracks, track_modes
-from monitor_core.identification.observations import AssignedPeak, ModalObservation, conditions_in_order
-from monitor_core.identification.peaks import IndexArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance.parameters import ReceptanceParameters
+from monitor_core.models.published.receptance.parameters import ReceptanceParameters
 
 #: A mode in which the table moves with less than this share of its largest φ² is masked: its peak is 13 dB lower.
 MASKED_BELOW = 0.05

@@ -9,9 +9,17 @@ import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.identification.assignment import ModeAssignment, assign_modes
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.modal_problem import (
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import (
+    AssignedPeak,
+    FrequencyResponseObservation,
+    ModalObservation,
+    conditions_in_order,
+)
+from monitor_core.fitting.priors import with_priors
+from monitor_core.fitting.problem import Problem
+from monitor_core.fitting.residuals.peak_search import Band
+from monitor_core.fitting.residuals.peaks import (
     ModalProblem,
     Weighting,
     modal_problem,
@@ -20,18 +28,10 @@ from monitor_core.identification.modal_problem import (
     relative_amplitude_uncertainty,
     relative_frequency_uncertainty,
 )
+from monitor_core.fitting.residuals.receptance_lines import ResidualForm, response_problem
+from monitor_core.identification.assignment import ModeAssignment, assign_modes
 from monitor_core.identification.mode_tracks import track_modes
-from monitor_core.identification.observations import (
-    AssignedPeak,
-    FrequencyResponseObservation,
-    ModalObservation,
-    conditions_in_order,
-)
-from monitor_core.identification.peaks import Band
 from monitor_core.identification.planning import planned_peaks
-from monitor_core.identification.priors import with_priors
-from monitor_core.identification.problem import Problem
-from monitor_core.identification.response_problem import ResidualForm, response_problem
 from monitor_core.models.protocol import DriveConditions
 
 #: Positions that peaks are needed at: one position fits its own peaks with joints that fail elsewhere.

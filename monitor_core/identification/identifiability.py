@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from monitor_core.arrays import FloatArray, read_only
-from monitor_core.identification.fit import LocalFit
-from monitor_core.identification.problem import Bounds, Problem
+from monitor_core.fitting.problem import Bounds, Problem
+from monitor_core.fitting.solver.global_search import MapFunction
+from monitor_core.fitting.solver.least_squares import LocalFit
 from monitor_core.identification.profiles import Profile, ProfileInterval, quantile
-from monitor_core.identification.search import MapFunction
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: The linear interval is not trusted where the profile's ends lie further from the best value than its own by this

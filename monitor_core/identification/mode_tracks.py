@@ -14,10 +14,10 @@ from scipy.optimize import linear_sum_assignment
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
-from monitor_core.identification.peaks import IndexArray
+from monitor_core.fitting.residuals.peak_search import IndexArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance.chain import DiscreteDrive, discretise
-from monitor_core.models.receptance.parameters import ReceptanceParameters
+from monitor_core.models.published.receptance.chain import DiscreteDrive, discretise
+from monitor_core.models.published.receptance.parameters import ReceptanceParameters
 
 #: Elastic modes that are followed; the highest may lose their partners at the edge and are not returned.
 N_FOLLOWED = 10

@@ -7,23 +7,23 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.coordinates import ModelCoordinates
+from monitor_core.fitting.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.priors import with_priors
+from monitor_core.fitting.problem import Problem
+from monitor_core.fitting.residuals.lines import ModelResponseProblem, model_response_problem
+from monitor_core.fitting.residuals.natural_frequencies import (
+    NaturalFrequencyProblem,
+    assign_by_frequency,
+    natural_frequency_problem,
+)
+from monitor_core.fitting.residuals.receptance_lines import ResidualForm
 from monitor_core.identification.cases import (
     POSITIONS_OF_PEAKS,
     PredictionError,
     median_relative_noise,
     response_errors,
 )
-from monitor_core.identification.model_coordinates import ModelCoordinates
-from monitor_core.identification.model_modal_problem import (
-    NaturalFrequencyProblem,
-    assign_by_frequency,
-    natural_frequency_problem,
-)
-from monitor_core.identification.model_response_problem import ModelResponseProblem, model_response_problem
-from monitor_core.identification.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
-from monitor_core.identification.priors import with_priors
-from monitor_core.identification.problem import Problem
-from monitor_core.identification.response_problem import ResidualForm
 from monitor_core.models.protocol import DriveConditions
 
 #: By how much a natural frequency may lie off the model as stated: one joint ten times too soft takes a third off it.

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from monitor_core.arrays import FloatArray
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.modal_problem import AMPLITUDE_UNCERTAINTY, FREQUENCY_UNCERTAINTY, modal_problem
-from monitor_core.identification.observations import AssignedPeak, ModalObservation
-from monitor_core.identification.peaks import Band, Place, find_peaks, peak_grid
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peaks import AMPLITUDE_UNCERTAINTY, FREQUENCY_UNCERTAINTY, modal_problem
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 

@@ -10,8 +10,8 @@ from scipy.stats import norm, t
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
-from monitor_core.identification.fit import FitSettings, LocalFit, fit_local
-from monitor_core.identification.problem import Bounds, Problem
+from monitor_core.fitting.problem import Bounds, Problem
+from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Refits of the other coordinates need no more digits than the ends of an interval.

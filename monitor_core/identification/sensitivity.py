@@ -14,9 +14,9 @@ from scipy import special
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.peaks import Band, Place, find_peaks_with_gradient, peak_grid
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks_with_gradient, peak_grid
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance.parameters import JOINT_NAMES, ReceptanceParameters
+from monitor_core.models.published.receptance.parameters import JOINT_NAMES, ReceptanceParameters
 
 #: Eq. (1) of Nguyen et al. (2018): exponent of the preload in the nut's rigidity.
 _PRELOAD_EXPONENT = 1.0 / 3.0

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.hybrid import HybridModel, HybridParameters
-from monitor_core.models.lumped import LumpedModel, LumpedParameters
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveModel
-from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
-from monitor_core.models.transmission_line import TransmissionLineModel, TransmissionLineParameters
+from monitor_core.models.published.hybrid import HybridModel, HybridParameters
+from monitor_core.models.published.lumped import LumpedModel, LumpedParameters
+from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
+from monitor_core.models.published.transmission_line import TransmissionLineModel, TransmissionLineParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,11 @@ one sentence (:class:`monitor_core.errors.RecordingFormatError`): what was expec
 ``docs/recordings.md`` shows each format with an example.
 """
 
-from monitor_core.recordings.channel_map import ChannelMap, read_channel_map
-from monitor_core.recordings.channels import Channel, Channels
 from monitor_core.recordings.check import FileReport, check_file
-from monitor_core.recordings.mapped import read_channels, read_mapped
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table, write_modal_table
+from monitor_core.recordings.raw.channel_map import ChannelMap, read_channel_map
+from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.mapped import read_channels, read_mapped
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session, read_session, write_session
 
 __all__ = [

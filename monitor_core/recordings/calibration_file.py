@@ -25,9 +25,9 @@ from monitor_core.preload.calibration import (
 )
 from monitor_core.preload.capability import minimum_detectable_loss
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
-from monitor_core.recordings.fields import Fields
-from monitor_core.recordings.files import read_text
-from monitor_core.recordings.units import metres, to_millimetres
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.uncertainty import VectorEstimate
 
 FORMAT, VERSION = "preload-calibration", 1

@@ -7,11 +7,12 @@ from itertools import islice
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings import csv_samples, mat, motion_csv, npz, tdms, uff58
-from monitor_core.recordings.channel_map import read_channel_map
-from monitor_core.recordings.files import read_text, refusing, require_file
-from monitor_core.recordings.hdf5 import attributes, open_hdf5
+from monitor_core.recordings import motion_csv
+from monitor_core.recordings.elements.files import read_text, refusing, require_file
+from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5
 from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings.raw.channel_map import read_channel_map
 from monitor_core.recordings.session_hdf5 import open_session
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -4,7 +4,7 @@
 
     from dataclasses import replace
 
-    from monitor_core.discrepancy.effect import Effect, EffectParameter
+    from monitor_core.effects import Effect, EffectParameter
 
 
     def _add(axis, values):
@@ -29,9 +29,9 @@ The file is run: it can do whatever its owner's account may do.
 from pathlib import Path
 from typing import Any
 
-from monitor_core.discrepancy.effect import Effect
+from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.recordings.files import read_text, refusing
+from monitor_core.recordings.elements.files import read_text, refusing
 
 
 def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:

@@ -19,13 +19,13 @@ import numpy as np
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recordings.fields import Fields
-from monitor_core.recordings.files import refusing
-from monitor_core.recordings.hdf5 import attributes, column, member, open_hdf5, values_of
-from monitor_core.recordings.response_units import excitation_unit, is_response_unit, response_unit
-from monitor_core.recordings.units import metres, to_millimetres
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import refusing
+from monitor_core.recordings.elements.hdf5 import attributes, column, member, open_hdf5, values_of
+from monitor_core.recordings.elements.response_units import excitation_unit, is_response_unit, response_unit
+from monitor_core.recordings.elements.units import metres, to_millimetres
 
 if TYPE_CHECKING:
     import h5py

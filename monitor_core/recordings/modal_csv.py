@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.files import read_text
-from monitor_core.recordings.timestamps import format_instant, parse_instant
-from monitor_core.recordings.units import metres, to_millimetres
+from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.timestamps import format_instant, parse_instant
+from monitor_core.recordings.elements.units import metres, to_millimetres
 
 REQUIRED = ("position_mm", "frequency_hz")
 COLUMNS = (

@@ -22,8 +22,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from monitor_core.discrepancy.effect import Effect
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
+from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.models.extended import AxisPhysics, ExtendedModel
 from monitor_core.models.families import FAMILIES, build_model
@@ -31,8 +31,8 @@ from monitor_core.models.motion import FAMILY as MOTION
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveModel
-from monitor_core.recordings.fields import Fields
-from monitor_core.recordings.files import read_text
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import read_text
 
 _TABLES = ("parameters", "uncertain", "effects")
 _NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)

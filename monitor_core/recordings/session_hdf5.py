@@ -20,11 +20,11 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import InvalidWindowError, RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
-from monitor_core.recordings.fields import Fields
-from monitor_core.recordings.files import refusing
-from monitor_core.recordings.hdf5 import attributes, column, member, open_hdf5, values_of
-from monitor_core.recordings.timestamps import format_instant
-from monitor_core.recordings.units import metres, to_millimetres
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import refusing
+from monitor_core.recordings.elements.hdf5 import attributes, column, member, open_hdf5, values_of
+from monitor_core.recordings.elements.timestamps import format_instant
+from monitor_core.recordings.elements.units import metres, to_millimetres
 
 if TYPE_CHECKING:
     import h5py

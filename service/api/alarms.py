@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.api.fields import AxisName, RowId, Text
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
-from service.operations.alarms import AlarmView
-from service.operations.change_document import NotExamined
+from service.documents.change import NotExamined
+from service.operations.monitoring.alarms import AlarmView
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
 

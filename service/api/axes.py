@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict
 
 from service.api.fields import AxisId, Label
 from service.api.services import Services, services
-from service.operations.settings_of_axis import AxisConfiguration
-from service.operations.trend import AxisStatus
+from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.trend import AxisStatus
 
 router = APIRouter(prefix="/v1", tags=["axes"])
 

@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
-from monitor_core.recordings.units import metres
+from monitor_core.recordings.elements.units import metres
 from service.api.fields import AxisId, Moment, RowId, Text
 from service.api.services import Services, services
-from service.operations.calibrations import CalibrationOverview
-from service.operations.settings_of_axis import Number
+from service.operations.monitoring.axis_configuration import Number
+from service.operations.monitoring.calibrations import CalibrationOverview
 from service.store.tables import CalibrationRow
 
 router = APIRouter(prefix="/v1", tags=["calibrations"])

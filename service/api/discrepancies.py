@@ -11,8 +11,8 @@ from service.api.fields import AxisId, JobId
 from service.api.identifications import AccelerometerPlace, PeakIn
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
-from service.operations.discrepancies import KIND
-from service.operations.settings_of_axis import Number
+from service.operations.discrepancy.discrepancies import KIND
+from service.operations.monitoring.axis_configuration import Number
 
 router = APIRouter(prefix="/v1", tags=["discrepancies"])
 

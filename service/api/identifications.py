@@ -9,7 +9,7 @@ from service.api.calibrations import MeasurementRange
 from service.api.fields import AxisId
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
-from service.operations.settings_of_axis import Number
+from service.operations.monitoring.axis_configuration import Number
 
 router = APIRouter(prefix="/v1", tags=["identifications"])
 

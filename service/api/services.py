@@ -7,15 +7,15 @@ from fastapi import Request
 
 from service.jobs import JobRunner
 from service.observability import Metrics
-from service.operations.alarms import Alarms
-from service.operations.axes import Axes
-from service.operations.calibrations import Calibrations
-from service.operations.change_of_axis import AlarmExplanations
-from service.operations.discrepancies import Discrepancies
-from service.operations.identifications import Identifications
-from service.operations.ingest import Ingest
-from service.operations.replay import Replays
-from service.operations.trend import Trend
+from service.operations.discrepancy.alarm_cause import AlarmExplanations
+from service.operations.discrepancy.discrepancies import Discrepancies
+from service.operations.identification.identifications import Identifications
+from service.operations.monitoring.alarms import Alarms
+from service.operations.monitoring.axes import Axes
+from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.ingest import Ingest
+from service.operations.monitoring.replay import Replays
+from service.operations.monitoring.trend import Trend
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 

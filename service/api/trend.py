@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.fields import AxisId, Moment, RowId
 from service.api.services import Services, services
-from service.operations.trend import thin_out
+from service.operations.monitoring.trend import thin_out
 from service.store.tables import MeasurementRow
 
 router = APIRouter(prefix="/v1", tags=["trend"])

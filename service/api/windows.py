@@ -10,12 +10,12 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
-from monitor_core.recordings.units import metres
-from service.api.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
+from monitor_core.recordings.elements.units import metres
 from service.api.fields import AxisId, Label, Moment
+from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
 from service.api.services import Services, services
-from service.operations.ingest import IngestReceipt, WindowStatus
-from service.operations.settings_of_axis import Number
+from service.operations.monitoring.axis_configuration import Number
+from service.operations.monitoring.ingest import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])
 

@@ -13,9 +13,9 @@ from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, read_calibration, write_calibration
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.uncertainty import Estimate
-from service.cli.modal_input import modal_reading
+from service.cli.inputs.modal_table import modal_reading
+from service.cli.inputs.session import axis_settings, band_option, fitted_modes, is_session, judge_session
 from service.cli.output import json_option, print_json, print_table
-from service.cli.session_input import axis_settings, band_option, fitted_modes, is_session, judge_session
 
 
 @click.command()

@@ -10,11 +10,11 @@ from typing import Any
 import click
 
 from monitor_core.recordings.session_hdf5 import open_session
-from service.cli.client import Client
-from service.cli.embedded import embedded_service
 from service.cli.output import json_option, print_json, print_table
+from service.cli.remote.client import Client
+from service.cli.remote.embedded import embedded_service
 from service.cli.replay import post_session
-from service.operations.replay import SUFFIX
+from service.operations.monitoring.replay import SUFFIX
 from service.settings import BUNDLED_SESSIONS, Settings
 
 #: The calibration session comes first: the axes of all other sessions are of the machine it was taken on.

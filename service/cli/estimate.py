@@ -8,12 +8,12 @@ import click
 from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload
 from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
+from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.recordings.units import to_millimetres
-from service.cli.modal_input import modal_reading
+from service.cli.inputs.modal_table import modal_reading
+from service.cli.inputs.session import axis_settings, is_session, judge_session
 from service.cli.output import json_option, print_json, print_table
-from service.cli.session_input import axis_settings, is_session, judge_session
-from service.operations.documents import estimate_document, refusal_document
+from service.documents.measurement import estimate_document, refusal_document
 
 
 @click.command()

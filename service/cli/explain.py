@@ -8,28 +8,29 @@ import click
 
 from monitor_core.discrepancy.explanation import Explanation, FoundEffect, FoundParameter
 from monitor_core.errors import RecordingFormatError
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.motion import MotionRecord
 from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
+from monitor_core.recordings.elements.units import metres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file
 from monitor_core.recordings.motion_csv import read_motion_record
-from monitor_core.recordings.units import metres
-from service.cli.model_input import NumbersCommand
-from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import (
+from service.cli.inputs.model import NumbersCommand
+from service.cli.inputs.session import (
     accelerometer_option,
     axis_settings,
     band_option,
     require_session,
     responses_of_session,
 )
-from service.operations.explanation import ExplanationRequest, Measured, explain_measurements
-from service.operations.explanation_document import explanation_document
-from service.operations.explanation_report import write_report
-from service.operations.explanation_report.rounding import (
+from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.documents.explanation import explanation_document
+from service.operations.discrepancy.explanation import ExplanationRequest, Measured, explain_measurements
+from service.operations.measured_responses import modal_observation
+from service.report import write_report
+from service.report.rounding import (
     between,
     evidence,
     notation,
@@ -37,7 +38,7 @@ from service.operations.explanation_report.rounding import (
     unit_shown,
     with_uncertainty,
 )
-from service.operations.explanation_report.sentences import (
+from service.report.sentences import (
     asides,
     beside_what_is_stated,
     candidates_heading,
@@ -50,7 +51,6 @@ from service.operations.explanation_report.sentences import (
     step_sentence,
     threshold,
 )
-from service.operations.measured_responses import modal_observation
 
 #: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
 _MOST_PLACES, _MOST_CANDIDATES = 3, 5

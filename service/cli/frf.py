@@ -7,9 +7,9 @@ from typing import Any
 import click
 
 from monitor_core.modal import ModalMeasurement
+from service.cli.inputs.session import SessionMeasurement, axis_settings, band_option, judge_session
 from service.cli.output import json_option, print_json, print_table
-from service.cli.session_input import SessionMeasurement, axis_settings, band_option, judge_session
-from service.operations.documents import modal_document, refusal_document
+from service.documents.measurement import modal_document, refusal_document
 
 
 @click.command()

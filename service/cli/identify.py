@@ -9,17 +9,16 @@ from typing import Any
 
 import click
 
-from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.identification.search import MapFunction
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.solver.global_search import MapFunction
 from monitor_core.recording import ExcitationSource
+from monitor_core.recordings.elements.units import metres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file
-from monitor_core.recordings.units import metres
 from monitor_core.uncertainty import Estimate
-from service.cli.model_input import NumbersCommand
-from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import (
+from service.cli.inputs.model import NumbersCommand
+from service.cli.inputs.session import (
     accelerometer_option,
     axis_settings,
     band_option,
@@ -27,9 +26,10 @@ from service.cli.session_input import (
     require_session,
     responses_of_session,
 )
-from service.operations.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
+from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.operations.identification.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
+from service.operations.identification.predicted_calibration import PredictionRequest
 from service.operations.measured_responses import modal_observation
-from service.operations.predicted_calibration import PredictionRequest
 
 
 @click.command(cls=NumbersCommand)

@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.recordings.units import metres
-from service.cli.model_input import NumbersCommand, built_model
+from monitor_core.recordings.elements.units import metres
+from service.cli.inputs.model import NumbersCommand, built_model
 from service.cli.output import json_option, print_json, print_table
 
 

@@ -10,9 +10,9 @@ import click
 
 from monitor_core.recording import RejectionReason
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session
-from service.cli.client import Client
 from service.cli.output import json_option, print_json, progress_bar
-from service.operations.replay import Pace
+from service.cli.remote.client import Client
+from service.operations.monitoring.replay import Pace
 
 
 @click.command()

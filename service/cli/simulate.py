@@ -16,11 +16,11 @@ from monitor_core.models.generator import (
 from monitor_core.models.generator.scan import GuideFriction
 from monitor_core.models.protocol import DriveConditions, DriveModel
 from monitor_core.recording import ExcitationSource, Session, Window
+from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_hdf5 import write_session
-from monitor_core.recordings.units import metres, to_millimetres
-from service.cli.model_input import NumbersCommand, built_model
+from service.cli.inputs.model import NumbersCommand, built_model
+from service.cli.inputs.session import SESSION_SUFFIXES
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.cli.session_input import SESSION_SUFFIXES
 
 #: A fixed instant, so that the same seed gives the same file whenever it is written.
 STARTED_AT = datetime(2025, 1, 1, tzinfo=UTC)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.modal import ModalMeasurement
 from monitor_core.models.generator import EXCITED
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint

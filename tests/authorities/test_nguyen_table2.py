@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from monitor_core.arrays import FloatArray
-from monitor_core.models.lumped import LumpedParameters, feature_coefficients, shaft_torsional_stiffness
+from monitor_core.models.published.lumped import LumpedParameters, feature_coefficients, shaft_torsional_stiffness
 from monitor_core.preload import (
     Calibration,
     ModalReading,

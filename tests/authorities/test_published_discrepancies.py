@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.conditions import default_folds
-from monitor_core.discrepancy.comparing.modes import compare_modes
-from monitor_core.discrepancy.effects import PREFIX
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.subject import DriveSubject
-from monitor_core.identification.observations import ModalObservation
+from monitor_core.effects import PREFIX
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.observations import ModalObservation
+from monitor_core.fitting.residuals.modes import compare_modes
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.extended import paper_motor_end
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.recordings.modal_csv import read_modal_table

@@ -19,12 +19,12 @@ import pytest
 import monitor_core
 from monitor_core.recording import RejectionReason
 from monitor_core.trend import TrendStatus
-from service.api.problems import TYPE_PREFIX
+from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
-from service.cli.embedded import embedded_service
+from service.cli.remote.embedded import embedded_service
 from service.errors import STATUS_OF_ERROR
 from service.observability import Metrics
-from service.operations.settings_of_axis import AxisConfiguration
+from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from monitor_core.discrepancy.comparing.resolution import STEPS, WEIGHTS
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.residuals.resolution import STEPS, WEIGHTS
 from monitor_core.response import LineSpread
 from monitor_core.spectral import band_spectra, cross_spectra, estimate_frf, line_spread
 

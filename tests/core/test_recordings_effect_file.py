@@ -6,7 +6,7 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS
+from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.errors import RecordingFormatError
 from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint

@@ -12,16 +12,16 @@ import pytest
 from click.testing import CliRunner
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings import FileReport, check_file
+from monitor_core.recordings.elements.response_units import response_unit
 from monitor_core.recordings.frf_set import (
     FrequencyResponseSet,
     MeasuredResponse,
     read_frf_set,
     write_frf_set,
 )
-from monitor_core.recordings.response_units import response_unit
 from service.cli.check import check
 from tests.conftest import PROJECT_ROOT
 from tests.core.test_recordings_damage import damaged

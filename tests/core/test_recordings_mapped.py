@@ -8,8 +8,9 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
-from monitor_core.recordings import channel_map, read_channel_map, read_mapped
-from monitor_core.recordings.units import Quantity, canonical_unit, factor_to_si, sensor_factor
+from monitor_core.recordings import read_channel_map, read_mapped
+from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si, sensor_factor
+from monitor_core.recordings.raw import channel_map
 
 START = datetime(2025, 3, 1, 6, tzinfo=UTC)
 MAP = """

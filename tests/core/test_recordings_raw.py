@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
-from monitor_core.recordings import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
 
 SAMPLES = np.array([0.0, 0.5, -1.25, 3.0, 2.5, -2.0])
 

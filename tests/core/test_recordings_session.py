@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
-from monitor_core.recordings import hdf5_heap, open_session, read_session, write_session
+from monitor_core.recordings import open_session, read_session, write_session
+from monitor_core.recordings.elements import hdf5_heap
 
 START = datetime(2025, 3, 1, 6, 0, 0, 250_000, tzinfo=timezone(timedelta(hours=1)))
 

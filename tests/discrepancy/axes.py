@@ -9,17 +9,17 @@ from functools import cache
 
 import numpy as np
 
-from monitor_core.discrepancy.comparing.comparison import Layout, Setting
-from monitor_core.discrepancy.comparing.conditions import SettingTolerances, default_folds
-from monitor_core.discrepancy.comparing.model_form import DEFAULT_SPECTRUM, ModelFormError
-from monitor_core.discrepancy.comparing.responses import compare_responses
-from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX
-from monitor_core.discrepancy.subject import DriveSubject
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.fitting.comparison import Layout, Setting
+from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting.residuals.model_form import DEFAULT_SPECTRUM, ModelFormError
+from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.models.extended import ResponseCase, prepare_lines, responses
-from monitor_core.models.lumped import LumpedParameters
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint, motor_end_of
+from monitor_core.models.published.lumped import LumpedParameters
 
 # --- a linear misfit -------------------------------------------------------------------------------------------------
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.judging.classes import Member, covariance, equivalence_class, found_parameters
-from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, yardstick
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.search import Accepted, Found, Rival
+from monitor_core.discrepancy.search.search import Accepted, Found, Rival
+from monitor_core.discrepancy.verdict.classes import Member, covariance, equivalence_class, found_parameters
+from monitor_core.fitting.evidence import Yardstick, delta_bic, yardstick
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import (
     LinearComparison,
     LinearSubject,

@@ -8,18 +8,18 @@ from itertools import combinations, permutations
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effect import ConditionAxis, Effect, EffectParameter
-from monitor_core.discrepancy.effects import (
+from monitor_core.effects import (
     DRIVE_EFFECTS,
     applicable_effects,
     with_effects,
     wrong_parameter,
     wrong_parameters,
 )
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import ExtendedModel, natural_frequencies, physics_of, prepare_lines, responses
-from monitor_core.models.lumped import LumpedParameters
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
+from monitor_core.models.published.lumped import LumpedParameters
 from tests.models.extended_axes import FAMILIES, bundled, case_of
 
 BAND = np.geomspace(5.0, 1500.0, 50)

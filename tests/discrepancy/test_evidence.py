@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.evidence import Yardstick, delta_bic, neighbour_correlation, yardstick
-from monitor_core.discrepancy.searching.fit import fit
+from monitor_core.fitting.evidence import Yardstick, delta_bic, neighbour_correlation, yardstick
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 

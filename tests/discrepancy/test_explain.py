@@ -7,15 +7,15 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.comparison import Panel
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import MisfitKind, Outcome
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Panel
+from monitor_core.fitting.described_axis import DriveSubject
 from monitor_core.models.extended import ExtendedModel, physics_of
 from monitor_core.models.protocol import ExcitationPoint
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.recordings.effect_file import read_effect_file
 from tests.discrepancy.axes import (
     AXIS,
@@ -249,7 +249,7 @@ def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
 WIPERS = """
     from dataclasses import replace
 
-    from monitor_core.discrepancy.effect import Effect, EffectParameter
+    from monitor_core.effects.effect import Effect, EffectParameter
 
 
     def _add(axis, values):

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.comparison import Setting
-from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.fitting.comparison import Setting
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity, wrong_quantity
 
 N = 160

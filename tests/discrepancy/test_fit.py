@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize
 
-from monitor_core.discrepancy.effects import wrong_parameter
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.linearised import linearise
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.effects import wrong_parameter
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.fitting.solver.linearised import linearise
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import (
     AXIS,

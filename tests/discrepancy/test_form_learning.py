@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.searching.form_learning import learn_form_error
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.learnt_form import learn_form_error
 from monitor_core.models.protocol import ResponsePoint
 from tests.discrepancy.axes import measured, settings, subject, true_subject
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.modes import compare_modes
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.protocol import MotorEnd
 from monitor_core.recordings.model_file import parse_model
 from tests.discrepancy.axes import effects_by_key

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.evidence import Yardstick
-from monitor_core.discrepancy.searching.fit import HeldOut, fit
-from monitor_core.discrepancy.searching.holding_out import fitted_values, gain, gap_of, promised_gain
+from monitor_core.fitting.evidence import Yardstick
+from monitor_core.fitting.hold_out import fitted_values, gain, gap_of, promised_gain
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import HeldOut, fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 N = 24

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effect import EffectParameter
-from monitor_core.discrepancy.effects import wrong_parameter
-from monitor_core.discrepancy.hypothesis import Hypothesis, searched_range
+from monitor_core.effects import wrong_parameter
+from monitor_core.effects.effect import EffectParameter
+from monitor_core.fitting.hypothesis import Hypothesis, searched_range
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import AXIS, TOLERANCES, effects_by_key, subject
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.instead import in_place_of, instead
+from monitor_core.discrepancy.search.substitution import in_place_of, instead
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity, wrong_quantity
 
 N = 90

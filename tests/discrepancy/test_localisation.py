@@ -13,19 +13,19 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from monitor_core.discrepancy.comparing.comparison import Layout, Setting
-from monitor_core.discrepancy.comparing.condition_groups import previous_in_series
-from monitor_core.discrepancy.effect import ConditionAxis
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.localising.localisation import LEVEL, HealthyScatter, localise, misfit_map
-from monitor_core.discrepancy.localising.misfit_kind import KindFound, take_out
-from monitor_core.discrepancy.localising.misfit_tests import (
+from monitor_core.discrepancy.localisation.misfit_kind import KindFound, take_out
+from monitor_core.discrepancy.localisation.misfit_tests import (
     amount_trend_p_value,
     holm,
     order_p_values,
     size_trend_p_value,
 )
+from monitor_core.discrepancy.localisation.places import LEVEL, HealthyScatter, localise, misfit_map
+from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Layout, Setting
+from monitor_core.fitting.conditions.groups import previous_in_series
 
 POSITION, PRELOAD, PAYLOAD, TEMPERATURE, EXCITATION, DIRECTION, RECORD = (
     ConditionAxis.POSITION, ConditionAxis.PRELOAD, ConditionAxis.PAYLOAD, ConditionAxis.TEMPERATURE,

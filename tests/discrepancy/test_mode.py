@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import simpson
 from scipy.optimize import minimize
 
-from monitor_core.discrepancy.effect import Effect, EffectParameter
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.judging.classes import Member, found_parameters
-from monitor_core.discrepancy.searching.evidence import yardstick
-from monitor_core.discrepancy.searching.fit import fit, resolved_at
-from monitor_core.discrepancy.searching.integrated import integrated_cost
-from monitor_core.discrepancy.searching.mode import at_mode
+from monitor_core.discrepancy.verdict.classes import Member, found_parameters
+from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.fitting.evidence import yardstick
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
+from monitor_core.fitting.solver.integrated_cost import integrated_cost
+from monitor_core.fitting.solver.posterior_mode import at_mode
 from tests.discrepancy.axes import LinearSubject, layout_of, quantity
 from tests.discrepancy.test_fit import linear
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.comparing.model_form import DEFAULT_SPECTRUM, FormSpectrum, ModelFormError, steepness
+from monitor_core.fitting.residuals.model_form import DEFAULT_SPECTRUM, FormSpectrum, ModelFormError, steepness
 from monitor_core.models.protocol import ResponsePoint
 
 SPECTRUM = FormSpectrum((10.0, 1000.0), (0.001, 0.005), frequency_tolerance=(1e-3, 2e-3), learnt=True)

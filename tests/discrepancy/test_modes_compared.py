@@ -13,14 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from monitor_core.discrepancy.comparing.conditions import SettingTolerances
-from monitor_core.discrepancy.comparing.modes import compare_modes
-from monitor_core.discrepancy.effects import wrong_parameter
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.effects import wrong_parameter
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.observations import ModalObservation
+from monitor_core.fitting.conditions.settings import SettingTolerances
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.observations import ModalObservation
+from monitor_core.fitting.residuals.modes import compare_modes
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.extended import natural_frequencies, physics_of
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.recordings.modal_csv import read_modal_table

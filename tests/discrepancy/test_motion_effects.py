@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effects import (
+from monitor_core.effects import (
     MOTION_EFFECTS,
     with_motion_effects,
     wrong_motion_parameter,

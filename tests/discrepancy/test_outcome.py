@@ -8,9 +8,8 @@ import pytest
 from scipy import stats
 
 from monitor_core.discrepancy.explanation import GapPair, Outcome
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.judging.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.judging.outcome import (
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     Remainder,
     explained_share,
@@ -19,8 +18,9 @@ from monitor_core.discrepancy.judging.outcome import (
     remainder_of,
     variances_of_pulls,
 )
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.holding_out import REMAINDER, fitted_values
+from monitor_core.fitting.hold_out import REMAINDER, fitted_values
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
 
 SETTINGS = OutcomeSettings()

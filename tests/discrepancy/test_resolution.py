@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from monitor_core.discrepancy.comparing.resolution import STEPS, WEIGHTS, smearing, spread_under_random_excitation
+from monitor_core.fitting.residuals.resolution import STEPS, WEIGHTS, smearing, spread_under_random_excitation
 from monitor_core.models.extended import ResponseCase, prepare_lines, responses
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from tests.discrepancy.axes import subject

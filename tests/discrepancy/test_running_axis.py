@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from monitor_core.discrepancy.effect import Effect
-from monitor_core.discrepancy.effects.added_mass import ADDED_MASS
-from monitor_core.discrepancy.effects.bearing_change import BEARING_CHANGE, FAR_BEARING_CHANGE
-from monitor_core.discrepancy.effects.position_offset import POSITION_OFFSET
-from monitor_core.discrepancy.effects.preload_change import PRELOAD_CHANGE
-from monitor_core.discrepancy.effects.torque_delay import TORQUE_DELAY
-from monitor_core.discrepancy.effects.warming import MODULUS_PER_KELVIN, WARMING
+from monitor_core.change.attribution import ChangeExplanation, explain_change
+from monitor_core.change.cell_errors import RunningTolerances
+from monitor_core.change.cells import places_of
+from monitor_core.change.changes import Cause
+from monitor_core.change.reference_ratio import compare_times
+from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.running.changes import Cause
-from monitor_core.discrepancy.running.place_errors import RunningTolerances
-from monitor_core.discrepancy.running.places import places_of
-from monitor_core.discrepancy.running.places_compared import compare_times
-from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
-from monitor_core.discrepancy.running.then_and_now import ThenAndNow
-from monitor_core.discrepancy.searching.linearised import linearise
+from monitor_core.effects.added_mass import ADDED_MASS
+from monitor_core.effects.bearing_change import BEARING_CHANGE, FAR_BEARING_CHANGE
+from monitor_core.effects.effect import Effect
+from monitor_core.effects.position_offset import POSITION_OFFSET
+from monitor_core.effects.preload_change import PRELOAD_CHANGE
+from monitor_core.effects.torque_delay import TORQUE_DELAY
+from monitor_core.effects.warming import MODULUS_PER_KELVIN, WARMING
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting.solver.linearised import linearise
 from monitor_core.models.extended import (
     AxisPhysics,
     ResponseCase,

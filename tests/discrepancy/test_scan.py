@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.effect import Effect, EffectParameter
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.scan import scan
+from monitor_core.discrepancy.screening import scan
+from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import (
     LinearComparison,
     LinearSubject,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.effect import ConditionAxis
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.evidence import delta_bic
-from monitor_core.discrepancy.searching.fit import fit, resolved_at
-from monitor_core.discrepancy.searching.search import Search, SearchSettings
+from monitor_core.discrepancy.search.search import Search, SearchSettings
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.fitting.evidence import delta_bic
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
 from tests.discrepancy.axes import LinearComparison, LinearSubject, covariance_of, layout_of, quantity, wrong_quantity
 
 N, SIZES = 160, (40,) * 4
@@ -143,7 +143,7 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
         fitted = fit(of, hypothesis, start, chosen)
         return resolved_at(fitted, start) if abs(start[0]) > 20.0 else fitted
 
-    monkeypatch.setattr("monitor_core.discrepancy.searching.search.fit", stuck_where_it_is_far_off)
+    monkeypatch.setattr("monitor_core.discrepancy.search.search.fit", stuck_where_it_is_far_off)
     without = search.without(far_off, second)
     assert keys(without) == {"quantity-1"}
     assert without.cost < plain.cost
@@ -161,7 +161,7 @@ def test_what_only_leads_out_of_a_false_minimum_is_not_found(monkeypatch) -> Non
         fitted = fit(of, hypothesis, start, chosen)
         return resolved_at(fitted, np.array([12.0])) if next(caught, False) else fitted
 
-    monkeypatch.setattr("monitor_core.discrepancy.searching.search.fit", caught_at_first)
+    monkeypatch.setattr("monitor_core.discrepancy.search.search.fit", caught_at_first)
     found = found_in(comparison, [wrong_quantity(0, "a")])
     assert not keys(found.final)
     assert (found.steps, found.accepted) == ((), ())

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, wrong_parameter
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.hypothesis import Hypothesis
-from monitor_core.discrepancy.searching.fit import fit
-from monitor_core.discrepancy.searching.signatures import kind_of_effect, signatures
+from monitor_core.discrepancy.localisation.signatures import kind_of_effect, signatures
+from monitor_core.effects import DRIVE_EFFECTS, wrong_parameter
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import AXIS, compared, effects_by_key, measured, settings, subject, true_subject
 from tests.models.extended_axes import bundled
 

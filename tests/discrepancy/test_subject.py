@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, PREFIX
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.described_axis import DriveSubject
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import AXIS, TOLERANCES, subject
 

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 import scipy.signal
 
-from monitor_core.discrepancy.comparing.conditions import KNOWN_MASS
-from monitor_core.identification.observations import ModalObservation
+from monitor_core.fitting.conditions.settings import KNOWN_MASS
+from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from tests.hidden_effects.cases import TOLERANCES, baseline_text
 from tests.hidden_effects.kinds import KINDS, SIZES, WRONG_PARTS

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse, write_frf_set
 from tests.hidden_effects.cases import Case

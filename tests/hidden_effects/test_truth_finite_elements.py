@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from monitor_core.discrepancy.effects import with_effects
+from monitor_core.effects import with_effects
 from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_lines, responses
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.recordings.frf_set import read_frf_set

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
 from tests.models.finite_elements import Assembly
 from tests.models.test_receptance import axis_of
 

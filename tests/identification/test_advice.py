@@ -9,17 +9,17 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peaks import Weighting, mode_bands
+from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
 from monitor_core.identification.advice import MONITORED_UNCERTAINTY, bands_at, modes_to_monitor, next_positions
 from monitor_core.identification.cases import Case, PeakCase, ResponseCase, peak_case, positions_of
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.fit import LocalFit, fit_local
-from monitor_core.identification.modal_problem import Weighting, mode_bands
 from monitor_core.identification.mode_tracks import track_modes
-from monitor_core.identification.observations import AssignedPeak, ModalObservation
-from monitor_core.identification.peaks import Place, find_peaks, peak_grid
-from monitor_core.identification.problem import Bounds
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
 from tests.identification import tian
 from tests.identification.test_identify import StraightLine, finite_element_responses
 from tests.models.finite_elements import Assembly

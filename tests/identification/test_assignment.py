@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.observations import ModalObservation
 from monitor_core.identification.assignment import assign_modes
 from monitor_core.identification.mode_tracks import track_modes
-from monitor_core.identification.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance import ReceptanceModel
-from monitor_core.models.receptance.chain import discretise, undamped_frequencies
+from monitor_core.models.published.receptance import ReceptanceModel
+from monitor_core.models.published.receptance.chain import discretise, undamped_frequencies
 from tests.identification import tian
 from tests.models.finite_elements import Assembly
 from tests.models.test_receptance import axis_of

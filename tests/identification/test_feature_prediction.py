@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.coordinates import JointCoordinates
+from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.identification.feature_prediction import MonitoredMode, mode_frequencies, predict_coefficients
 from monitor_core.models.families import build_model
-from monitor_core.models.lumped import LumpedModel, LumpedParameters, feature_coefficients
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.receptance import ReceptanceModel
+from monitor_core.models.published.lumped import LumpedModel, LumpedParameters, feature_coefficients
+from monitor_core.models.published.receptance import ReceptanceModel
 from monitor_core.preload import (
     CoefficientPrior,
     ModalReading,

@@ -8,7 +8,8 @@ import pytest
 from scipy.stats import norm, t
 
 from monitor_core.arrays import FloatArray
-from monitor_core.identification.fit import FitSettings, fit_local
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
 from monitor_core.identification.identifiability import (
     Thresholds,
     Verdict,
@@ -18,7 +19,6 @@ from monitor_core.identification.identifiability import (
     inseparable_pairs,
     judge,
 )
-from monitor_core.identification.problem import Bounds
 from monitor_core.identification.profiles import profile_interval
 from tests.identification.test_fit import Linear, everywhere, line
 from tests.identification.test_search import Wells

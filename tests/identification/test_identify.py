@@ -9,18 +9,18 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.priors import WithPriors, relative_priors, with_priors
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peaks import Weighting
+from monitor_core.fitting.solver.global_search import SearchCancelledError, SearchSettings
 from monitor_core.identification.cases import PeakCase, PredictionError, ResponseCase, peak_case
-from monitor_core.identification.coordinates import JointCoordinates
 from monitor_core.identification.identifiability import Verdict
 from monitor_core.identification.identify import Identification, IdentificationSettings, identify
-from monitor_core.identification.modal_problem import Weighting
-from monitor_core.identification.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.identification.peaks import Band, Place, find_peaks, peak_grid
-from monitor_core.identification.priors import WithPriors, relative_priors, with_priors
-from monitor_core.identification.problem import Bounds
-from monitor_core.identification.search import SearchCancelledError, SearchSettings
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
 from tests.identification import tian
 from tests.models.finite_elements import Assembly
 from tests.models.test_receptance import axis_of

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation
+from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peaks import Weighting, modal_problem, mode_bands, paper_objective
+from monitor_core.fitting.solver.global_search import SearchSettings, search
+from monitor_core.fitting.solver.least_squares import fit_local
 from monitor_core.identification.assignment import assign_modes
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.fit import fit_local
 from monitor_core.identification.identifiability import Verdict, assess
-from monitor_core.identification.modal_problem import Weighting, modal_problem, mode_bands, paper_objective
-from monitor_core.identification.observations import AssignedPeak, ModalObservation
-from monitor_core.identification.peaks import Band, Place, find_peaks, peak_grid
-from monitor_core.identification.search import SearchSettings, search
 from monitor_core.models.protocol import DriveConditions
-from monitor_core.models.receptance.closed_form import position_terms, table_receptance
+from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
 from tests.identification import tian
 
 AXIS = tian.axis()

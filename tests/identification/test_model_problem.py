@@ -10,25 +10,25 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.fit import fit_local
-from monitor_core.identification.modal_problem import modal_problem
-from monitor_core.identification.mode_tracks import track_modes
-from monitor_core.identification.model_coordinates import JOINT_LIMITS, ModelCoordinates, joint_coordinates
-from monitor_core.identification.model_modal_problem import (
+from monitor_core.fitting.coordinates import JOINT_LIMITS, ModelCoordinates, joint_coordinates
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.priors import with_priors
+from monitor_core.fitting.residuals.lines import model_response_problem
+from monitor_core.fitting.residuals.natural_frequencies import (
     NaturalFrequencyProblem,
     assign_by_frequency,
     natural_frequency_problem,
 )
-from monitor_core.identification.model_response_problem import model_response_problem
-from monitor_core.identification.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
-from monitor_core.identification.priors import with_priors
-from monitor_core.identification.response_problem import ResidualForm, response_problem
+from monitor_core.fitting.residuals.peaks import modal_problem
+from monitor_core.fitting.residuals.receptance_lines import ResidualForm, response_problem
+from monitor_core.fitting.solver.least_squares import fit_local
+from monitor_core.identification.mode_tracks import track_modes
 from monitor_core.models.families import FAMILIES, build_model
-from monitor_core.models.lumped import LumpedParameters, axial_stiffness
 from monitor_core.models.parameters import PARAMETERS, name_in_file
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.receptance import ReceptanceModel
+from monitor_core.models.published.lumped import LumpedParameters, axial_stiffness
+from monitor_core.models.published.receptance import ReceptanceModel
 from tests.identification import tian
 
 BEARING, BRACKET, NUT = "bearing_stiffness_n_per_m", "bracket_stiffness_n_per_m", "nut_stiffness_n_per_m"

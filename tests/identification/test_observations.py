@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.identification.observations import (
+from monitor_core.fitting.observations import (
     FrequencyResponseObservation,
     ModalObservation,
     conditions_in_order,

@@ -7,9 +7,9 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.identification.fit import fit_local
-from monitor_core.identification.priors import WithPriors, relative_priors, with_priors
-from monitor_core.identification.problem import Bounds
+from monitor_core.fitting.priors import WithPriors, relative_priors, with_priors
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.solver.least_squares import fit_local
 
 
 @dataclass(frozen=True)

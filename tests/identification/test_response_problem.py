@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.fit import fit_local
-from monitor_core.identification.modal_problem import modal_problem
-from monitor_core.identification.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
-from monitor_core.identification.problem import Bounds
-from monitor_core.identification.response_problem import ResidualForm, in_form, response_problem
-from monitor_core.identification.search import SearchSettings, search
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.residuals.peaks import modal_problem
+from monitor_core.fitting.residuals.receptance_lines import ResidualForm, in_form, response_problem
+from monitor_core.fitting.solver.global_search import SearchSettings, search
+from monitor_core.fitting.solver.least_squares import fit_local
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.models.receptance import ReceptanceModel
+from monitor_core.models.published.receptance import ReceptanceModel
 from tests.identification import simulated, tian
 
 AXIS = tian.axis()

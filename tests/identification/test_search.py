@@ -8,9 +8,8 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.fit import FitSettings
-from monitor_core.identification.problem import Bounds
-from monitor_core.identification.search import (
+from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.solver.global_search import (
     MapFunction,
     Search,
     SearchCancelledError,
@@ -18,6 +17,7 @@ from monitor_core.identification.search import (
     StartOrigin,
     search,
 )
+from monitor_core.fitting.solver.least_squares import FitSettings
 from tests.identification.strd import agreed_digits, certified, regression
 
 QUICK = SearchSettings(n_populations=2, candidates_per_coordinate=5, n_generations=8, n_random_starts=5)

@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peaks import modal_problem
 from monitor_core.identification.cases import ResponseCase
-from monitor_core.identification.coordinates import JointCoordinates
-from monitor_core.identification.modal_problem import modal_problem
 from monitor_core.identification.mode_tracks import track_modes
-from monitor_core.identification.observations import FrequencyResponseObservation
-from monitor_core.identification.peaks import Place, find_peaks, peak_grid
 from monitor_core.identification.planning import planned_peaks
 from monitor_core.identification.sensitivity import (
     PeakSensitivity,
@@ -21,7 +21,7 @@ from monitor_core.identification.sensitivity import (
     rank_next_positions,
 )
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.models.receptance import ReceptanceModel
+from monitor_core.models.published.receptance import ReceptanceModel
 from tests.identification import tian
 
 #: The joints that Tian's peaks give (weighted, three positions).

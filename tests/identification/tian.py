@@ -4,10 +4,10 @@ import csv
 import tomllib
 from pathlib import Path
 
-from monitor_core.identification.observations import AssignedPeak, ModalObservation
-from monitor_core.identification.peaks import Band
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation
+from monitor_core.fitting.residuals.peak_search import Band
 from monitor_core.models.protocol import DriveConditions
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "replay_data" / "published"
 POSITIONS = {"l1": 0.6, "l2": 0.8, "l3": 1.0, "l4": 1.3, "l5": 1.6, "l6": 1.9}

@@ -12,9 +12,9 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.transmission_line import TransmissionLineParameters
-from monitor_core.models.transmission_line.drive import SMOOTH_GUIDES, discretise
-from monitor_core.models.transmission_line.junctions import (
+from monitor_core.models.published.transmission_line import TransmissionLineParameters
+from monitor_core.models.published.transmission_line.drive import SMOOTH_GUIDES, discretise
+from monitor_core.models.published.transmission_line.junctions import (
     BearingState,
     MotorState,
     NutState,
@@ -25,7 +25,7 @@ from monitor_core.models.transmission_line.junctions import (
     nut_step,
     table_step,
 )
-from monitor_core.models.transmission_line.kernel import Inputs, LineState, Outputs, Rings, plain_stepper
+from monitor_core.models.published.transmission_line.kernel import Inputs, LineState, Outputs, Rings, plain_stepper
 from tests.conftest import PROJECT_ROOT
 
 

@@ -8,11 +8,11 @@ import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.families import FAMILIES
-from monitor_core.models.hybrid import HybridModel, HybridParameters
-from monitor_core.models.lumped import LumpedModel, LumpedParameters
 from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
-from monitor_core.models.transmission_line import TransmissionLineModel, TransmissionLineParameters
+from monitor_core.models.published.hybrid import HybridModel, HybridParameters
+from monitor_core.models.published.lumped import LumpedModel, LumpedParameters
+from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
+from monitor_core.models.published.transmission_line import TransmissionLineModel, TransmissionLineParameters
 from monitor_core.recordings.model_file import read_model_file
 from tests.conftest import PROJECT_ROOT
 

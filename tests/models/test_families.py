@@ -10,9 +10,9 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.families import FAMILIES, build_model, family_named
 from monitor_core.models.generator import MOTOR_END, SimulationSettings, condition_grid, simulate_session
 from monitor_core.models.generator.scan import GuideFriction
-from monitor_core.models.lumped import feature_coefficients
 from monitor_core.models.parameters import name_in_file
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.models.published.lumped import feature_coefficients
 from monitor_core.pipeline import AxisSettings, calibrate_from_measurements, check_window, judge_measurement
 from monitor_core.quality import SignalQuality
 from monitor_core.recording import ExcitationSource

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.damping import effective_loss_factor, equivalent_viscous_damping
-from monitor_core.models.hybrid import HybridModel, HybridParameters, equivalent_stiffness, screw_inertia
-from monitor_core.models.lumped import LumpedModel, LumpedParameters
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.second_order import SecondOrderSystem, drive_natural_frequencies, poles
+from monitor_core.models.published.damping import effective_loss_factor, equivalent_viscous_damping
+from monitor_core.models.published.hybrid import HybridModel, HybridParameters, equivalent_stiffness, screw_inertia
+from monitor_core.models.published.lumped import LumpedModel, LumpedParameters
+from monitor_core.models.published.second_order import SecondOrderSystem, drive_natural_frequencies, poles
 from tests.conftest import PROJECT_ROOT
 
 MODEL_FILE = PROJECT_ROOT / "replay_data" / "models" / "hybrid.toml"

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.transmission_line import closest_common_step_grid, common_step_grid, synchronised_grid
+from monitor_core.models.published.transmission_line import (
+    closest_common_step_grid,
+    common_step_grid,
+    synchronised_grid,
+)
 from tests.models.line_reference import UNDAMPED, continuous_frequency, shaft
 
 LENGTH, STEP = 1.346, 1e-6

@@ -7,9 +7,9 @@ import pytest
 import scipy.optimize
 
 from monitor_core.models.protocol import MotorEnd
-from monitor_core.models.transmission_line import common_step_grid, synchronised_grid
-from monitor_core.models.transmission_line.junctions import Bearing, Nut
-from monitor_core.models.transmission_line.kernel import LineState, plain_stepper
+from monitor_core.models.published.transmission_line import common_step_grid, synchronised_grid
+from monitor_core.models.published.transmission_line.junctions import Bearing, Nut
+from monitor_core.models.published.transmission_line.kernel import LineState, plain_stepper
 from tests.models.line_reference import (
     UNDAMPED,
     drive_on,

@@ -5,14 +5,14 @@ import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.models.transmission_line import (
+from monitor_core.models.published.transmission_line import (
     StribeckFriction,
     common_step_grid,
     simulate_drive,
     synchronised_grid,
 )
-from monitor_core.models.transmission_line.junctions import TableState
-from monitor_core.models.transmission_line.kernel import (
+from monitor_core.models.published.transmission_line.junctions import TableState
+from monitor_core.models.published.transmission_line.kernel import (
     LineState,
     compiled_stepper,
     compiler_installed,

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.lumped import (
+from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
+from monitor_core.models.published.lumped import (
     LumpedModel,
     LumpedParameters,
     axial_stiffness,
@@ -19,7 +20,6 @@ from monitor_core.models.lumped import (
     shaft_axial_stiffness,
     shaft_torsional_stiffness,
 )
-from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.preload import PreloadFeatureCoefficients, preload_feature
 from tests.conftest import PROJECT_ROOT
 

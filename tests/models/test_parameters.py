@@ -7,9 +7,9 @@ import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.families import FAMILIES
-from monitor_core.models.hybrid import HybridParameters
 from monitor_core.models.motion import MotionParameters
 from monitor_core.models.parameters import PARAMETERS, name_in_file, unit_of
+from monitor_core.models.published.hybrid import HybridParameters
 
 STATED = {
     "table_mass_kg": 10.0, "screw_length_m": 0.7465, "screw_diameter_m": 0.02, "screw_lead_m": 0.02,

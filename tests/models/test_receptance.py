@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.receptance import ReceptanceModel, ReceptanceParameters
-from monitor_core.models.receptance.closed_form import (
+from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
+from monitor_core.models.published.receptance.closed_form import (
     entire_responses,
     position_terms,
     table_receptance,
     table_receptance_gradient,
 )
-from monitor_core.models.receptance.matrices import drive_receptance
-from monitor_core.models.receptance.parameters import JOINT_NAMES
+from monitor_core.models.published.receptance.matrices import drive_receptance
+from monitor_core.models.published.receptance.parameters import JOINT_NAMES
 from monitor_core.models.rod import condensed_stiffness, wave_number
 from tests.models.finite_elements import Assembly, Axis
 

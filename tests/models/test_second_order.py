@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.damping import (
+from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
+from monitor_core.models.published.damping import (
     complex_stiffness,
     effective_loss_factor,
     equivalent_viscous_damping,
     series_stiffness,
 )
-from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
-from monitor_core.models.second_order import (
+from monitor_core.models.published.second_order import (
     DriveEquations,
     SecondOrderSystem,
     drive_natural_frequencies,

@@ -7,12 +7,12 @@ import pytest
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.transmission_line import (
+from monitor_core.models.published.transmission_line import (
     TransmissionLineModel,
     simulate_drive,
     synchronised_grid,
 )
-from monitor_core.models.transmission_line.mobility import DiscreteDrive, response_at
+from monitor_core.models.published.transmission_line.mobility import DiscreteDrive, response_at
 from tests.models.line_reference import (
     UNDAMPED,
     continuous_frequency,

@@ -20,10 +20,10 @@ import pytest
 import scipy.signal
 
 from monitor_core.recording import Conditions, Window
-from service.api.body import MSGPACK_TYPE
-from service.cli.client import window_document
-from service.cli.embedded import embedded_service
+from service.api.http.body import MSGPACK_TYPE
 from service.cli.main import main
+from service.cli.remote.client import window_document
+from service.cli.remote.embedded import embedded_service
 from service.settings import Settings
 
 SAMPLE_RATE = 1024.0

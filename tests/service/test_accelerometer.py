@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.model_file import DriveModelFile, read_model_file, write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
-from service.operations.accelerometer import PLACES, place_accelerometer
-from service.operations.described_drive import described_drive
-from service.operations.explanation import ExplanationRequest, explain_measurements
+from service.operations.discrepancy.accelerometer import PLACES, place_accelerometer
+from service.operations.discrepancy.described_drive import described_drive
+from service.operations.discrepancy.explanation import ExplanationRequest, explain_measurements
 from tests.conftest import PROJECT_ROOT
 from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem

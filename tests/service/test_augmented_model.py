@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
 from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, Outcome
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
 from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_lines, responses
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.recordings.model_file import DriveModelFile, model_file_text, parse_model, read_model_file
-from service.operations.augmented_model import augmented_model, with_corrected_parameters
+from service.operations.discrepancy.augmented_model import augmented_model, with_corrected_parameters
 from tests.conftest import PROJECT_ROOT
 
 LUMPED = read_model_file(PROJECT_ROOT / "replay_data" / "models" / "lumped.toml")

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.effects import DRIVE_EFFECTS
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.effects import DRIVE_EFFECTS
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, ResponsePoint
 from monitor_core.motion import MotionRecord
 from monitor_core.recording import ExcitationQuantity
@@ -36,7 +36,7 @@ UNCERTAIN = {"bearing_stiffness_n_per_m": 0.2, "nut_stiffness_n_per_m": 0.1}
 KEYS = {"outcome", "effects", "localisation", "gap", "steps", "candidates", "next_measurement", "model"}
 HANDWHEEL = """
 from dataclasses import replace
-from monitor_core.discrepancy.effect import Effect, EffectParameter
+from monitor_core.effects.effect import Effect, EffectParameter
 
 def _add(axis, values):
     inertia = axis.bodies.rotor_inertia + values["inertia_kg_m2"]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.motion_csv import write_motion_record
 from tests.discrepancy.simulated_motion import Truth, simulated_record

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from monitor_core.models.protocol import MotorEnd
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse, write_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file

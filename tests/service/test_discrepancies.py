@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from monitor_core.models.protocol import DriveConditions
+from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import parse_model, read_model_file
 from monitor_core.recordings.session_hdf5 import read_session
-from monitor_core.recordings.units import to_millimetres
 from tests.conftest import PROJECT_ROOT
 from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem, running_service

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor_core.discrepancy.comparing.comparison import Panel
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -28,13 +27,14 @@ from monitor_core.discrepancy.explanation import (
     Step,
 )
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
-from service.operations.explanation_document import explanation_document
-from service.operations.explanation_report import explanation_markdown, explanation_page, write_report
-from service.operations.explanation_report.panel_chart import POINTS
-from service.operations.explanation_report.rounding import quantity, with_uncertainty
-from service.operations.explanation_report.sentences import asides, beside_what_is_stated, headline
-from service.operations.explanation_report.svg import Axis, axis_over, decimated, element
+from service.documents.explanation import explanation_document
+from service.report import explanation_markdown, explanation_page, write_report
+from service.report.panel_chart import POINTS
+from service.report.rounding import quantity, with_uncertainty
+from service.report.sentences import asides, beside_what_is_stated, headline
+from service.report.svg import Axis, axis_over, decimated, element
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
 MODEL = 'family = "hybrid"\n\n[parameters]\ntable_mass_kg = 20.54\n\n[effects.added-mass]\nmass_kg = 0.81\n'

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.exc import OperationalError
 
-from service.operations import ingest
+from service.operations.monitoring import ingest
 from service.store import database, intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_ingest import stored_frames
@@ -118,7 +118,8 @@ def test_measurement_that_breaks_the_mathematics_does_not_block_its_axis(
     rng = np.random.default_rng(5)
     with monkeypatch.context() as broken:
         broken.setattr(
-            "service.operations.judge.judge_measurement", failing_once(lambda: None, ZeroDivisionError("by zero"))
+            "service.operations.monitoring.judge.judge_measurement",
+            failing_once(lambda: None, ZeroDivisionError("by zero")),
         )
         (outcome,) = api.accept("axis", simulated_measurement(rng, "m1"))["measurements"]
     assert (outcome["reason"], outcome["detail"]) == ("fit-failed", "the computation failed: by zero")
@@ -130,7 +131,8 @@ def test_measurement_that_breaks_the_mathematics_does_not_block_its_axis(
 
 def test_bug_in_a_route_is_a_problem_without_internals(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     api.register("axis")
-    monkeypatch.setattr("service.operations.trend.state_now", failing_once(lambda: None, RuntimeError("secret path")))
+    broken = failing_once(lambda: None, RuntimeError("secret path"))
+    monkeypatch.setattr("service.operations.monitoring.trend.state_now", broken)
     answer = api.http.get("/v1/axes/axis", headers={"x-request-id": "request-7"})
     problem = assert_problem(answer, 500, "internal-error")
     assert problem["request_id"] == "request-7"

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from monitor_core.identification.peaks import Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
 from monitor_core.identification.sensitivity import peak_sensitivities
 from monitor_core.models.protocol import DriveConditions
+from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.session_hdf5 import read_session
-from monitor_core.recordings.units import to_millimetres
 from tests.identification import tian
 from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem

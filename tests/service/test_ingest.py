@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import zstandard
 
-from service.cli.client import window_document
+from service.cli.remote.client import window_document
 from service.store.window_format import content_sha256
 from tests.service.conftest import START, Api, assert_problem, axial_frequency, running_service, simulated_measurement
 

@@ -16,8 +16,8 @@ import pytest
 
 from monitor_core.recording import Session, Window
 from monitor_core.recordings.session_hdf5 import write_session
-from service.api.body import MSGPACK_TYPE
-from service.cli.client import window_document
+from service.api.http.body import MSGPACK_TYPE
+from service.cli.remote.client import window_document
 from service.store.waveforms import WaveformPlace, WaveformStore
 from tests.service.conftest import START, Api, ServerProcess, free_port, running_service, simulated_measurement
 from tests.service.test_ingest import stored_frames

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from monitor_core.pipeline import AxisState
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, Observation, step
-from service.operations.monitor_state import dump_design, dump_state, load_design, load_state, state_now
-from service.operations.settings_of_axis import AxisConfiguration, detector_design, detector_settings
+from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
+from service.operations.monitoring.monitor_state import dump_design, dump_state, load_design, load_state, state_now
 
 SETTINGS = DetectorSettings(baseline_size=8, loss=LossDirection.RISE)
 START = datetime(2026, 1, 1, tzinfo=UTC)

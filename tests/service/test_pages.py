@@ -3,9 +3,9 @@
 import httpx
 
 from monitor_core.recordings import open_session
-from service.cli.client import Client
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
-from service.cli.embedded import embedded_service
+from service.cli.remote.client import Client
+from service.cli.remote.embedded import embedded_service
 from service.settings import BUNDLED_SESSIONS, Settings
 
 

@@ -10,8 +10,8 @@ import msgpack
 import numpy as np
 import pytest
 
-from service.api.limits import RequestLimits
-from service.cli.client import window_document
+from service.api.http.limits import RequestLimits
+from service.cli.remote.client import window_document
 from service.errors import STATUS_OF_ERROR, ServiceError, status_of
 from tests.service.conftest import Api, assert_problem, running_service, simulated_measurement
 from tests.service.test_ingest import as_base64, as_lists

@@ -2,13 +2,13 @@
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.physics import AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics
-from monitor_core.models.hybrid import HybridParameters
-from monitor_core.models.lumped import LumpedParameters
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import MotorEnd
-from monitor_core.models.receptance import ReceptanceParameters
+from monitor_core.models.published.hybrid import HybridParameters
+from monitor_core.models.published.lumped import LumpedParameters
+from monitor_core.models.published.receptance import ReceptanceParameters
+from monitor_core.models.published.transmission_line import TransmissionLineParameters
 from monitor_core.models.rod import axial_rigidity, torsional_rigidity
-from monitor_core.models.transmission_line import TransmissionLineParameters
 
 
 def physics_of(parameters: DriveParameters) -> AxisPhysics:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
 from service.operations.measured_responses import measured_responses
 from tests.plant.chain import Axis, Condition

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from monitor_core.change.attribution import ChangeExplanation, explain_change
+from monitor_core.change.changes import Cause
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.running.changes import Cause
-from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
-from monitor_core.identification.observations import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
 from monitor_core.recordings.session_hdf5 import read_session
 from service.operations.measured_responses import measured_responses

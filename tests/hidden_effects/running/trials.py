@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor_core.change.attribution import ChangeExplanation, explain_change
+from monitor_core.change.cell_errors import RunningTolerances
+from monitor_core.change.reference_ratio import compare_times
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.discrepancy.running.place_errors import RunningTolerances
-from monitor_core.discrepancy.running.places_compared import compare_times
-from monitor_core.discrepancy.running.running_axis import ChangeExplanation, explain_change
-from monitor_core.discrepancy.subject import DriveSubject
+from monitor_core.fitting.described_axis import DriveSubject
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects.running.sessions import (
     HAPPENINGS,

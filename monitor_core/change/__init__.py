@@ -1,0 +1,1 @@
+"""Attribute a change of an axis at work against its own reference."""

@@ -1,0 +1,169 @@
+"""Which change explains that the frequency of an axis has moved.
+
+Measurements of a *reference* time and *recent* ones, each at several positions, and a drive model of the axis:
+
+1. What the model leaves open is fitted to the reference (``reference_axis``).
+2. Recent measurements are compared with the reference place by place (``places_compared``): the measured ratio of the
+   whole responses, amplitude and phase, against the modelled ratio. What the model is wrong in at both times cancels.
+3. Each change is a hypothesis that acts on the recent side only (``running_changes``); no change is one of them, and so
+   is an unknown one. Their posterior probabilities say which it is (``changes_tried``).
+
+What tells them apart: a mass moves the antiresonance of the nut with the frequency, a preload does not. A bearing and
+an offset of the position move the frequency at one end of the screw more than at the other. A delay turns the phase
+alone. Warming softens all by one share; it looks like a little mass on the table, and often only the usual size of
+either, or a thermometer, decides between them.
+
+At least three places at both times are needed; what five and seven are worth was measured, see docs/running-axis.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from monitor_core.change.cell_errors import RunningTolerances
+from monitor_core.change.changes import Cause
+from monitor_core.change.reference_axis import fit_reference
+from monitor_core.change.reference_ratio import compare_times
+from monitor_core.change.trials import TriedChange, tried_changes
+from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.observations import FrequencyResponseObservation, with_accelerometer_at
+
+
+@dataclass(frozen=True, slots=True)
+class RunningSettings:
+    """When a change is named. The figures are set on simulated sessions, see benchmarks/running_axis.py."""
+
+    tolerances: RunningTolerances = field(default_factory=RunningTolerances)
+    least_confidence: float = 0.9  # below it the likeliest causes are equivalent
+    look_alike: float = 10.0  # of BIC, within which another cause is mentioned,
+    least_share: float = 0.05  # and so is one that is at least so probable [-]
+    remainder: float = 1.5  # times the noise: what an unknown cause is taken to leave
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeExplanation:
+    """Which change explains that an axis moved."""
+
+    outcome: Outcome  # named | equivalent | none | unknown
+    cause: Cause
+    confidence: float  # posterior probability of the cause [-]
+    changes: tuple[TriedChange, ...]  # likeliest first
+    equivalent_to: tuple[Cause, ...]  # that fit nearly as well or are hardly less probable; none and unknown may be
+    gap_before: float  # rms of what no change leaves, in standard deviations
+    gap_after: float
+    sentence: str  # for the alarm
+
+
+def explain_change(
+    drive: DriveSubject,
+    reference: Sequence[FrequencyResponseObservation],
+    recent: Sequence[FrequencyResponseObservation],
+    *,
+    preload: float | None = None,
+    settings: RunningSettings | None = None,
+) -> ChangeExplanation:
+    """Tell which change explains the difference between recent and reference measurements of an axis.
+
+    Parameters
+    ----------
+    drive : DriveSubject
+        The axis as its model file describes it.
+    reference, recent : sequence of FrequencyResponseObservation
+        Before and after. Stated payloads and temperatures count as known; a preload that is not stated is the
+        reference's.
+    preload : float, optional
+        That of the reference, for an axis whose nut follows it; without it no change of the preload is thought of. [N]
+    settings : RunningSettings, optional
+
+    Raises
+    ------
+    NotIdentifiableError
+        If fewer than three places were measured at both times, no line stands above its noise, or the model does not
+        describe the reference.
+    OutsideValidityError
+        If the model has no answer under one of the conditions.
+    """
+    settings = settings or RunningSettings()
+    reference, recent = (_with_preload(one, preload) for one in (reference, recent))
+    axis = fit_reference(drive, reference, settings.tolerances)
+    # a model that is off by more than its form is no better at what changes
+    share = settings.tolerances.share_of_change * max(axis.gap, 1.0)
+    tolerances = replace(settings.tolerances, share_of_change=share)
+    reference, recent = (with_accelerometer_at(axis.accelerometer, one) for one in (reference, recent))
+    comparison = compare_times(reference, recent, tolerances)
+    axis = replace(axis, warming_told=_mean_temperature(recent) - _mean_temperature(reference))
+    changes, of_unknown = tried_changes(comparison, axis, preload, remainder=settings.remainder)
+    return _judged(changes, of_unknown, settings)
+
+
+def _with_preload(
+    observations: Sequence[FrequencyResponseObservation], preload: float | None
+) -> tuple[FrequencyResponseObservation, ...]:
+    return tuple(
+        one if one.conditions.preload is not None else replace(one, conditions=replace(one.conditions, preload=preload))
+        for one in observations
+    )
+
+
+def _mean_temperature(observations: Sequence[FrequencyResponseObservation]) -> float:
+    return float(np.mean([one.conditions.temperature_deviation for one in observations]))
+
+
+def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: RunningSettings) -> ChangeExplanation:
+    first = changes[0]
+    before = next(one.gap for one in changes if one.cause is Cause.NONE)
+    equivalent: list[Cause] = []
+    if of_unknown > first.probability:
+        outcome, cause, confidence = Outcome.UNKNOWN, Cause.UNKNOWN, of_unknown
+        sentence = (
+            f"no single change explains it, {_percent(of_unknown)} confidence; the best, {first.words}, leaves "
+            f"{first.gap:.1f} times the noise"
+        )
+    elif first.cause is Cause.NONE:
+        outcome, cause, confidence = Outcome.NONE, Cause.NONE, first.probability
+        sentence = f"nothing has changed beyond the noise, {_percent(confidence)} confidence"
+    else:
+        cause, confidence = first.cause, sum(one.probability for one in changes if one.cause is first.cause)
+        outcome = Outcome.NAMED if confidence >= settings.least_confidence else Outcome.EQUIVALENT
+        others = [one for one in changes if one.plausible and one.cause is not cause]
+        alike = [one for one in others if _is_alike(one, first, settings)]
+        equivalent = [one.cause for one in alike]
+        sentence = _sentence(first, confidence, alike, others)
+        if of_unknown > settings.least_share:
+            equivalent.append(Cause.UNKNOWN)
+            sentence += f"; none of these: {_percent(of_unknown)}"
+    return ChangeExplanation(
+        outcome=outcome,
+        cause=cause,
+        confidence=confidence,
+        changes=changes,
+        equivalent_to=tuple(dict.fromkeys(equivalent)),
+        gap_before=before,
+        gap_after=first.gap,
+        sentence=sentence,
+    )
+
+
+def _is_alike(one: TriedChange, first: TriedChange, settings: RunningSettings) -> bool:
+    return first.delta_bic - one.delta_bic < settings.look_alike or one.probability > settings.least_share
+
+
+def _sentence(
+    first: TriedChange, confidence: float, alike: Sequence[TriedChange], others: Sequence[TriedChange]
+) -> str:
+    parts = [f"{first.words} (95 %), {_percent(confidence)} confidence"]
+    if alike:
+        parts.append("nearly alike: " + ", or ".join(one.words for one in alike))
+    known = {one.cause for one in alike}
+    rest = [one for one in others if one.size is not None and one.cause not in known]
+    if rest:
+        causes = ", ".join(dict.fromkeys(str(one.cause) for one in rest))
+        least = min(first.delta_bic - one.delta_bic for one in rest)
+        parts.append(f"{causes}: worse by ΔBIC ≥ {least:.0f}")
+    return "; ".join(parts)
+
+
+def _percent(probability: float) -> str:
+    return "more than 99 %" if probability > 0.99 else f"{100.0 * probability:.0f} %"

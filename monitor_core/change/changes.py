@@ -1,0 +1,141 @@
+"""What may have changed in an axis since its reference was taken: the causes, and what each does."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from monitor_core.change.reference_axis import ReferenceAxis
+from monitor_core.change.then_and_now import SENSOR_GAIN, ThenAndNow, since_then
+from monitor_core.effects.added_mass import ADDED_MASS
+from monitor_core.effects.bearing_change import BEARING_CHANGE, FAR_BEARING_CHANGE
+from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.position_offset import POSITION_OFFSET
+from monitor_core.effects.preload_change import PRELOAD_CHANGE
+from monitor_core.effects.torque_delay import TORQUE_DELAY
+from monitor_core.effects.warming import WARMING
+
+
+class Cause(StrEnum):
+    """What an alarm names."""
+
+    PRELOAD = "preload"
+    PAYLOAD = "payload"
+    BEARING = "bearing"
+    POSITION = "position"
+    SENSOR = "sensor"
+    TEMPERATURE = "temperature"
+    NONE = "none"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One change under trial, with the sizes that such changes have: normal about ``usual`` with ``spread``."""
+
+    cause: Cause
+    effect: Effect[ThenAndNow]
+    spread: float  # in the unit of the parameter
+    in_words: Callable[[float, float], str]  # of the size and half the width of its 95 % interval
+    usual: float = 0.0
+    known_to: float = 0.0  # relative standard deviation of the coefficient that its size rests on [-]
+
+
+#: A payload may be taken off as well as put on.
+_MASS = EffectParameter("mass_kg", "kg", lower=-200.0, upper=500.0, scale=0.5)
+_SPREAD_OF_MASS = 0.2  # of the moving mass
+_SPREAD_OF_PRELOAD = 0.25  # of the preload
+_MOST_LOST = 0.98  # of the preload
+_SPREAD_OF_STIFFNESS = 0.4  # of ln(stiffness)
+_SPREAD_OF_POSITION = 5e-3  # [m]
+_SPREAD_OF_DELAY = 2e-4  # [s]
+_SPREAD_OF_GAIN = 0.05
+_SPREAD_OF_WARMING = 10.0  # [K]
+#: Joints soften with temperature as steel does, more or less.
+_WARMING_KNOWN_TO = 0.15
+#: Temperatures that windows state beyond this have changed. [K]
+_TOLD = 1.0
+
+
+def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change, ...]:
+    """Return the changes that an axis can have.
+
+    Parameters
+    ----------
+    axis : ReferenceAxis
+    preload : float or None
+        Of the reference; None where the nut does not follow it. [N]
+    """
+    at_reference = axis.physics({})
+    bodies = at_reference.then.bodies
+    moving = bodies.table_mass + bodies.nut_mass
+    changes = [
+        Change(Cause.PAYLOAD, since_then(ADDED_MASS, _MASS), _SPREAD_OF_MASS * moving, _payload),
+        Change(Cause.POSITION, since_then(POSITION_OFFSET), _SPREAD_OF_POSITION, _position),
+        Change(Cause.SENSOR, since_then(TORQUE_DELAY), _SPREAD_OF_DELAY, _delay),
+        Change(Cause.SENSOR, SENSOR_GAIN, _SPREAD_OF_GAIN, _gain),
+        Change(Cause.BEARING, since_then(BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the fixed bearing")),
+        Change(Cause.BEARING, since_then(FAR_BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the far bearing")),
+        _temperature_change(axis.warming_told),
+    ]
+    if preload is not None:
+        size = EffectParameter("preload_n", "N", lower=-_MOST_LOST * preload, upper=preload, scale=0.1 * preload)
+        effect = since_then(PRELOAD_CHANGE, size)
+        changes.insert(0, Change(Cause.PRELOAD, effect, _SPREAD_OF_PRELOAD * preload, _preload))
+    return tuple(change for change in changes if change.effect.applies(at_reference))
+
+
+def is_told(warming: float) -> bool:
+    """Tell whether windows state a change of the temperature, in kelvins."""
+    return abs(warming) > _TOLD
+
+
+def _temperature_change(told: float) -> Change:
+    """Return the change of temperature: what the windows tell, as well as coefficients are known, or any."""
+    spread = _SPREAD_OF_WARMING
+    if is_told(told):
+        spread = math.hypot(_TOLD, _WARMING_KNOWN_TO * told)
+    return Change(Cause.TEMPERATURE, since_then(WARMING), spread, _temperature, usual=told, known_to=_WARMING_KNOWN_TO)
+
+
+def _preload(size: float, half_width: float) -> str:
+    return f"the preload {'fell' if size < 0.0 else 'rose'} by {_rounded(abs(size), half_width)} N"
+
+
+def _payload(size: float, half_width: float) -> str:
+    return f"the table carries {_rounded(abs(size), half_width)} kg {'less' if size < 0.0 else 'more'}"
+
+
+def _position(size: float, half_width: float) -> str:
+    side = "further from" if size > 0.0 else "nearer to"
+    return f"the table stands {_rounded(1e3 * abs(size), 1e3 * half_width)} mm {side} the fixed bearing than is stated"
+
+
+def _delay(size: float, half_width: float) -> str:
+    change = "more" if size > 0.0 else "less"
+    return f"the response is recorded {_rounded(1e3 * abs(size), 1e3 * half_width)} ms {change} late against the torque"
+
+
+def _gain(size: float, half_width: float) -> str:
+    change = "rose" if size > 0.0 else "fell"
+    return f"the gain of the sensors {change} by {_rounded(100.0 * abs(size), 100.0 * half_width)} %"
+
+
+def _temperature(size: float, half_width: float) -> str:
+    return f"the axis is {_rounded(abs(size), half_width)} K {'warmer' if size > 0.0 else 'colder'}"
+
+
+def _softer(bearing: str) -> Callable[[float, float], str]:
+    def words(size: float, half_width: float) -> str:
+        ratio = math.exp(size)
+        change = "lost" if size < 0.0 else "gained"
+        percent = _rounded(100.0 * abs(ratio - 1.0), 100.0 * ratio * half_width)
+        return f"{bearing} {change} {percent} % of its stiffness"
+
+    return words
+
+
+def _rounded(size: float, half_width: float) -> str:
+    """Return a size and its interval with two digits of the interval."""
+    digits = max(0, 1 - math.floor(math.log10(half_width))) if half_width > 0.0 else 0
+    return f"{size:.{digits}f} ± {half_width:.{digits}f}"

@@ -1,0 +1,188 @@
+r"""Every change that an axis may have had, fitted and weighed.
+
+The evidence for a hypothesis, by Laplace's approximation,
+
+.. math::
+
+    \ln Z = -\tfrac12 \frac{\chi^2(\hat u)}{s^2} \, \frac{1 - \rho}{1 + \rho}
+            - \frac{(\hat v - v_0)^2}{2 \tau^2} - \ln\frac{\tau}{\sigma_v}
+
+weighs its fit and, by the spread τ that such changes have over the uncertainty σ of its size v, how much of its
+freedom it needed (MacKay, Neural Computation 4 (1992) 415). s² and ρ are those of the best fit. *Unknown* is the
+hypothesis that leaves ``remainder`` times the noise, whatever it is: where the best change leaves more, none of these
+is the cause.
+
+The axis is as its reference shows it, and what that leaves open widens the size of a change alone. Fitted together with
+the change it would take up what the model lacks of it, such as friction that falls with the preload.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.change.changes import Cause, Change, is_told, possible_changes
+from monitor_core.change.reference_axis import ReferenceAxis
+from monitor_core.change.reference_ratio import PlacesComparison
+from monitor_core.change.then_and_now import ThenAndNow
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.evidence import Yardstick, delta_bic, yardstick
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+from monitor_core.uncertainty import Estimate
+
+#: Sizes tried before a fit, in spreads of the change.
+_SIZES = (-4.0, -1.5, -0.5, -0.15, -0.05, 0.05, 0.15, 0.5, 1.5, 4.0)
+#: Sizes beyond it are those of something else, in spreads of the change.
+_LARGEST = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class TriedChange:
+    """A change as fitted."""
+
+    cause: Cause
+    key: str  # of the effect; "none" for no change
+    size: Estimate | None  # None for no change
+    unit: str
+    plausible: bool  # whether its size is one that such changes have, and not zero as far as it is known
+    gap: float  # rms of what it leaves, in standard deviations
+    delta_bic: float  # BIC of no change less its own
+    probability: float  # among all and an unknown one [-]
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    change: Change | None  # None: no change
+    fitted: Fitted[ThenAndNow]
+
+    @property
+    def cause(self) -> Cause:
+        return Cause.NONE if self.change is None else self.change.cause
+
+
+def tried_changes(
+    comparison: PlacesComparison, axis: ReferenceAxis, preload: float | None, *, remainder: float
+) -> tuple[tuple[TriedChange, ...], float]:
+    """Return all changes, likeliest first, and the probability that it is none of them.
+
+    Parameters
+    ----------
+    comparison : PlacesComparison
+        Of two times.
+    axis : ReferenceAxis
+    preload : float or None
+        Of the reference. [N]
+    remainder : float
+        Times the noise: what an unknown cause is taken to leave.
+    """
+    trials = _trials(comparison, axis, possible_changes(axis, preload))
+    by = yardstick(min((trial.fitted for trial in trials), key=lambda fitted: fitted.cost))
+    sizes = [None if one.change is None else _size(one, one.change, axis, by) for one in trials]
+    of_unknown = -0.5 * by.factor * by.n_values * remainder**2
+    known = [_log_evidence(one, size, by) for one, size in zip(trials, sizes, strict=True)]
+    evidence = np.array([*known, of_unknown])
+    evidence += _log_prior([*(trial.cause for trial in trials), Cause.UNKNOWN], told=is_told(axis.warming_told))
+    probability = np.exp(evidence - np.max(evidence))
+    probability /= np.sum(probability)
+    tried = [
+        _tried(one, size, trials[0], float(share), by)
+        for one, size, share in zip(trials, sizes, probability, strict=False)
+    ]
+    return tuple(sorted(tried, key=lambda one: one.probability, reverse=True)), float(probability[-1])
+
+
+def _trials(comparison: PlacesComparison, axis: ReferenceAxis, changes: Sequence[Change]) -> list[_Trial]:
+    """Return the fits of no change and of each change."""
+    unchanged = Hypothesis(replace(axis, warming_told=0.0).as_fitted())
+    none = _Trial(None, fit(comparison, unchanged, unchanged.null))
+    return [none, *(trial for change in changes if (trial := _fitted(comparison, axis, change)) is not None)]
+
+
+def _beside(axis: ReferenceAxis, change: Change) -> ReferenceAxis:
+    """Return the axis beside a change; one of the temperature is sought in full, beside any other one it is as told."""
+    return replace(axis, warming_told=0.0) if change.cause is Cause.TEMPERATURE else axis
+
+
+def _fitted(comparison: PlacesComparison, axis: ReferenceAxis, change: Change) -> _Trial | None:
+    """Return the fit of a change from the best of several sizes; None where the model has an answer for none."""
+    hypothesis = Hypothesis(_beside(axis, change).as_fitted(), (change.effect,))
+    lower, upper = hypothesis.bounds
+    sizes = (change.usual + change.spread * np.array(_SIZES)) / change.effect.parameters[0].scale
+    deviation, best, start = comparison.layout.standard_deviation, math.inf, None
+    for size in np.clip(sizes, lower[-1], upper[-1]).tolist():
+        at = np.r_[hypothesis.null[:-1], size]
+        try:
+            cost = float(np.sum((comparison.misfit(hypothesis.physics(at)) / deviation) ** 2))
+        except OutsideValidityError:
+            continue
+        if cost < best:
+            best, start = cost, at
+    if start is None:
+        return None
+    try:
+        return _Trial(change, fit(comparison, hypothesis, start))
+    except OutsideValidityError:  # at the edge of what an axis can have
+        return None
+
+
+def _size(trial: _Trial, change: Change, axis: ReferenceAxis, by: Yardstick) -> Estimate:
+    r"""Return the size of a change with what the noise and the open directions of the axis make of its uncertainty.
+
+    .. math::
+
+        \sigma_v^2 = \frac{1}{f\, J_v^T J_v} + \sum_i \left( \frac{J_v^T J_i}{J_v^T J_v} \right)^2 + (c\, v)^2
+
+    over the directions i, each with a standard deviation of one, and the coefficient c that the size rests on.
+    """
+    fitted, one = trial.fitted, change.effect.parameters[0]
+    with_directions = Hypothesis(_beside(axis, change), (change.effect,))
+    at = np.r_[with_directions.null[:-1], fitted.coordinates[-1]]
+    jacobian = replace(fitted, hypothesis=with_directions, coordinates=at).jacobian[fitted.fitted]
+    of_size, of_axis = jacobian[:, -1], jacobian[:, :-1]
+    information = float(of_size @ of_size)
+    moved = of_size @ of_axis / information
+    value = fitted.hypothesis.values(fitted.coordinates)[change.effect.key][one.name]
+    deviation = one.scale * math.sqrt(1.0 / (by.factor * information) + float(moved @ moved))
+    return Estimate(value, math.hypot(deviation, change.known_to * value))
+
+
+def _log_evidence(trial: _Trial, size: Estimate | None, by: Yardstick) -> float:
+    """Return ln Z but for what all have in common."""
+    of_fit = -0.5 * by.factor * trial.fitted.cost
+    if trial.change is None or size is None:
+        return of_fit
+    away = (size.value - trial.change.usual) / trial.change.spread
+    return of_fit - 0.5 * away**2 - math.log(trial.change.spread / size.standard_uncertainty)
+
+
+def _log_prior(causes: Sequence[Cause], *, told: bool) -> FloatArray:
+    """Return ln of the probabilities beforehand, but for a constant.
+
+    No change is as likely as all, each cause as likely as another; a temperature that windows state is no guess.
+    """
+    expected = {Cause.NONE, Cause.TEMPERATURE} if told else {Cause.NONE}
+    others = len(set(causes) - expected)
+    return np.array([0.0 if one in expected else -math.log(others * causes.count(one)) for one in causes])
+
+
+def _tried(trial: _Trial, size: Estimate | None, none: _Trial, probability: float, by: Yardstick) -> TriedChange:
+    fitted = trial.fitted
+    evidence = delta_bic(none.fitted, fitted, by)
+    if trial.change is None or size is None:
+        return TriedChange(Cause.NONE, "none", None, "", True, fitted.gap, evidence, probability, "nothing has changed")
+    change = trial.change
+    return TriedChange(
+        cause=change.cause,
+        key=change.effect.key,
+        size=size,
+        unit=change.effect.parameters[0].unit,
+        plausible=2.0 * size.standard_uncertainty < abs(size.value) < abs(change.usual) + _LARGEST * change.spread,
+        gap=fitted.gap,
+        delta_bic=evidence,
+        probability=probability,
+        words=change.in_words(size.value, 1.959964 * size.standard_uncertainty),
+    )

@@ -1,0 +1,1 @@
+"""Locate a misfit and say what kind it is."""

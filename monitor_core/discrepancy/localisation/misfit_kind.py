@@ -1,0 +1,237 @@
+r"""What a misfit looks like: which signatures it is made of.
+
+A signature is how the residuals move with a stiffness, a mass, a damping, a delay. Subspaces of signatures of different
+dimension are compared by
+
+.. math:: \min_{s^2 \ge 1} \; n \ln s^2 + \mathrm{RSS}/s^2 + k \ln n
+
+the BIC of k signatures in n residuals that are standard normal, or wider where nothing explains all of them (Schwarz
+1978). Two kinds follow from the others: a hysteretic loss is a damping whose force does not grow with the rate, and
+a misfit depends on the amplitude if settings that differ in nothing but the excitation level need different amounts.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.discrepancy.explanation import MisfitKind
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.fitting.comparison import Layout
+from monitor_core.fitting.conditions.groups import has_lines, levels_of
+
+#: Difference of BIC that is called very strong evidence (Kass and Raftery 1995).
+_CLEAR = 10.0
+_MOST_KINDS = 3
+#: A kind is stated if it and its companions explain this share of what is in the place, and the law of a loss if they
+#: explain that one: where a misfit is large, what the linear signatures leave of it is like a loss of another law.
+_LEAST_SHARE, _LEAST_SHARE_FOR_LAW = 0.6, 0.8
+#: An extra mode stays within the first range, relatively, wherever the table is; it is not wider than the second, and
+#: looked for as far as the third on either side.
+_STANDS_STILL, _NARROW, _AROUND = 0.05, 2.0, 1.3
+_RANK = 1e-10  # of a normalised Gram matrix
+_UNSEEN = 1e-9  # share of a direction: less of it in some values is rounding, and its amount there would be anything
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signature:
+    """Directions in which one cause moves the residuals."""
+
+    kind: MisfitKind
+    rows: FloatArray  # shape (n_directions, n_values)
+    root: MisfitKind  # the kind that was given and this one follows from
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KindFound:
+    """What a misfit looks like, and the directions that explain it."""
+
+    kind: MisfitKind
+    rows: FloatArray  # shape (n_directions, n_values); none where nothing explains it
+    companions: FloatArray  # of other kinds that are there as well, shape (n_others, n_values)
+    share: float  # of the sum of squares beyond noise that all of them explain [-]
+
+
+def with_derived_kinds(layout: Layout, signatures: Mapping[MisfitKind, FloatArray]) -> tuple[Signature, ...]:
+    """Add the signatures that follow from the given ones: hysteretic and amplitude-dependent.
+
+    Parameters
+    ----------
+    layout : Layout
+    signatures : mapping of MisfitKind to ndarray, shape (n_directions, n_values)
+        Change of the standardised residuals with a unit of each cause.
+
+    Notes
+    -----
+    A viscous force c·v has a loss that grows with frequency; k·η/ω in place of c has one that does not, so the rows are
+    those of the dampings over the frequency. Where values have no frequency the rows of a damping go with the speed and
+    those of a hysteretic loss with its sign.
+    """
+    given = [Signature(kind, rows, kind) for kind, rows in signatures.items() if rows.size]
+    if MisfitKind.DAMPING in signatures:
+        rate_free = _without_rate(layout, signatures[MisfitKind.DAMPING])
+        given.append(Signature(MisfitKind.HYSTERESIS, rate_free, MisfitKind.DAMPING))
+    level = _level_within_matched_settings(layout)[layout.setting]
+    if np.any(level):
+        given += [Signature(MisfitKind.AMPLITUDE, np.vstack([one.rows, one.rows * level]), one.root) for one in given]
+    return tuple(given)
+
+
+def kind_of(
+    layout: Layout, residuals: FloatArray, signatures: Sequence[Signature], place: BoolArray, compared: BoolArray
+) -> KindFound:
+    """Tell what the misfit in a place looks like.
+
+    Parameters
+    ----------
+    layout : Layout
+    residuals : ndarray, shape (n_values,)
+        Independent and standard normal where the model is right.
+    signatures : sequence of Signature
+        Of the same residuals, from :func:`with_derived_kinds`.
+    place : ndarray of bool, shape (n_values,)
+        What the answer is about.
+    compared : ndarray of bool, shape (n_values,)
+        What the kinds are told apart by: the place with all that was measured under the same conditions, since far from
+        a resonance a mass differs from a stiffness.
+
+    Returns
+    -------
+    KindFound
+        ``UNCLEAR`` where no kind explains the place, or two do equally well.
+    """
+    chosen = _select(residuals, signatures, compared)
+    rows = _rows_of(chosen, layout.n_values)
+    amounts = _amounts(rows, residuals, compared)
+    share = _share(residuals, residuals - amounts @ rows, place)
+    if not chosen or share < _LEAST_SHARE:
+        extra = _is_extra_mode(layout, residuals, signatures, place)
+        return KindFound(MisfitKind.EXTRA_MODE if extra else MisfitKind.UNCLEAR, rows[:0], rows, share)
+    ends = np.cumsum([one.rows.shape[0] for one, _ in chosen])[:-1]
+    parts = [part @ one.rows for part, (one, _) in zip(np.split(amounts, ends), chosen, strict=True)]
+    strongest = int(np.argmax([np.sum(part[place] ** 2) for part in parts]))
+    signature, kind = chosen[strongest]
+    if kind is MisfitKind.HYSTERESIS and share < _LEAST_SHARE_FOR_LAW:
+        kind = signature.root
+    others = _rows_of(chosen[:strongest] + chosen[strongest + 1 :], layout.n_values)
+    return KindFound(kind, signature.rows, others, share)
+
+
+def take_out(residuals: FloatArray, found: KindFound, of: BoolArray) -> FloatArray:
+    """Return the residuals without what the kind explains of the chosen values beside its companions."""
+    rows = np.vstack([found.rows, found.companions])
+    amounts = _amounts(rows, residuals, of)
+    return residuals - amounts[: found.rows.shape[0]] @ found.rows
+
+
+def explained(rows: FloatArray, residuals: FloatArray) -> tuple[float, int]:
+    """Return the sum of squares that rows explain, and along how many independent directions."""
+    norms = np.linalg.norm(rows, axis=1)
+    scaled = rows[norms > 0.0] / norms[norms > 0.0, None]
+    values, vectors = np.linalg.eigh(scaled @ scaled.T)
+    kept = values > _RANK * scaled.shape[0]
+    along = (vectors[:, kept].T @ (scaled @ residuals)) ** 2 / values[kept]
+    return float(np.sum(along)), int(np.count_nonzero(kept))
+
+
+def _amounts(rows: FloatArray, residuals: FloatArray, of: BoolArray) -> FloatArray:
+    """Return the amounts of rows that explain the chosen residuals best, 0 of rows that these values do not see."""
+    norms = np.linalg.norm(rows[:, of], axis=1)
+    seen = norms > _UNSEEN * np.linalg.norm(rows, axis=1)
+    scaled = rows[seen][:, of] / norms[seen, None]
+    amounts = np.zeros(norms.size)
+    amounts[seen] = np.linalg.pinv(scaled @ scaled.T, rcond=_RANK, hermitian=True) @ (scaled @ residuals[of])
+    amounts[seen] /= norms[seen]
+    return amounts
+
+
+def _select(
+    residuals: FloatArray, signatures: Sequence[Signature], compared: BoolArray
+) -> list[tuple[Signature, MisfitKind]]:
+    """Choose signatures one after the other while the BIC asks for them, each with the kind that may be stated."""
+    values = residuals[compared]
+    total, n = float(values @ values), values.size
+    chosen: list[tuple[Signature, MisfitKind]] = []
+    best = _bic(total, n, 0)
+    while len(chosen) < _MOST_KINDS:
+        trials = []
+        for one in signatures:
+            if any(one.root is other.root for other, _ in chosen):
+                continue  # two kinds that are alike would be set against each other to bend what neither is
+            rows = np.vstack([_rows_of(chosen, residuals.size), one.rows])
+            gain, n_directions = explained(rows[:, compared], values)
+            trials.append((_bic(total - gain, n, n_directions), n_directions, one))
+        least, size, winner = min(trials, key=lambda trial: trial[0], default=(math.inf, 0, None))
+        if winner is None or least > best - _CLEAR:
+            break
+        # Few directions alone must not decide: a rival has to do worse by the mild penalty of Akaike (1974) as well.
+        milder = math.log(n) - 2.0
+        rivals = [one for bic, k, one in trials if bic - max(k - size, 0) * milder < least + _CLEAR]
+        chosen.append((winner, _common_kind(rivals)))
+        best = least
+    return chosen
+
+
+def _rows_of(chosen: Sequence[tuple[Signature, MisfitKind]], n_values: int) -> FloatArray:
+    return np.vstack([np.zeros((0, n_values)), *(one.rows for one, _ in chosen)])
+
+
+def _common_kind(rivals: Sequence[Signature]) -> MisfitKind:
+    """Return the kind of signatures that do equally well: the plainest of one root, which comes first."""
+    one_kind, one_root = (len(set(names)) == 1 for names in zip(*((one.kind, one.root) for one in rivals), strict=True))
+    return rivals[0].kind if one_kind or one_root else MisfitKind.UNCLEAR
+
+
+def _bic(rss: float, n: int, n_directions: int) -> float:
+    variance = max(rss / n, 1.0)
+    return n * math.log(variance) + rss / variance + n_directions * math.log(n)
+
+
+def _share(before: FloatArray, after: FloatArray, place: BoolArray) -> float:
+    n = np.count_nonzero(place)
+    excess, left = (max(float(np.sum(one[place] ** 2)) - n, 0.0) for one in (before, after))
+    return 1.0 - left / excess if excess > 0.0 else 1.0
+
+
+def _is_extra_mode(layout: Layout, residuals: FloatArray, signatures: Sequence[Signature], place: BoolArray) -> bool:
+    """Tell whether a misfit is narrow, at one frequency at every position, and not where the model has a mode.
+
+    Where the model has its own modes is where its dampings are seen; a misfit there is more likely theirs.
+    """
+    positions = levels_of(layout, ConditionAxis.POSITION)[layout.setting]
+    distinct = np.unique(positions[np.isfinite(positions)])
+    if not has_lines(layout) or distinct.size < 2 or not np.all(np.isin(distinct, positions[place])):
+        return False
+    low, high = np.min(layout.frequency[place]), np.max(layout.frequency[place])
+    around = (layout.frequency >= low / _AROUND) & (layout.frequency <= high * _AROUND)
+    at = [around & (positions == one) & np.isin(layout.channel, layout.channel[place]) for one in distinct]
+    centres = [np.average(np.log(layout.frequency[one]), weights=residuals[one] ** 2) for one in at]
+    dampings = [one.rows for one in signatures if one.kind is MisfitKind.DAMPING]
+    own = np.sum(np.vstack([np.zeros((1, layout.n_values)), *dampings]) ** 2, axis=0)
+    still = high <= _NARROW * low and np.ptp(centres) < _STANDS_STILL
+    return bool(still and np.mean(own[place]) <= np.mean(own))
+
+
+def _without_rate(layout: Layout, dampings: FloatArray) -> FloatArray:
+    stated = np.isfinite(layout.frequency)
+    if not np.any(stated):
+        return np.asarray(np.sign(dampings) / layout.standard_deviation)
+    return dampings * np.divide(1.0, layout.frequency, out=np.zeros(layout.n_values), where=stated)
+
+
+def _level_within_matched_settings(layout: Layout) -> FloatArray:
+    """Return ln of the excitation level against the mean of the settings that differ in nothing else, (n_settings,)."""
+    level = levels_of(layout, ConditionAxis.LEVEL)
+    matched: dict[tuple[tuple[str, str], ...], list[int]] = defaultdict(list)
+    for index, setting in enumerate(layout.settings):
+        others = sorted((str(axis), f"{at:.6g}") for axis, at in setting.values.items() if axis != ConditionAxis.LEVEL)
+        if level[index] > 0.0:
+            matched[tuple(others)].append(index)
+    centred = np.zeros(level.size)
+    for members in matched.values():
+        logarithm = np.log(level[members])
+        centred[members] = logarithm - np.mean(logarithm)
+    return centred

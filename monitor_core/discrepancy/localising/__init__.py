@@ -1,1 +1,0 @@
-"""Where a misfit sits and of which kind it is, with tests that hold their level."""

@@ -1,1 +1,0 @@
-"""Which change explains that the frequency of a running axis moved: recent windows against the reference."""

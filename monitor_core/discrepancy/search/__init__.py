@@ -1,0 +1,1 @@
+"""Search for missing effects: textbook physics, one effect after the other, substitutions."""

@@ -1,1 +1,0 @@
-"""Which effects bring model and measurement together: the fit, the cheap looks, the search and its evidence."""

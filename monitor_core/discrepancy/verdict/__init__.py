@@ -1,0 +1,1 @@
+"""Turn search results into a verdict: indistinguishable effects, outcome, next measurement."""

@@ -1,0 +1,105 @@
+"""What to measure next: what would part effects that look alike, and what would show those that nothing shows yet."""
+
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.search.search import Found
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass
+from monitor_core.effects.effect import ConditionAxis, Effect
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Layout
+from monitor_core.fitting.conditions.settings import is_testable, varied_conditions
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+Physics = TypeVar("Physics")
+
+#: With fewer positions many effects differ by a level alone.
+_ENOUGH_POSITIONS = 5
+#: What parts two effects by less is not worth a measurement. [standard deviations]
+_WORTH_MEASURING = 3.0
+
+
+def next_measurement(
+    found: Found[Physics],
+    classes: Sequence[EquivalenceClass[Physics]],
+    outcome: Outcome,
+    candidates: Sequence[Effect[Physics]],
+) -> str:
+    """Return in a few words what to vary next; empty where nothing is open.
+
+    Parameters
+    ----------
+    found : Found
+    classes : sequence of EquivalenceClass
+        One for each effect that was accepted.
+    outcome : Outcome
+    candidates : sequence of Effect
+        Everything the axis may lack.
+    """
+    advice = [words for one in classes for words in _to_part(one)]
+    if outcome is not Outcome.NAMED:
+        told = {key for one in classes for key in (one.leader.effect.key, *one.others, *one.twins)}
+        advice += _to_see_more(found.final.comparison.layout, [one for one in candidates if one.key not in told])
+    return "; ".join(advice)
+
+
+def separations(one: Fitted[Physics], other: Fitted[Physics]) -> dict[str, float]:
+    """Return by how much two fits would differ if all settings were measured again under other conditions.
+
+    In standard deviations, by what a sentence calls the change; without those under which one of them has no answer.
+    """
+    first, second = one.physics(), other.physics()
+    found = {}
+    for words, imagined in one.comparison.imagined().items():
+        try:
+            there = imagined.misfit(first), imagined.misfit(second)
+        except OutsideValidityError:
+            continue
+        found[words] = float(np.linalg.norm(one.around.whitened_by(one.comparison.layout.difference(*there))))
+    return found
+
+
+def _to_part(one: EquivalenceClass[Physics]) -> Iterator[str]:
+    """Yield the change that parts the most members from the first one, and which of them nothing does."""
+    key = one.leader.effect.key
+    apart = {other.effect.key: separations(one.leader.fitted, other.fitted) for other in one.members[1:]}
+    changes = dict.fromkeys(words for of_other in apart.values() for words in of_other)
+
+    def parted_by(words: str) -> dict[str, float]:
+        return {other: found[words] for other, found in apart.items() if found.get(words, 0.0) >= _WORTH_MEASURING}
+
+    best = max(changes, key=lambda words: (len(parted_by(words)), sum(parted_by(words).values())), default="")
+    parted = parted_by(best) if best else {}
+    if parted:
+        listed = " and from ".join(f"{other} by {distance:.0f}" for other, distance in parted.items())
+        yield f"measure all settings {best}: {key} would then differ from {listed} standard deviations"
+    never = [other for other, found in apart.items() if max(found.values(), default=0.0) < _WORTH_MEASURING]
+    if never:
+        yield f"nothing that could be varied parts {key} from {' or '.join(never)}"
+    if one.untested:
+        yield f"measure whole frequency responses, which part {key} from {' and '.join(one.untested)}"
+
+
+def _to_see_more(layout: Layout, candidates: Sequence[Effect[Physics]]) -> Iterator[str]:
+    """Yield what has to vary for the other candidates to be seen."""
+    varied = varied_conditions(layout)
+    stated = {axis for setting in layout.settings for axis in setting.values}
+    positions = {
+        setting.values[ConditionAxis.POSITION] for setting in layout.settings if ConditionAxis.POSITION in stated
+    }
+    if positions and len(positions) < _ENOUGH_POSITIONS:
+        yield f"measure at {_ENOUGH_POSITIONS} positions or more"
+    if ConditionAxis.PAYLOAD in stated - varied:
+        yield "measure with and without a known added mass"
+    waiting: dict[ConditionAxis, list[str]] = {}
+    for effect in candidates:
+        for axis in () if is_testable(effect, layout) else sorted(effect.needs - varied):
+            waiting.setdefault(axis, []).append(effect.key)
+    for axis, keys in waiting.items():
+        if axis is ConditionAxis.FREQUENCY:
+            yield f"measure whole frequency responses, without which {', '.join(dict.fromkeys(keys))} cannot be seen"
+        elif axis is not ConditionAxis.PAYLOAD:
+            yield f"vary the {axis}, without which {', '.join(dict.fromkeys(keys))} cannot be seen"

@@ -1,0 +1,1 @@
+"""The bench: described axes, observations, residuals, fits and their evidence."""

@@ -1,0 +1,164 @@
+"""Measurements against a model, as plain numbers: what the discrepancy workflow asks of every kind of data.
+
+Modal tables, frequency responses and motion records each have one module that turns them into this form; everything
+after it, from the fit to the decision, is the same for all of them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import BoolArray, FloatArray, read_only
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.errors import OutsideValidityError
+
+Physics_contra = TypeVar("Physics_contra", contravariant=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What the axis was set to while some of the data were taken; data of one setting share its errors."""
+
+    name: str  # as a sentence calls it: "300 mm, 250 N, +6 kg"
+    values: Mapping[ConditionAxis, float] = field(default_factory=dict)  # SI, of what is stated
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommonErrors:
+    """Errors that values of different settings share, as those of the form of a model at one frequency."""
+
+    group: npt.NDArray[np.intp]  # which values share an error, shape (n_values,)
+    deviation: FloatArray  # standard deviation of the error, in the unit of the misfit, shape (n_values,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """What each value of the data belongs to."""
+
+    settings: tuple[Setting, ...]
+    setting: npt.NDArray[np.intp]  # index of the setting of each value, shape (n_values,)
+    channel: npt.NDArray[np.intp]  # index of the channel of each value, shape (n_values,)
+    channels: tuple[str, ...]  # names, such as "acceleration-at-table, real part"
+    frequency: FloatArray  # of the line or the mode; NaN where a value has none, shape (n_values,) [Hz]
+    standard_deviation: FloatArray  # of the misfit, measurement and model's form, shape (n_values,)
+    period: FloatArray  # by whole multiples of which a misfit is undetermined, as a phase; inf otherwise, (n_values,)
+    common: CommonErrors | None = None
+    held_out: tuple[BoolArray, ...] = ()  # values each fold leaves out; one: never fitted; several: in turn
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", read_only(self.frequency))
+        object.__setattr__(self, "standard_deviation", read_only(self.standard_deviation))
+        object.__setattr__(self, "period", read_only(self.period))
+        sizes = {self.setting.size, self.channel.size, self.frequency.size, self.standard_deviation.size}
+        if len(sizes) != 1 or not self.setting.size:
+            raise OutsideValidityError(
+                "a comparison needs one setting, channel and deviation for each value, at least one"
+            )
+        if not np.all(self.standard_deviation > 0.0):
+            raise OutsideValidityError("the standard deviation of every value must be positive")
+
+    def difference(self, misfit: FloatArray, other: FloatArray) -> FloatArray:
+        """Return one misfit less another, each value within half its period of zero, shape (n_values,)."""
+        difference = misfit - other
+        turns = np.round(difference / self.period)
+        return difference - turns * np.where(turns != 0.0, self.period, 0.0)
+
+    @property
+    def n_values(self) -> int:
+        """How many numbers are compared."""
+        return self.setting.size
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """One picture of measurement and models: a response, a frequency over positions, a force over time."""
+
+    title: str
+    x_name: str  # with unit, as "frequency [Hz]"
+    y_name: str
+    x: FloatArray
+    measured: FloatArray
+    models: Mapping[str, FloatArray]  # by name: "before", "after"
+    logarithmic: bool = False  # y axis
+    held_out: bool = False
+
+
+class Comparison(Protocol[Physics_contra]):
+    """Data of one axis, and how far a description of it is from them."""
+
+    @property
+    def layout(self) -> Layout:
+        """What the values belong to."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Unit in which a gap is stated: sigma, Hz or %."""
+        ...
+
+    @property
+    def noise_floor(self) -> float:
+        """Gap that noise, setting errors and the form of the model leave where nothing is missing, in ``unit``."""
+        ...
+
+    @property
+    def least_delta_bic(self) -> float:
+        """Evidence that an effect needs: more where the form of the model may pass for one in thousands of values."""
+        ...
+
+    @property
+    def setting_error_names(self) -> tuple[str, ...]:
+        """Return what the rows of ``setting_errors`` are errors of; the one that may act strongly stands first."""
+        ...
+
+    def misfit(self, physics: Physics_contra) -> FloatArray:
+        """Return prediction less measurement, shape (n_values,); raises OutsideValidityError where there is none."""
+        ...
+
+    def setting_errors(self, physics: Physics_contra, misfit: FloatArray) -> FloatArray:
+        """Return the change of the misfit per standard deviation of each error of a setting, (n_errors, n_values).
+
+        The misfit is that of the same physics, which whoever asks has at hand.
+
+        The errors are independent from setting to setting and standard normal: where the table really stood, what the
+        preload really was, what the gain really is.
+        """
+        ...
+
+    def shifted(self, errors: FloatArray) -> "Comparison[Physics_contra]":
+        """Return the same data with errors of their settings taken into account, shape (n_settings, n_errors).
+
+        What was set, and the gains, are moved by so many standard deviations from where they are taken to be already;
+        everything else stays.
+        """
+        ...
+
+    def resolved(self, physics: Physics_contra, errors: FloatArray) -> "Comparison[Physics_contra]":
+        """Return the data as a finer resolution would have shown them, of such an axis and such errors of settings.
+
+        The misfit for these physics and errors is that of this comparison, nearly so for others like them, and costs
+        less.
+        """
+        ...
+
+    def imagined(self) -> Mapping[str, "Comparison[Physics_contra]"]:
+        """Return the same settings under other conditions, by what a sentence calls them.
+
+        Nothing was measured there; two models are compared through the difference of their misfits.
+        """
+        ...
+
+    def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
+        """Return the size of the gap over the chosen values in ``unit``.
+
+        ``standardised`` is the misfit after the errors of the settings have explained what they can, in standard
+        deviations.
+        """
+        ...
+
+    def panels(self, models: Mapping[str, Physics_contra]) -> tuple[Panel, ...]:
+        """Return pictures of the measurement and of several models by their names."""
+        ...

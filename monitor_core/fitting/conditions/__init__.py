@@ -1,0 +1,1 @@
+"""What data were taken under: settings, groups of values, and errors that a setting shares."""

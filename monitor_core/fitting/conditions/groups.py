@@ -1,0 +1,202 @@
+"""Values of a comparison in groups by what they have in common: a band, a position, a preload, a direction."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import special
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.fitting.comparison import Layout
+
+Indices = npt.NDArray[np.intp]
+
+#: What a range along an axis is called, and its unit over that of the record.
+_AT_THE_EDGE: dict[ConditionAxis, tuple[str, float]] = {
+    ConditionAxis.POSITION: ("position_mm", 1e3),
+    ConditionAxis.PRELOAD: ("preload_n", 1.0),
+    ConditionAxis.PAYLOAD: ("payload_kg", 1.0),
+    ConditionAxis.TEMPERATURE: ("temperature_delta_c", 1.0),
+    ConditionAxis.LEVEL: ("excitation level", 1.0),
+    ConditionAxis.DIRECTION: ("direction", 1.0),
+    ConditionAxis.RECORD: ("record", 1.0),
+}
+CONDITIONS = tuple(_AT_THE_EDGE)
+_WITHOUT_ORDER = frozenset({ConditionAxis.DIRECTION, ConditionAxis.RECORD})
+#: More levels than these are put together with their neighbours.
+_MOST_LEVELS = 12
+#: With fewer values with a frequency in a setting and channel they are natural frequencies and not lines of a response.
+_FEWEST_LINES = 8
+#: Natural frequencies this much further up, relatively, belong to another mode.
+_NEXT_MODE = 1.2
+#: With fewer positions a mode may seem to stay where it is by chance.
+_FEWEST_POSITIONS = 3
+#: Of modes that stay where they are, the share whose frequencies scatter by no more than is taken for scatter.
+_SCATTER = 0.99
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grouping:
+    """One way to group values; groups count from 0 in the order of the axis."""
+
+    name: str  # with the unit: position_mm, band, channel
+    axis: ConditionAxis | None  # None: channels
+    group: Indices  # of each value, −1 where the axis is not stated, shape (n_values,)
+    lowest: tuple[str, ...]  # of each group, as written
+    highest: tuple[str, ...]
+    unit: str = ""  # where the name does not end with it
+
+    @property
+    def n_groups(self) -> int:
+        """How many groups there are."""
+        return len(self.lowest)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each group is called by itself."""
+        return tuple(self.words([one]).strip() for one in range(self.n_groups))
+
+    @property
+    def ordered(self) -> bool:
+        """Whether neighbouring groups make a range."""
+        return self.axis is not None and self.axis not in _WITHOUT_ORDER
+
+    def holds(self, groups: Sequence[int]) -> BoolArray:
+        """Tell which values are in one of the groups, shape (n_values,)."""
+        return np.isin(self.group, groups)
+
+    def words(self, groups: Sequence[int]) -> str:
+        """Return what the groups are called together: "position_mm 500..850"."""
+        if self.ordered:
+            low, high = self.lowest[groups[0]], self.highest[groups[-1]]
+            levels = low if low == high else f"{low}..{high}"
+        else:
+            levels = " and ".join(self.lowest[one] for one in groups)
+        return f"{self.name} {levels}{self.unit}"
+
+    def sums(self, values: FloatArray, of: BoolArray) -> FloatArray:
+        """Return the sums of the chosen values over the groups, shape (n_groups,)."""
+        stated = of & (self.group >= 0)
+        sums = np.bincount(self.group[stated], weights=values[stated], minlength=self.n_groups)
+        return np.asarray(sums, dtype=np.float64)
+
+
+def groupings(layout: Layout, n_bands: int) -> tuple[Grouping, ...]:
+    """Return every grouping with at least two groups: conditions, channels, bands or modes.
+
+    Parameters
+    ----------
+    layout : Layout
+        What the values belong to.
+    n_bands : int
+        Into how many bands, logarithmically, the lines of responses are put.
+    """
+    found = [by_condition(layout, axis) for axis in CONDITIONS]
+    found += [_by_channel(layout), by_frequency(layout, n_bands)]
+    return tuple(one for one in found if one is not None and one.n_groups > 1)
+
+
+def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
+    """Group lines by bands and natural frequencies by modes; None where no value has a frequency."""
+    stated = np.isfinite(layout.frequency)
+    if not np.any(stated):
+        return None
+    frequency = layout.frequency[stated]
+    name, edges = "mode", _gaps(frequency)
+    if has_lines(layout):
+        name, edges = "band", np.geomspace(np.min(frequency), np.max(frequency), n_bands + 1)[1:-1]
+    group = np.full(layout.n_values, -1, dtype=np.intp)
+    _, group[stated] = np.unique(np.searchsorted(edges, frequency, side="right"), return_inverse=True)
+    of_groups = [layout.frequency[group == one] for one in range(int(np.max(group)) + 1)]
+    lowest, highest = (tuple(f"{float(f'{at(one):.3g}'):g}" for one in of_groups) for at in (np.min, np.max))
+    return Grouping(name, ConditionAxis.FREQUENCY, group, lowest, highest, " Hz")
+
+
+def has_lines(layout: Layout) -> bool:
+    """Tell whether the values are lines of responses rather than natural frequencies or forces."""
+    series = series_of(layout)[np.isfinite(layout.frequency)]
+    return bool(series.size) and bool(np.median(np.unique_counts(series).counts) >= _FEWEST_LINES)
+
+
+def modes_that_stay(layout: Layout) -> tuple[int, ...]:
+    """Return the channels of natural frequencies that stay where they are, at all positions that were measured.
+
+    A mode of the drive goes with the table; one that does not may be of something that the drive stands on or carries.
+    """
+    if has_lines(layout):
+        return ()
+    found = []
+    for channel in range(len(layout.channels)):
+        at = (layout.channel == channel) & np.isfinite(layout.frequency)
+        positions = levels_of(layout, ConditionAxis.POSITION)[layout.setting[at]]
+        if np.unique(positions).size < _FEWEST_POSITIONS:
+            continue
+        logarithm, weight = np.log(layout.frequency[at]), layout.standard_deviation[at] ** -2.0
+        apart = logarithm - np.average(logarithm, weights=weight)
+        if weight @ apart**2 <= special.chdtri(logarithm.size - 1, 1.0 - _SCATTER):
+            found.append(channel)
+    return tuple(found)
+
+
+def by_condition(layout: Layout, axis: ConditionAxis) -> Grouping | None:
+    """Group values by the level of one condition; None where no setting states it."""
+    name, per_unit = _AT_THE_EDGE[axis]
+    levels = levels_of(layout, axis) * per_unit
+    stated = np.isfinite(levels)
+    distinct = sorted({float(f"{one:.6g}") for one in levels[stated]})
+    if not distinct:
+        return None
+    n_groups = len(distinct) if axis in _WITHOUT_ORDER else min(len(distinct), _MOST_LEVELS)
+    parts = np.array_split(np.array(distinct), n_groups)
+    between = [0.5 * (below[-1] + above[0]) for below, above in itertools.pairwise(parts)]
+    of_setting = np.where(stated, np.searchsorted(between, np.nan_to_num(levels)), -1)
+    lowest, highest = (tuple(_written(axis, part[end]) for part in parts) for end in (0, -1))
+    return Grouping(name, axis, of_setting[layout.setting], lowest, highest)
+
+
+def levels_of(layout: Layout, axis: ConditionAxis) -> FloatArray:
+    """Return what each setting states of an axis, NaN for nothing, shape (n_settings,)."""
+    return np.array([one.values.get(axis, np.nan) for one in layout.settings], dtype=np.float64)
+
+
+def series_of(layout: Layout) -> Indices:
+    """Return the series of each value: those of one setting and channel follow one another, shape (n_values,)."""
+    return layout.setting * len(layout.channels) + layout.channel
+
+
+def previous_in_series(layout: Layout) -> Indices:
+    """Return the value before each one in its series, −1 for the first, shape (n_values,)."""
+    series = series_of(layout)
+    order = np.argsort(series, kind="stable")
+    follows = series[order][1:] == series[order][:-1]
+    previous = np.full(layout.n_values, -1, dtype=np.intp)
+    previous[order[1:][follows]] = order[:-1][follows]
+    return previous
+
+
+def by_stretch(layout: Layout, n_stretches: int) -> Grouping:
+    """Group values by consecutive settings, as those of a motion record follow in time."""
+    parts = np.array_split(np.arange(len(layout.settings)), min(n_stretches, len(layout.settings)))
+    of_setting = np.repeat(np.arange(len(parts)), [part.size for part in parts])
+    names = [[layout.settings[index].name for index in (part[0], part[-1])] for part in parts]
+    words = tuple(first if first == last else f"{first} to {last}" for first, last in names)
+    return Grouping("", None, of_setting[layout.setting], words, words)
+
+
+def _by_channel(layout: Layout) -> Grouping:
+    quoted = tuple(f'"{one}"' for one in layout.channels)  # a name has commas of its own
+    return Grouping("channel", None, layout.channel, quoted, quoted)
+
+
+def _gaps(frequencies: FloatArray) -> FloatArray:
+    rising = np.unique(frequencies)
+    return rising[1:][rising[1:] > _NEXT_MODE * rising[:-1]]
+
+
+def _written(axis: ConditionAxis, level: float) -> str:
+    if axis is ConditionAxis.DIRECTION and level:
+        return "+" if level > 0.0 else "−"
+    return f"{float(f'{level:.4g}'):g}"

@@ -1,0 +1,114 @@
+"""Conditions of measurements as the workflow sees them: names, errors of settings, what is held out."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from monitor_core.effects.effect import ConditionAxis, Effect
+from monitor_core.fitting.comparison import Layout, Setting
+from monitor_core.fitting.conditions.groups import has_lines, modes_that_stay
+from monitor_core.models.protocol import DriveConditions
+
+Physics = TypeVar("Physics")
+
+#: With fewer positions or preloads than this every one is needed for the fit.
+_FEWEST_TO_HOLD_OUT = 5
+_FEWEST_TO_LEAVE_OUT_IN_TURN = 4
+_FEWEST_OF_A_VARIATION = 2
+#: What is easily done to an axis to see more: a mass put on the table [kg], a morning's warming [K].
+KNOWN_MASS = 5.0
+WARMER = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class SettingTolerances:
+    """Standard deviations of what a measurement is tagged with."""
+
+    position: float = 0.3e-3  # [m]
+    preload_share: float = 0.03  # of the stated preload [-]
+    gain_share: float = 0.005  # of the response [-]
+
+
+def setting_of(conditions: DriveConditions) -> Setting:
+    """Return what a sentence calls the conditions, and their values."""
+    values = {ConditionAxis.POSITION: conditions.position}
+    words = [f"{conditions.position * 1e3:g} mm"]
+    if conditions.preload is not None:
+        values[ConditionAxis.PRELOAD] = conditions.preload
+        words.append(f"{conditions.preload:g} N")
+    values[ConditionAxis.PAYLOAD] = conditions.payload_mass
+    if conditions.payload_mass:
+        words.append(f"+{conditions.payload_mass:g} kg")
+    values[ConditionAxis.TEMPERATURE] = conditions.temperature_deviation
+    if conditions.temperature_deviation:
+        words.append(f"{conditions.temperature_deviation:+g} K")
+    if conditions.excitation_level:
+        values[ConditionAxis.LEVEL] = conditions.excitation_level
+        words.append(f"level {conditions.excitation_level:.3g}")
+    return Setting(", ".join(words), values)
+
+
+def default_folds(conditions: Iterable[DriveConditions]) -> tuple[frozenset[DriveConditions], ...]:
+    """Return what to hold out where nobody says: two inner positions of five or more, else each preload in turn.
+
+    With five positions or more a model is judged where it was not fitted, and of payloads, temperatures and levels that
+    were varied the last measurement each is held out, too. A table of few positions cannot spare one,
+    and leaves out each of at least four preloads in turn; with fewer than that nothing is held out.
+    """
+    distinct = list(dict.fromkeys(conditions))
+    positions = sorted({one.position for one in distinct})
+    if len(positions) >= _FEWEST_TO_HOLD_OUT:
+        inner = {positions[1], positions[-2]}
+        held_out = {one for one in distinct if one.position in inner}
+        return (frozenset(held_out | _last_of_each_variation(one for one in distinct if one not in held_out)),)
+    preloads = sorted({one.preload for one in distinct if one.preload is not None})
+    if len(preloads) >= _FEWEST_TO_LEAVE_OUT_IN_TURN:
+        return tuple(frozenset(one for one in distinct if one.preload == preload) for preload in preloads)
+    return ()
+
+
+def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveConditions]:
+    """Return the last of several conditions that differ from most in one payload, temperature or level.
+
+    Without them nothing held out would tell of an effect that only such a variation shows.
+    """
+    remaining = list(conditions)
+    last: set[DriveConditions] = set()
+    for name in ("payload_mass", "temperature_deviation", "excitation_level"):
+        counts = Counter(getattr(one, name) for one in remaining)
+        usual = counts.most_common(1)[0][0] if counts else None
+        several = sorted(value for value, count in counts.items() if count >= _FEWEST_OF_A_VARIATION)
+        if name == "temperature_deviation":  # one that drifts comes by every kelvin: the coldest and the warmest tell
+            several = [*several[:1], *several[-1:]]
+        for value in several:
+            if value != usual:
+                last.add([one for one in remaining if getattr(one, name) == value][-1])
+    return last
+
+
+def varied_conditions(layout: Layout) -> frozenset[ConditionAxis]:
+    """Return the conditions that take more than one value in the data."""
+    values: dict[ConditionAxis, set[float]] = {}
+    for setting in layout.settings:
+        for axis, value in setting.values.items():
+            values.setdefault(axis, set()).add(value)
+    varied = {axis for axis, found in values.items() if len(found) > 1}
+    if has_lines(layout):
+        varied.add(ConditionAxis.FREQUENCY)
+    return frozenset(varied)
+
+
+def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
+    """Tell whether the data vary what an effect needs to be seen as such.
+
+    What has a frequency of its own shows in a natural frequency, too, if one stays where it is.
+    """
+    missing = effect.needs - varied_conditions(layout)
+    own = effect.frequency
+    if missing != {ConditionAxis.FREQUENCY} or own is None:
+        return not missing
+    stays = [layout.frequency[layout.channel == channel] for channel in modes_that_stay(layout)]
+    return any(own.lower <= float(np.nanmean(one)) <= own.upper for one in stays)

@@ -1,0 +1,92 @@
+r"""How much a fit says for one hypothesis against another, where residuals are neither quite white nor of size one.
+
+Residuals whose neighbours correlate by ρ count as :math:`n (1 - \rho)/(1 + \rho)` values, and what the fuller of two
+hypotheses leaves, s² per value, is taken for the noise:
+
+.. math::
+
+    \Delta BIC = \frac{1 - \rho}{1 + \rho}\,\frac{\chi^2_0 - \chi^2_1}{s^2} - k \ln n_{eff}
+
+for k parameters more that the data see (Schwarz, Ann. Statist. 6 (1978) 461; the number of effective values is that of
+a first-order autoregression).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.fitting.comparison import Comparison, Layout
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+Physics = TypeVar("Physics")
+
+#: The noise budget is what a decrease of χ² is measured with, at the least: residuals below it may hang together.
+_LEAST_SCALE = 1.0
+_HIGHEST_CORRELATION = 0.9
+#: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).
+STRONG, VERY_STRONG = 6.0, 10.0
+_SHARE_OF_THRESHOLD = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Yardstick:
+    """What a decrease of χ² is measured with."""
+
+    scale: float  # s²: mean square of the residuals that count as noise [-]
+    correlation: float  # ρ of neighbours [-]
+    n_values: int  # that were fitted
+
+    @property
+    def share(self) -> float:
+        """How many independent values one value is worth."""
+        return (1.0 - self.correlation) / (1.0 + self.correlation)
+
+    @property
+    def factor(self) -> float:
+        """From a decrease of χ² to twice a log-likelihood ratio."""
+        return self.share / self.scale
+
+    def penalty(self, n_parameters: int) -> float:
+        """Return what n parameters cost."""
+        return n_parameters * math.log(max(self.n_values * self.share, 2.0))
+
+
+def least_difference(comparison: Comparison[Physics]) -> float:
+    """Return by how much BIC of one effect must surpass that of another to hold them apart.
+
+    Another effect scores 10 more than the true one once in a hundred and fifty times, and there are several others.
+    What the form of a model may feign where nothing is missing shows in the least evidence for an effect.
+    """
+    return max(VERY_STRONG, _SHARE_OF_THRESHOLD * comparison.least_delta_bic)
+
+
+def yardstick(fitted: Fitted[Physics]) -> Yardstick:
+    """Return the yardstick that a fit makes: its residuals count as noise.
+
+    A parameter within a tolerance brings one value more, its prior, and takes one: with the priors' residuals so many
+    are free as there are values, less the unknowns that are seen and that nothing holds.
+    """
+    residuals = fitted.standardised[fitted.fitted]
+    free = max(residuals.size - fitted.n_seen, 1)
+    scale = max((float(residuals @ residuals) + fitted.prior_cost) / free, _LEAST_SCALE)
+    correlation = neighbour_correlation(fitted.comparison.layout, fitted.standardised, fitted.fitted)
+    return Yardstick(scale, min(max(correlation, 0.0), _HIGHEST_CORRELATION), residuals.size)
+
+
+def neighbour_correlation(layout: Layout, standardised: FloatArray, chosen: BoolArray) -> float:
+    """Return the correlation of residuals with the next ones of their setting and channel."""
+    group = layout.setting * len(layout.channels) + layout.channel
+    pairs = (group[1:] == group[:-1]) & chosen[1:] & chosen[:-1]
+    if np.count_nonzero(pairs) < 2:
+        return 0.0
+    first, second = standardised[:-1][pairs], standardised[1:][pairs]
+    power = math.sqrt(float(first @ first) * float(second @ second))
+    return float(first @ second) / power if power > 0.0 else 0.0
+
+
+def delta_bic(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
+    """Return BIC of a hypothesis less BIC of a fuller one: above zero speaks for the fuller."""
+    return by.factor * (without.cost - fuller.cost) - by.penalty(fuller.n_seen - without.n_seen)

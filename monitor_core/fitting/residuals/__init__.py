@@ -1,0 +1,1 @@
+"""Prediction less measurement, one module for each kind of datum."""

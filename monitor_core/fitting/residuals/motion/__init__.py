@@ -1,0 +1,1 @@
+"""Compare the force records of a moving axis with a rigid-body model."""

@@ -1,0 +1,171 @@
+"""A motion record against the motor force that a rigid axis needs for it.
+
+Judged is the force. In closed loop the position follows the reference whatever the model of the axis, so that a model
+without friction would seem right to a hundredth of a percent.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Layout, Panel
+from monitor_core.fitting.residuals.motion.noise import force_noise
+from monitor_core.fitting.residuals.motion.sampling import MotionSampling, sampling_of
+from monitor_core.fitting.residuals.motion.strokes import stroke_settings, strokes_of
+from monitor_core.models.motion import Kinematics, MotionParameters, MotionPhysics, forces, kinematics_of
+from monitor_core.motion import MotionRecord
+from monitor_core.recording import ExcitationQuantity
+
+_CHANNEL = "motor force"
+#: Values in a picture over time: six seconds at 100 Hz, in which strokes can still be told apart.
+_READABLE = 600
+#: Bins of velocity in the other picture.
+_BINS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class MotionComparison:
+    """One motion, and how far the force of a rigid axis is from the measured one."""
+
+    layout: Layout
+    motion: Kinematics
+    sampling: MotionSampling
+    force: FloatArray  # values of the measured force, shape (n_values,) [N]
+
+    @classmethod
+    def of(cls, record: MotionRecord, parameters: MotionParameters) -> Self:
+        """Prepare a record: kinematics, values, strokes, noise; the second half is held out.
+
+        Parameters
+        ----------
+        record : MotionRecord
+        parameters : MotionParameters
+            Of the axis; the lead of its screw makes a force of a recorded torque.
+
+        Raises
+        ------
+        OutsideValidityError
+            If torque was recorded and the lead is not stated, no force was recorded, or the axis does not move long
+            enough.
+        """
+        is_torque = record.quantity is ExcitationQuantity.TORQUE
+        force = parameters.force_of_torque(record.drive) if is_torque else record.drive
+        if not np.any(force):
+            raise OutsideValidityError("a motion to be compared needs a motor force; got 0 N in every sample")
+        motion = kinematics_of(record.position, record.sample_rate)
+        sampling = sampling_of(motion)
+        layout = _layout(sampling, sampling.instants(record.position), force_noise(record, force, sampling))
+        return cls(layout, motion, sampling, sampling.values(force))
+
+    @property
+    def least_delta_bic(self) -> float:
+        """Evidence that an effect needs: its values hang together, but no form error is in all of them alike."""
+        return 25.0
+
+    @property
+    def unit(self) -> str:
+        """Unit of a gap."""
+        return "%"
+
+    @property
+    def noise_floor(self) -> float:
+        """Relative force error that the noise alone leaves [%]."""
+        deviation = self.layout.standard_deviation
+        return self.gap(deviation, deviation, np.ones(deviation.size, dtype=np.bool_))
+
+    @property
+    def setting_error_names(self) -> tuple[str, ...]:
+        """Return none: a motion is set to nothing that could be wrong."""
+        return ()
+
+    def misfit(self, physics: MotionPhysics) -> FloatArray:
+        """Return predicted less measured force, shape (n_values,) [N]."""
+        longest = self.sampling.end
+        if abs(physics.force_delay) > longest:
+            raise OutsideValidityError(
+                f"force_delay must lie within ±{longest:g} s, the ends of the record that are not compared; "
+                f"got {physics.force_delay:g} s"
+            )
+        return self.sampling.values(forces(physics, self.motion)) - self.force
+
+    def setting_errors(self, physics: MotionPhysics, misfit: FloatArray) -> FloatArray:
+        """Return none, shape (0, n_values)."""
+        del physics, misfit
+        return np.zeros((0, self.force.size))
+
+    def shifted(self, errors: FloatArray) -> Self:
+        """Return the comparison as it is."""
+        del errors
+        return self
+
+    def resolved(self, physics: MotionPhysics, errors: FloatArray) -> Self:
+        """Return the comparison as it is."""
+        del physics, errors
+        return self
+
+    def imagined(self) -> Mapping[str, Self]:
+        """Return nothing: another motion is another record."""
+        return {}
+
+    def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
+        """Return the relative force error, 100 ‖misfit‖/‖force‖, over the chosen values [%]."""
+        del standardised
+        return 100.0 * float(np.linalg.norm(misfit[chosen]) / np.linalg.norm(self.force[chosen]))
+
+    def panels(self, models: Mapping[str, MotionPhysics]) -> tuple[Panel, ...]:
+        """Return pictures of the force on the held-out half: over time, and over the velocity."""
+        predicted = {name: self.misfit(physics) + self.force for name, physics in models.items()}
+        (held_out,) = self.layout.held_out
+        return (self._over_time(predicted, held_out), self._over_velocity(predicted, held_out))
+
+    def _over_time(self, predicted: Mapping[str, FloatArray], held_out: BoolArray) -> Panel:
+        shown = np.flatnonzero(held_out)[:_READABLE]
+        return Panel(
+            title="Motor force on held-out motion",
+            x_name="time [s]",
+            y_name="force [N]",
+            x=self.sampling.time[shown],
+            measured=self.force[shown],
+            models={name: force[shown] for name, force in predicted.items()},
+            held_out=True,
+        )
+
+    def _over_velocity(self, predicted: Mapping[str, FloatArray], held_out: BoolArray) -> Panel:
+        """Average over bins of velocity, of the steadier half of the motion alone: there friction is what is left."""
+        hurry = np.abs(self.sampling.values(self.motion.acceleration))
+        steady = held_out & (hurry <= np.median(hurry[held_out]))
+        velocity = self.sampling.values(self.motion.velocity)[steady]
+        edges = np.linspace(np.min(velocity), np.max(velocity), _BINS + 1)[1:-1]
+        _, bins, number = np.unique(np.searchsorted(edges, velocity), return_inverse=True, return_counts=True)
+
+        def mean(values: FloatArray) -> FloatArray:
+            return np.bincount(bins, weights=values) / number
+
+        return Panel(
+            title="Mean motor force of steady motion, held out",
+            x_name="velocity [m/s]",
+            y_name="force [N]",
+            x=mean(velocity),
+            measured=mean(self.force[steady]),
+            models={name: mean(force[steady]) for name, force in predicted.items()},
+            held_out=True,
+        )
+
+
+def _layout(sampling: MotionSampling, position: FloatArray, noise: float) -> Layout:
+    n = position.size
+    first, directions = strokes_of(position)
+    return Layout(
+        settings=stroke_settings(sampling.time, first, directions),
+        setting=np.searchsorted(first, np.arange(n), side="right") - 1,
+        channel=np.zeros(n, dtype=np.intp),
+        channels=(_CHANNEL,),
+        frequency=np.full(n, np.nan),
+        standard_deviation=np.full(n, noise),
+        period=np.full(n, np.inf),
+        held_out=(np.arange(n) >= n // 2,),
+    )

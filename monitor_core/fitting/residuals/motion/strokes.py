@@ -1,0 +1,66 @@
+"""The strokes of a motion: from one reversal to the next."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.fitting.comparison import Setting
+
+Indices = npt.NDArray[np.intp]
+
+#: A way back that is shorter is a hesitation and no reversal, as a share of the whole way.
+_HESITATION = 0.01
+
+
+def strokes_of(position: FloatArray) -> tuple[Indices, tuple[int, ...]]:
+    """Cut a motion at its reversals.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n_values,)
+        [m]
+
+    Returns
+    -------
+    first : ndarray of int, shape (n_strokes,)
+        First value of each stroke; that of the first one is 0.
+    directions : tuple of int
+        +1 towards higher positions, −1 towards lower ones.
+    """
+    shortest = _HESITATION * float(np.ptp(position))
+    first, directions, furthest = [0], [0], 0
+    for now, at in enumerate(position.tolist()):
+        way = at - float(position[furthest])
+        if way * directions[-1] > 0.0:
+            furthest = now
+        elif abs(way) > shortest:
+            direction = 1 if way > 0.0 else -1
+            if directions == [0]:  # what comes before the first stroke belongs to it
+                directions = [direction]
+            else:
+                first.append(furthest)
+                directions.append(direction)
+            furthest = now
+    return np.array(first, dtype=np.intp), tuple(directions)
+
+
+def stroke_settings(time: FloatArray, first: Indices, directions: Sequence[int]) -> tuple[Setting, ...]:
+    """Return each stroke as a setting: a stretch of time and a direction.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n_values,)
+        [s]
+    first : ndarray of int, shape (n_strokes,)
+    directions : sequence of int
+    """
+    last = np.r_[first[1:], time.size] - 1
+    return tuple(
+        Setting(
+            f"stroke {number} ({time[start]:.3g} s to {time[stop]:.3g} s)", {ConditionAxis.DIRECTION: float(direction)}
+        )
+        for number, (start, stop, direction) in enumerate(zip(first, last, directions, strict=True), 1)
+    )

@@ -1,0 +1,208 @@
+r"""Parameters of any drive model from natural frequencies.
+
+The counterpart of ``modal_problem`` for every family: the model answers by the common protocol, once per condition.
+A measured frequency leaves
+
+.. math::
+
+    r = \frac{1}{u} \ln\frac{f_c}{f_t}, \qquad u = \frac{\sigma(f_t)}{f_t}
+
+(c calculated, t tested), where f_c is a natural frequency, ω_n/2π of a pole, and not the top of a peak: the two differ
+by a share of the order of ζ², and by more where modes are close.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from monitor_core.arrays import FloatArray
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.coordinates import ModelCoordinates
+from monitor_core.fitting.differences import central_differences
+from monitor_core.fitting.observations import AssignedPeak, ModalObservation
+from monitor_core.fitting.residuals.peak_search import IndexArray
+from monitor_core.fitting.residuals.peaks import relative_frequency_uncertainty
+from monitor_core.fitting.sufficiency import require_enough, require_seen
+from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
+
+#: Of a coordinate, in decades. Slopes of ln f are off by 4e-10 of the largest over the four families, as much by
+#: truncation as by the rounding of poles; at a tenth of the step by 6e-9, at ten times by 2e-7.
+_STEP = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NaturalFrequencyProblem:
+    """Logarithmic errors of natural frequencies; made by :func:`natural_frequency_problem`.
+
+    A mode is the n-th elastic one of the model, whatever the coordinates. That fails where two modes pass each other
+    on the way of the fit (of the lumped model with a clamped motor end, f_ax and f_rot: neither knows of the other),
+    and where one below stops oscillating and is no longer counted: the number then goes to another mode, and the
+    residual has a kink or a jump. Assign again at the coordinates found and see whether the numbers are the same.
+    """
+
+    drive: ModelCoordinates
+    peaks: tuple[AssignedPeak, ...]
+    motor_end: MotorEnd | None = None  # while the frequencies were measured; None: as in the family's paper
+    _places: tuple[tuple[DriveConditions, tuple[int, ...]], ...] = field(init=False)  # with the places of their peaks
+
+    def __post_init__(self) -> None:
+        places: dict[DriveConditions, list[int]] = {}
+        for k, one in enumerate(self.peaks):
+            places.setdefault(one.observation.conditions, []).append(k)
+        object.__setattr__(self, "_places", tuple((one, tuple(members)) for one, members in places.items()))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return self.drive.free
+
+    @property
+    def frequency(self) -> FloatArray:
+        """Measured, shape (n_peaks,) [Hz]."""
+        return np.array([one.observation.frequency for one in self.peaks])
+
+    def predict(self, coordinates: FloatArray) -> FloatArray:
+        """Return the model's natural frequency for each measured one, shape (n_peaks,) [Hz].
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n_parameters,)
+
+        Raises
+        ------
+        OutsideValidityError
+            If the model has no such parameters, or fewer elastic modes than were measured.
+        """
+        model, predicted = self.drive.build(coordinates), np.zeros(len(self.peaks))
+        for conditions, members in self._places:
+            elastic = _elastic_frequencies(model, conditions, self.motor_end)
+            for k in members:
+                mode = self.peaks[k].mode
+                if mode > elastic.size:
+                    raise OutsideValidityError(
+                        f"{self.peaks[k].observation.name} needs elastic mode {mode} of the model, which has "
+                        f"{elastic.size} there"
+                    )
+                predicted[k] = elastic[mode - 1]
+        return predicted
+
+    def residuals(self, coordinates: FloatArray) -> FloatArray:
+        """Return the weighted errors, shape (n_peaks,) [-].
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n_parameters,)
+        """
+        return np.asarray(np.log(self.predict(coordinates) / self.frequency) * self._weight())
+
+    def jacobian(self, coordinates: FloatArray) -> FloatArray:
+        """Return the derivatives of the residuals, shape (n_peaks, n_parameters).
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n_parameters,)
+        """
+        slopes = central_differences(lambda x: np.asarray(np.log(self.predict(x))), coordinates, _STEP)
+        return slopes.T * self._weight()[:, None]
+
+    def _weight(self) -> FloatArray:
+        return np.array([1.0 / relative_frequency_uncertainty(one.observation) for one in self.peaks])
+
+
+def natural_frequency_problem(
+    drive: ModelCoordinates, peaks: Sequence[AssignedPeak], *, motor_end: MotorEnd | None = None
+) -> NaturalFrequencyProblem:
+    """Make the problem of finding the free parameters from natural frequencies; amplitudes play no part.
+
+    Priors are not in it: :func:`monitor_core.fitting.priors.with_priors` adds ``drive.priors``.
+
+    Parameters
+    ----------
+    drive : ModelCoordinates
+    peaks : sequence of AssignedPeak
+        Measured natural frequencies with their elastic modes, from :func:`assign_by_frequency` or as a source states
+        them. One without an uncertainty has 1 %.
+    motor_end : MotorEnd, optional
+        While they were measured; as in the family's paper if not stated.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there are fewer data than free parameters, or one of these moves no datum and has no prior.
+    OutsideValidityError
+        If the model as stated has no such mode, or no answer under the conditions.
+    """
+    require_enough(drive, len(peaks), "natural frequencies")
+    problem = NaturalFrequencyProblem(drive, tuple(peaks), motor_end)
+    require_seen(drive, problem.jacobian(drive.start))
+    return problem
+
+
+def assign_by_frequency(
+    model: DriveModel,
+    observations: Sequence[ModalObservation],
+    *,
+    largest_shift: float = 0.25,
+    motor_end: MotorEnd | None = None,
+) -> tuple[AssignedPeak, ...]:
+    """Give each measured natural frequency the elastic mode of the model that it is next to, one to one.
+
+    For any family, by frequency alone: under each condition the sum of (ln f_t/f_c)² is least, so that peaks keep the
+    order of their modes. The receptance family has shapes too, which
+    :func:`monitor_core.identification.assignment.assign_modes` follows along the screw.
+
+    Parameters
+    ----------
+    model : DriveModel
+        With parameters as far as they are known.
+    observations : sequence of ModalObservation
+    largest_shift : float
+        By which a peak may lie off its mode, relative. [-]
+    motor_end : MotorEnd, optional
+        While they were measured; as in the family's paper if not stated.
+
+    Returns
+    -------
+    tuple of AssignedPeak
+        In the order of the observations.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If a peak is farther than ``largest_shift`` from every mode, or two under one condition belong to one mode.
+    """
+    modes = np.zeros(len(observations), dtype=np.int_)
+    for conditions in dict.fromkeys(one.conditions for one in observations):
+        here = [k for k, one in enumerate(observations) if one.conditions == conditions]
+        elastic = _elastic_frequencies(model, conditions, motor_end)
+        modes[here] = _nearest_modes([observations[k] for k in here], elastic, largest_shift)
+    return tuple(AssignedPeak(one, int(mode)) for one, mode in zip(observations, modes, strict=True))
+
+
+def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, largest_shift: float) -> IndexArray:
+    """Return the mode of each peak under one condition, counted from 1, shape (n_peaks,)."""
+    away = np.abs(np.log(np.array([[one.frequency] for one in here]) / elastic))
+    for one, distance in zip(here, away, strict=True):
+        if distance.min() > math.log1p(largest_shift):
+            raise NotIdentifiableError(
+                f"a peak must lie within a factor of {1.0 + largest_shift:g} of an elastic mode of the model; "
+                f"{one.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
+            )
+    rows, columns = linear_sum_assignment(away**2)
+    placed = dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    for k, one in enumerate(here):
+        if k not in placed or away[k, placed[k]] > math.log1p(largest_shift):
+            raise NotIdentifiableError(
+                f"a mode has one peak under a condition; {one.name} and another there belong to that at "
+                f"{elastic[away[k].argmin()]:.0f} Hz; average repeated readings, leave out what is no mode"
+            )
+    return np.array([placed[k] + 1 for k in range(len(here))])
+
+
+def _elastic_frequencies(model: DriveModel, conditions: DriveConditions, motor_end: MotorEnd | None) -> FloatArray:
+    """Return the natural frequencies above zero, rising, shape (n_modes,) [Hz]."""
+    found = model.natural_frequencies(conditions, motor_end)
+    return np.array([one.frequency for one in found if one.frequency > 0.0])

@@ -1,0 +1,297 @@
+r"""Frequency responses against an axis: the misfit is the complex logarithm of model over measurement.
+
+.. math::
+
+    m = \ln \frac{H(f)}{Y(f)}, \qquad
+    \sigma^2 = \left( \frac{\sigma_Y}{|Y|} \right)^2 + \sigma_{form}^2(f)
+
+Its real part is an error of the amplitude and its imaginary part one of the phase; noise of a line has one deviation in
+both. A logarithm lets a resonance that stands a little off be drawn towards the measured one, where the plain
+difference of two peaks side by side has no slope that leads there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.comparison import CommonErrors, Layout, Panel
+from monitor_core.fitting.conditions.settings import KNOWN_MASS, WARMER, SettingTolerances, setting_of
+from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting.residuals.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
+from monitor_core.fitting.residuals.model_form import ModelFormError
+from monitor_core.fitting.residuals.resolution import Smearing, smearing, spread_under_random_excitation
+from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
+from monitor_core.models.extended.conditions import ConditionArrays
+from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.response import LineSpread
+
+#: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
+_LEAST_SIGNAL_TO_NOISE = 8.0
+#: By which positions and preloads are moved to see what their errors do, in their standard deviations.
+_STEP = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ResponsesComparison:
+    """Measured responses of one axis under several conditions; build it with :func:`compare_responses`."""
+
+    layout: Layout
+    lines: PreparedLines
+    smearing: Smearing | None  # by the windows of the estimates; None: lines are exact
+    measured: npt.NDArray[np.complex128]  # ln of the response of every line, shape (n_lines,)
+    line_of_value: npt.NDArray[np.intp]  # line of each value; real parts of a response, then its imaginary parts
+    imaginary: BoolArray  # which values are imaginary parts
+    response_of_line: npt.NDArray[np.intp]  # which response a line belongs to
+    setting_of_response: npt.NDArray[np.intp]
+    gain_column: npt.NDArray[np.intp]  # which gain of its setting a response has
+    tolerances: SettingTolerances
+    noise: FloatArray  # standard deviation of each value by the noise of its line alone, shape (n_values,)
+    noise_floor: float  # rms of the standardised misfit where nothing is missing [-]
+    titles: tuple[str, ...]  # of the responses
+
+    unit = "sigma"
+    least_delta_bic = 50.0  # thousands of lines, and the form of the model is in all of them alike
+
+    @property
+    def setting_error_names(self) -> tuple[str, ...]:
+        """Return position, preload, and one gain for each response of a setting."""
+        return ("position", "preload", *(f"gain {index + 1}" for index in range(int(np.max(self.gain_column)) + 1)))
+
+    def misfit(self, physics: AxisPhysics) -> FloatArray:
+        """Return Re and Im of ln(H/Y), shape (n_values,)."""
+        return self._values(self.log_responses(physics) - self.measured)
+
+    def setting_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
+        """Return the change of the misfit by position, preload and the gain of each response of a setting."""
+        conditions, rows = self.lines.conditions, []
+        for name, step in (
+            ("position", np.full(conditions.position.shape, self.tolerances.position)),
+            ("preload", self.tolerances.preload_share * conditions.preload),
+        ):
+            moved = replace(conditions, **{name: getattr(conditions, name) - _STEP * step})
+            rows.append(self.layout.difference(misfit, self._under(moved).misfit(physics)) / _STEP)
+        gain = self.gain_column[self.response_of_line[self.line_of_value]]
+        for column in range(int(np.max(self.gain_column)) + 1):
+            rows.append(np.where((gain == column) & ~self.imaginary, self.tolerances.gain_share, 0.0))
+        return np.array(rows)
+
+    def shifted(self, errors: FloatArray) -> "ResponsesComparison":
+        """Return the comparison with position, preload and gains moved by errors in standard deviations."""
+        of_case = errors[self.setting_of_response]
+        gain = self.tolerances.gain_share * of_case[np.arange(of_case.shape[0]), 2 + self.gain_column]
+        return replace(self._under(self._moved(errors)), measured=self.measured - gain[self.response_of_line])
+
+    def resolved(self, physics: AxisPhysics, errors: FloatArray) -> "ResponsesComparison":
+        """Return the comparison with the responses as estimates of a finer resolution would have been."""
+        if self.smearing is None:
+            return self
+        smearing = self.smearing.under(self._moved(errors))
+        return replace(self, smearing=None, measured=self.measured - smearing.log_ratio(physics))
+
+    def imagined(self) -> Mapping[str, "ResponsesComparison"]:
+        """Return the settings with a known mass on the table, warmer, and excited more."""
+        now = self.lines.conditions
+        others = {
+            f"with {KNOWN_MASS:g} kg more on the table": replace(now, payload_mass=now.payload_mass + KNOWN_MASS),
+            f"{WARMER:g} K warmer": replace(now, temperature_deviation=now.temperature_deviation + WARMER),
+            "at a third of the excitation": replace(now, excitation_level=now.excitation_level / 3.0),
+        }
+        return {words: self._under(conditions) for words, conditions in others.items()}
+
+    def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
+        """Return the rms of the standardised misfit over the chosen values."""
+        del misfit
+        return float(np.sqrt(np.mean(standardised[chosen] ** 2)))
+
+    def panels(self, models: Mapping[str, AxisPhysics]) -> tuple[Panel, ...]:
+        """Return the amplitude of every response, measured and modelled."""
+        frequency = self.lines.omega / (2.0 * np.pi)
+        amplitudes = {name: np.exp(self.log_responses(physics).real) for name, physics in models.items()}
+        held_out = self._held_out_responses
+        pictures = []
+        for index, title in enumerate(self.titles):
+            at = self.response_of_line == index
+            pictures.append(
+                Panel(
+                    title=title,
+                    x_name="frequency [Hz]",
+                    y_name="amplitude of the response",
+                    x=frequency[at],
+                    measured=np.exp(self.measured[at].real),
+                    models={name: values[at] for name, values in amplitudes.items()},
+                    logarithmic=True,
+                    held_out=bool(held_out[index]),
+                )
+            )
+        return tuple(pictures)
+
+    @cached_property
+    def _held_out_responses(self) -> BoolArray:
+        held = np.zeros(len(self.titles), dtype=np.bool_)
+        for fold in self.layout.held_out if len(self.layout.held_out) == 1 else ():
+            held[self.response_of_line[self.line_of_value[fold]]] = True
+        return held
+
+    def log_responses(self, physics: AxisPhysics) -> ComplexArray:
+        """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
+        smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics)
+        return np.asarray(np.log(responses(physics, self.lines)) + smeared)
+
+    def _moved(self, errors: FloatArray) -> ConditionArrays:
+        """Return the conditions of the cases with position and preload moved by errors in standard deviations."""
+        conditions, of_case = self.lines.conditions, errors[self.setting_of_response]
+        return replace(
+            conditions,
+            position=conditions.position + self.tolerances.position * of_case[:, 0],
+            preload=conditions.preload * (1.0 + self.tolerances.preload_share * of_case[:, 1]),
+        )
+
+    def _under(self, conditions: ConditionArrays) -> "ResponsesComparison":
+        smearing = None if self.smearing is None else self.smearing.under(conditions)
+        return replace(self, lines=replace(self.lines, conditions=conditions), smearing=smearing)
+
+    def _values(self, per_line: npt.NDArray[np.complex128]) -> FloatArray:
+        """Return real and imaginary parts in the order of the values; phases within ±π."""
+        of_values = with_phase_within_half_a_turn(per_line)[self.line_of_value]
+        return np.where(self.imaginary, of_values.imag, of_values.real)
+
+
+def compare_responses(
+    observations: Sequence[FrequencyResponseObservation],
+    *,
+    held_out: Sequence[frozenset[DriveConditions]] = (),
+    tolerances: SettingTolerances | None = None,
+    form: ModelFormError | None = None,
+    otherwise_held: MotorEnd = MotorEnd.FREE,
+) -> ResponsesComparison:
+    """Put measured responses into the form that the workflow compares.
+
+    Parameters
+    ----------
+    observations : sequence of FrequencyResponseObservation
+        Responses with the same conditions and different points were taken together and share position and preload.
+    held_out : sequence of sets of DriveConditions
+        The conditions that each fold leaves out.
+    tolerances : SettingTolerances, optional
+        How well position, preload and gain are known.
+    form : ModelFormError, optional
+        By how much any model of this kind is off.
+    otherwise_held : MotorEnd
+        What holds the motor end while a force at the table drives the axis.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If no line stands above its noise.
+    """
+    tolerances, form = tolerances or SettingTolerances(), form or ModelFormError()
+    ordered = _by_setting(observations)
+    kept = [(number, gain, one, clear_lines(one, _LEAST_SIGNAL_TO_NOISE)) for number, gain, one in ordered]
+    kept = [entry for entry in kept if np.any(entry[3])]
+    if not kept:
+        raise NotIdentifiableError(
+            f"a comparison needs lines that stand {_LEAST_SIGNAL_TO_NOISE:g} times above their noise; got none"
+        )
+    cases = [case_of(one, clear, otherwise_held) for _, _, one, clear in kept]
+    lines = prepare_lines(cases)
+    sizes = [case.frequency.size for case in cases]
+    starts = np.r_[0, np.cumsum(sizes)[:-1]]
+    line_of_value = np.concatenate(
+        [np.tile(np.arange(start, start + size), 2) for start, size in zip(starts, sizes, strict=True)]
+    )
+    imaginary = np.concatenate([np.repeat([False, True], size) for size in sizes])
+    frequency = lines.omega / (2.0 * np.pi)
+    noise = np.concatenate([(one.standard_deviation / np.abs(one.response))[clear] for _, _, one, clear in kept])
+    of_form = np.concatenate([_form_deviation(one, clear, form) for _, _, one, clear in kept])
+    deviation = np.hypot(noise, of_form)
+    unlearnt = np.concatenate(
+        [np.full(np.count_nonzero(clear), not form.of(one.response_point).learnt) for _, _, one, clear in kept]
+    )
+    points = list(dict.fromkeys(one.response_point for _, _, one, _ in kept))
+    point_of_line = np.repeat([points.index(one.response_point) for _, _, one, _ in kept], sizes)
+    numbers = [number for number, _, _, _ in kept]
+    distinct = sorted(set(numbers))
+    setting = np.repeat([distinct.index(number) for number in numbers], sizes)[line_of_value]
+    conditions = {number: one.conditions for number, _, one, _ in kept}
+    in_fold = [np.array([conditions[number] in fold for number in distinct]) for fold in held_out]
+    channel = 2 * point_of_line[line_of_value] + imaginary
+    held = np.any([fold[setting] for fold in in_fold], axis=0) if in_fold else np.zeros(setting.size, dtype=np.bool_)
+    shared = np.column_stack([channel, frequency[line_of_value], held])
+    group = np.unique(shared, axis=0, return_inverse=True)[1].reshape(-1)
+    return ResponsesComparison(
+        layout=Layout(
+            settings=tuple(setting_of(conditions[number]) for number in distinct),
+            setting=setting,
+            channel=channel,
+            channels=tuple(f"{point}, {part}" for point in points for part in ("amplitude", "phase")),
+            frequency=frequency[line_of_value],
+            standard_deviation=deviation[line_of_value],
+            period=np.where(imaginary, 2.0 * np.pi, np.inf),
+            common=CommonErrors(group, of_form[line_of_value]),
+            held_out=tuple(fold[setting] for fold in in_fold),
+        ),
+        lines=lines,
+        smearing=smearing(cases, [_spread(one, clear) for _, _, one, clear in kept]),
+        measured=np.log(np.concatenate([one.response[clear] for _, _, one, clear in kept])),
+        line_of_value=line_of_value,
+        imaginary=imaginary,
+        response_of_line=np.repeat(np.arange(len(kept)), sizes),
+        setting_of_response=np.array([distinct.index(number) for number in numbers]),
+        gain_column=np.array([gain for _, gain, _, _ in kept]),
+        tolerances=tolerances,
+        noise=noise[line_of_value],
+        noise_floor=_floor(group, ((of_form / deviation) ** 2)[line_of_value], unlearnt[line_of_value]),
+        titles=tuple(f"{setting_of(one.conditions).name}, {one.response_point}" for _, _, one, _ in kept),
+    )
+
+
+def _by_setting(
+    observations: Sequence[FrequencyResponseObservation],
+) -> list[tuple[int, int, FrequencyResponseObservation]]:
+    """Return each response with the number of its setting and of its gain in it, settings in order of appearance.
+
+    Equal conditions are one setting until a point repeats: a second response of the same point was taken another time.
+    """
+    numbers: dict[tuple[DriveConditions, int], int] = {}
+    seen: dict[tuple[DriveConditions, str, str], int] = {}
+    gains: dict[int, int] = {}
+    found = []
+    for one in observations:
+        point = (one.conditions, str(one.excitation), str(one.response_point))
+        repeat = seen.get(point, 0)
+        seen[point] = repeat + 1
+        number = numbers.setdefault((one.conditions, repeat), len(numbers))
+        gain = gains.get(number, 0)
+        gains[number] = gain + 1
+        found.append((number, gain, one))
+    return sorted(found, key=lambda entry: entry[:2])
+
+
+def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) -> float:
+    r"""Return the rms that a healthy machine leaves.
+
+    A learnt form error is the same in all settings, so of its share p of the variance of a value whitening leaves only
+    :math:`p^2/(1 + P)`, with P the sum of the shares of all values that share the error. What is not learnt may differ
+    from setting to setting.
+    """
+    of_group = np.bincount(group, weights=share)[group]
+    return float(np.sqrt(np.mean(np.where(unlearnt, 1.0, 1.0 - share + share**2 / (1.0 + of_group)))))
+
+
+def _spread(one: FrequencyResponseObservation, clear: BoolArray) -> LineSpread | None:
+    if one.spread is not None:
+        return one.spread.of_lines(clear)
+    if one.resolution:
+        return spread_under_random_excitation(one.resolution, int(np.count_nonzero(clear)))
+    return None
+
+
+def _form_deviation(one: FrequencyResponseObservation, clear: BoolArray, form: ModelFormError) -> FloatArray:
+    """Return the standard deviation that the form of the model adds to the logarithm on the clear lines."""
+    spectrum = form.of(one.response_point)
+    return spectrum.relative_deviation(one.frequency[clear], one.response[clear])

@@ -1,0 +1,1 @@
+"""Find the minimum: local and global least squares, fits of a hypothesis, posterior modes."""

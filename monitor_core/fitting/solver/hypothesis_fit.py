@@ -1,0 +1,354 @@
+r"""The fit of a hypothesis to a comparison: whitened least squares, reached through a tolerance that is taken away.
+
+.. math::
+
+    \chi^2(u) = \lVert V^{-1/2} m(u) \rVert^2 + \sum_i u_i^2
+
+over the coordinates u of a hypothesis, those of uncertain parameters in their prior standard deviations. Far from the
+data the logarithmic misfit is first fitted with an extra tolerance under which :math:`\chi^2/n \approx 4`; it shrinks
+as the fit improves and is gone at the end. The misfit is taken as linear in the errors of the settings, around those
+that are likely at the coordinates of each step.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+from typing import Generic, TypeVar
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Comparison
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.linearised import Linearised, linearise
+
+Physics = TypeVar("Physics")
+Answer = TypeVar("Answer")
+
+#: χ² per value that the tolerance is chosen for, and below which none is needed.
+_TEMPERED = 4.0
+_MOST_STAGES = 8
+_STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
+_LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
+_STEP = 1e-4  # of a coordinate, for derivatives
+_MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
+_MOST_EVALUATIONS = 60
+_MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
+#: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
+_LARGEST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Residuals of values from fits that did not see them."""
+
+    chosen: BoolArray  # which values were held out, shape (n_values,)
+    misfit: FloatArray  # shape (n_values,); meaningful where chosen
+    standardised: FloatArray  # shape (n_values,); meaningful where chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted(Generic[Physics]):
+    """A hypothesis at its best coordinates."""
+
+    comparison: Comparison[Physics]
+    hypothesis: Hypothesis[Physics]
+    coordinates: FloatArray  # shape (n_coordinates,)
+    around: Linearised[Physics]  # around these coordinates
+    fitted: BoolArray  # which values took part
+
+    @property
+    def misfit(self) -> FloatArray:
+        """Misfit of all values, held out or not, shape (n_values,)."""
+        return self.around.here
+
+    @cached_property
+    def standardised(self) -> FloatArray:
+        """Residuals of all values, standard normal and independent where the hypothesis is right, shape (n_values,)."""
+        return self.around.whitened_by(self.misfit)
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """Derivatives of the residuals of all values, shape (n_values, n_coordinates)."""
+        return _jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
+
+    @cached_property
+    def n_seen(self) -> int:
+        """How many unknowns of the effects move what was measured: of a resonance, no frequency tells the damping."""
+        hypothesis, first = self.hypothesis, self.hypothesis.n_uncertain
+        others = [n for n, (effect, one) in enumerate(hypothesis.unknowns, first) if one is not effect.parameters[0]]
+        still = [n for n in others if not np.any(_one_sided(self.around, hypothesis, self.coordinates, self.misfit, n))]
+        return len(hypothesis.unknowns) - len(still)
+
+    @cached_property
+    def held_out(self) -> HeldOut | None:
+        """Residuals of held-out values; each of several folds is left out of a fit of its own. None without any."""
+        folds = self.comparison.layout.held_out
+        if not folds:
+            return None
+        if len(folds) == 1:
+            return HeldOut(folds[0], self.misfit, self.standardised)
+        misfit, standardised = np.zeros_like(self.misfit), np.zeros_like(self.misfit)
+        for fold in folds:
+            without = self._refitted(~fold)
+            misfit[fold], standardised[fold] = without.misfit[fold], without.standardised[fold]
+        return HeldOut(np.any(folds, axis=0), misfit, standardised)
+
+    @property
+    def gap(self) -> float:
+        """Gap on the fitted values, in the unit of the comparison."""
+        return self.comparison.gap(self.misfit, self.standardised, self.fitted)
+
+    @property
+    def prior_cost(self) -> float:
+        """Sum of squares of the uncertain parameters in their standard deviations."""
+        return float(np.sum(self.coordinates[: self.hypothesis.n_uncertain] ** 2))
+
+    @cached_property
+    def cost(self) -> float:
+        """Twice the negative logarithm of the posterior, but for a constant: χ², the priors, and ln det V.
+
+        V is the covariance with the errors of the settings, which a hypothesis may make larger or smaller.
+        """
+        chi_squared = float(np.sum(self.standardised[self.fitted] ** 2))
+        return chi_squared + self.prior_cost + self.around.whitened_by.log_determinant(self.fitted)
+
+    def precision(self, factor: float = 1.0) -> FloatArray:
+        r"""Return :math:`f J^T J + \Pi`, with the priors' precision Π, shape (n_coordinates, n_coordinates).
+
+        ``factor`` f is what a residual counts for.
+        """
+        jacobian = self.jacobian[self.fitted]
+        precision = factor * jacobian.T @ jacobian
+        precision[np.diag_indices(self.hypothesis.n_uncertain)] += 1.0
+        return np.asarray(precision)
+
+    def physics(self) -> Physics:
+        """Return the axis as fitted."""
+        return self.hypothesis.physics(self.coordinates)
+
+    def _refitted(self, chosen: BoolArray) -> "Fitted[Physics]":
+        try:
+            return fit(self.comparison, self.hypothesis, self.coordinates, chosen)
+        except OutsideValidityError:
+            return self
+
+
+def fit(
+    comparison: Comparison[Physics],
+    hypothesis: Hypothesis[Physics],
+    start: FloatArray,
+    fitted: BoolArray | None = None,
+) -> Fitted[Physics]:
+    """Fit a hypothesis from a start.
+
+    A fit that does not reach the data ends with the least tolerance that it came to: there a misfit is no noise, and
+    values known better than others should not count for more of it. Costs of such fits compare with one another only.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    hypothesis : Hypothesis
+    start : ndarray, shape (n_coordinates,)
+        Where the model has an answer.
+    fitted : ndarray of bool, shape (n_values,), optional
+        Which values take part; by default all.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the model has no answer at the start.
+    """
+    layout = comparison.layout
+    chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
+    at = np.clip(start, *hypothesis.bounds)
+    errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
+    likely_from = partial(_at_likely_errors, comparison, hypothesis)
+    tolerance = math.inf
+    for _ in range(_MOST_STAGES):
+        before = tolerance
+        misfit = comparison.shifted(errors).misfit(hypothesis.physics(at))
+        tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
+        if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
+            break
+        tempered = partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance))
+        at = _least_squares(tempered, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS)
+        errors = tempered(at).errors
+    around = likely_from(errors, layout.standard_deviation, at)
+    if not tolerance and hypothesis.n_coordinates:
+        likely = partial(likely_from, around.errors, layout.standard_deviation)
+        at = _least_squares(likely, hypothesis, at, chosen, _MOST_EVALUATIONS)
+        around = likely(at)
+    around = likely_from(around.errors, layout.standard_deviation, at)  # resolved at the errors that are likely now
+    return Fitted(comparison, hypothesis, at, around, chosen)
+
+
+def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
+    """Return the same hypothesis at other coordinates, around the errors of the settings that are likely there.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the model has no answer there.
+    """
+    comparison, hypothesis, errors = fitted.comparison, fitted.hypothesis, fitted.around.errors
+    for _ in range(_MOST_ROUNDS):
+        around = _at_likely_errors(comparison, hypothesis, errors, comparison.layout.standard_deviation, coordinates)
+        if np.max(np.abs(around.errors - errors), initial=0.0) < _SAME_ERRORS:
+            break
+        errors = around.errors
+    return Fitted(comparison, hypothesis, coordinates, around, fitted.fitted)
+
+
+def _at_likely_errors(
+    comparison: Comparison[Physics],
+    hypothesis: Hypothesis[Physics],
+    errors: FloatArray,
+    deviation: FloatArray,
+    coordinates: FloatArray,
+) -> Linearised[Physics]:
+    """Return the comparison linearised around the errors that are likely at coordinates, sought from others.
+
+    Errors that are kept where they were likely before let a search run far along what they almost make up for: the
+    nut's stiffness, say, against a preload that was wrong in all settings alike.
+    """
+    physics = hypothesis.physics(coordinates)
+    resolved = _answered(partial(comparison.resolved, physics), errors)
+    around = partial(linearise, resolved, physics, deviation=deviation)
+    return _answered(around, _likely_errors(_answered(around, errors)))
+
+
+def _likely_errors(around: Linearised[Physics]) -> FloatArray:
+    return np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
+
+
+def _answered(at: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:
+    """Return what is answered with errors of the settings, or without where the model has no answer at those."""
+    try:
+        return at(errors)
+    except OutsideValidityError:
+        return at(np.zeros_like(errors))
+
+
+def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> float:
+    """Return the tolerance with which χ² per value is that of a tempered fit, 0 where it is below without one."""
+    square, variance = misfit[chosen] ** 2, deviation[chosen] ** 2
+    if np.mean(square / variance) <= _TEMPERED:
+        return 0.0
+    low, high = 0.0, float(np.sqrt(np.max(square)))
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.mean(square / (variance + middle**2)) > _TEMPERED else (low, middle)
+    return high
+
+
+def _least_squares(
+    around: Callable[[FloatArray], Linearised[Physics]],
+    hypothesis: Hypothesis[Physics],
+    start: FloatArray,
+    chosen: BoolArray,
+    most_evaluations: int,
+) -> FloatArray:
+    """Return the coordinates of the minimum next to a start, of residuals linearised anew at each step."""
+    n_uncertain = hypothesis.n_uncertain
+    prior = np.eye(n_uncertain, hypothesis.n_coordinates)
+    n_residuals = int(np.count_nonzero(chosen)) + n_uncertain
+    at_last = lru_cache(maxsize=1)(lambda key: around(np.frombuffer(key)))
+
+    def residuals(coordinates: FloatArray) -> FloatArray:
+        try:
+            around_here = at_last(coordinates.tobytes())
+        except OutsideValidityError:
+            return np.full(n_residuals, np.inf)  # the search shortens its step
+        whitened = around_here.whitened_by(around_here.here)[chosen]
+        if not np.max(np.abs(whitened)) < _LARGEST:
+            return np.full(n_residuals, np.inf)
+        return np.concatenate([whitened, coordinates[:n_uncertain]])
+
+    def jacobian(coordinates: FloatArray) -> FloatArray:
+        around_here = at_last(coordinates.tobytes())
+        return np.vstack([_jacobian(around_here, hypothesis, coordinates, around_here.here)[chosen], prior])
+
+    if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
+        return start
+    found = least_squares(
+        residuals,
+        start,
+        jac=jacobian,
+        bounds=hypothesis.bounds,
+        method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
+        x_scale="jac",
+        ftol=1e-5,
+        xtol=1e-6,
+        gtol=1e-8,
+        max_nfev=most_evaluations,
+    )
+    return np.asarray(found.x)
+
+
+def _jacobian(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    coordinates: FloatArray,
+    misfit: FloatArray,
+    *,
+    central: bool = False,
+) -> FloatArray:
+    """Return the derivatives of the residuals, shape (n_values, n_coordinates)."""
+    if not coordinates.size:
+        return np.zeros((misfit.size, 0))
+    take = derivative if central else _one_sided
+    columns = [take(around, hypothesis, coordinates, misfit, index) for index in range(coordinates.size)]
+    whitened: FloatArray = around.whitened_by(np.array(columns)).T
+    return whitened
+
+
+def derivative(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    coordinates: FloatArray,
+    misfit: FloatArray,
+    index: int,
+) -> FloatArray:
+    """Return the derivative of the misfit to one coordinate, shape (n_values,).
+
+    A central difference, so that what other coordinates can take up of it cancels to rounding; one-sided where the
+    model has no answer on the other side.
+    """
+    sides = []
+    for way in (_STEP, -_STEP):
+        try:
+            sides.append((way, _moved(around, hypothesis, coordinates, index, way)))
+        except OutsideValidityError:
+            sides.append((0.0, misfit))
+    (ahead, there), (behind, back) = sides
+    if ahead == behind:
+        return np.zeros_like(misfit)
+    return around.comparison.layout.difference(there, back) / (ahead - behind)
+
+
+def _one_sided(
+    around: Linearised[Physics],
+    hypothesis: Hypothesis[Physics],
+    coordinates: FloatArray,
+    misfit: FloatArray,
+    index: int,
+) -> FloatArray:
+    """Return a cheaper derivative, good enough on the way to a minimum."""
+    way = _STEP if coordinates[index] + _STEP <= hypothesis.bounds[1][index] else -_STEP
+    try:
+        there = _moved(around, hypothesis, coordinates, index, way)
+    except OutsideValidityError:
+        return derivative(around, hypothesis, coordinates, misfit, index)
+    return around.comparison.layout.difference(there, misfit) / way
+
+
+def _moved(
+    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, index: int, way: float
+) -> FloatArray:
+    moved = coordinates.copy()
+    moved[index] += way
+    return around.misfit(hypothesis.physics(moved))

@@ -1,0 +1,104 @@
+r"""The posterior of a fit with one error of every setting integrated, where it acts too strongly to be linear.
+
+A preload that varies by a third over a lead of 6 mm is another one 0.3 mm beside the tag of a position: by more than
+its slope says, and near an extreme to the same side whichever way the table is off. With that error e of a setting
+held, the others (preload, gains) still act linearly and go out in closed form,
+
+.. math::
+
+    q(e) = r^T (I - T^T (I + T T^T)^{-1} T) r + \ln \det (I + T T^T) + e^2, \qquad
+    -2 \ln L = -2 \ln \int \frac{e^{-q/2}}{\sqrt{2 \pi}} de
+
+with misfit r and its changes T by the others, both in standard deviations, at e. As functions of e both are smooth:
+polynomials through some nodes. Settings count as independent here; what they share, the error of a model's form at one
+frequency, is as the linearisation has it.
+"""
+
+from typing import TypeVar
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+Physics = TypeVar("Physics")
+
+#: Of the errors of a setting the first is the one that may act strongly: where the table stood.
+_INTEGRATED = 0
+_REACH = 4.0  # standard deviations to either side
+_NODES = _REACH * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # Chebyshev's
+_GRID, _STEP = np.linspace(-_REACH, _REACH, 321, retstep=True)
+_AT_GRID = np.vander(_GRID / _REACH, _NODES.size) @ np.linalg.inv(np.vander(_NODES / _REACH, _NODES.size))
+#: An error that the data tell to less than that has no room to act but linearly, and would fall between the grid.
+_WELL_KNOWN = 2.0 * _STEP
+
+
+def integrated_cost(fitted: Fitted[Physics]) -> float:
+    """Return :attr:`Fitted.cost` with that error of each setting integrated in place of its linearisation.
+
+    Where it would lie out of reach, because something else is missing, the linearisation stays.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the model has no answer at one of the errors.
+    """
+    whitened_by = fitted.around.whitened_by
+    n_others = fitted.around.errors.shape[1] - 1
+    if n_others < 0:
+        return fitted.cost
+    rows = _rows_at_nodes(fitted)
+    linear = _linearised(fitted)
+    in_use = np.logical_or.reduceat(fitted.fitted, whitened_by.starts)
+    ends = np.r_[whitened_by.starts[1:], rows.shape[2]]
+    change = 0.0
+    deviation, likely = _deviations(fitted), np.abs(whitened_by.errors(fitted.misfit)[:, _INTEGRATED])
+    for setting in np.flatnonzero(in_use & (deviation > _WELL_KNOWN) & (likely + 2.0 * deviation < _REACH)):
+        of_setting = rows[:, :, whitened_by.starts[setting] : ends[setting]]
+        flat = of_setting.reshape(-1, of_setting.shape[2])
+        products = (flat @ flat.T).reshape(1 + n_others, _NODES.size, 1 + n_others, _NODES.size)
+        change += _marginal(products) - linear[setting]
+    return float(fitted.cost + change)
+
+
+def _rows_at_nodes(fitted: Fitted[Physics]) -> FloatArray:
+    """Return the misfit and its changes by the other errors at each node, shape (1 + n_others, n_nodes, n_values)."""
+    around, physics = fitted.around, fitted.physics()
+    layout = around.comparison.layout
+    rows = []
+    for node in _NODES:
+        moved = np.zeros_like(around.errors)
+        moved[:, _INTEGRATED] = node - around.errors[:, _INTEGRATED]
+        there = around.comparison.shifted(moved)
+        misfit = there.misfit(physics)
+        others = np.delete(there.setting_errors(physics, misfit), _INTEGRATED, axis=0)
+        likely = np.delete(around.errors, _INTEGRATED, axis=1)[layout.setting]
+        rows.append(np.vstack([misfit - np.einsum("kv,vk->v", others, likely), others]) / layout.standard_deviation)
+    return np.asarray(np.stack(rows, axis=1))
+
+
+def _marginal(products: FloatArray) -> float:
+    """Return −2 ln L of a setting from the inner products of its rows at nodes."""
+    inner = np.einsum("gn,inkm,gm->gik", _AT_GRID, products, _AT_GRID, optimize=True)
+    gram = np.eye(products.shape[0] - 1) + inner[:, 1:, 1:]
+    along = inner[:, 1:, 0]
+    taken = np.einsum("gk,gk->g", along, np.linalg.solve(gram, along[..., None])[..., 0])
+    exponent = inner[:, 0, 0] - taken + np.linalg.slogdet(gram)[1] + _GRID**2
+    least = float(np.min(exponent))
+    return least - 2.0 * float(np.log(np.sum(np.exp(-0.5 * (exponent - least))) * _STEP / np.sqrt(2.0 * np.pi)))
+
+
+def _linearised(fitted: Fitted[Physics]) -> FloatArray:
+    """Return −2 ln L of each setting as :attr:`Fitted.cost` has it, shape (n_settings,)."""
+    by = fitted.around.whitened_by
+    scaled = fitted.misfit / by.deviation
+    along = np.stack([np.add.reduceat(scaled * row, by.starts) for row in by.directions], axis=-1)
+    covariance = np.eye(along.shape[1]) + by.grams
+    taken = np.einsum("sk,sk->s", along, np.linalg.solve(covariance, along[..., None])[..., 0])
+    return np.asarray(np.add.reduceat(scaled**2, by.starts) - taken + np.linalg.slogdet(covariance)[1])
+
+
+def _deviations(fitted: Fitted[Physics]) -> FloatArray:
+    """Return the standard deviation of that error as the data of each setting tell it, shape (n_settings,)."""
+    grams = fitted.around.whitened_by.grams
+    return np.asarray(np.sqrt(np.linalg.inv(np.eye(grams.shape[1]) + grams)[:, _INTEGRATED, _INTEGRATED]))

@@ -1,0 +1,10 @@
+"""Receptance-coupling model (Tian et al.): distributed screw, four joints, the table anywhere on the screw.
+
+``matrices`` couples the substructures as the paper does, ``closed_form`` is what comes of it, fast and with its
+gradient; ``modes`` finds the poles from the starts of ``chain``.
+"""
+
+from monitor_core.models.published.receptance.model import ReceptanceModel
+from monitor_core.models.published.receptance.parameters import JOINT_NAMES, JointParameters, ReceptanceParameters
+
+__all__ = ["JOINT_NAMES", "JointParameters", "ReceptanceModel", "ReceptanceParameters"]

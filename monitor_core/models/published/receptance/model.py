@@ -1,0 +1,103 @@
+"""Tian's model of a ball-screw axis: distributed screw, four joints, table at any position."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.models.protocol import (
+    DriveConditions,
+    ExcitationPoint,
+    MotorEnd,
+    NaturalFrequency,
+    NormalModes,
+    ResponsePoint,
+    motor_end_of,
+    quantity_of,
+    require_frequencies,
+)
+from monitor_core.models.published.receptance.closed_form import position_terms, receptance_between
+from monitor_core.models.published.receptance.modes import natural_frequencies, normal_modes
+from monitor_core.models.published.receptance.parameters import ReceptanceParameters
+from monitor_core.response import FrequencyResponse
+
+
+@dataclass(frozen=True, slots=True)
+class ReceptanceModel:
+    """Substructures coupled by their receptances, after Tian et al.
+
+    The screw is a continuous rod in tension and in torsion on both sides of the nut, held axially by its two bearings
+    and in torsion by the coupling to the rotor. In the paper the rotor turns freely: ``MotorEnd.FREE``.
+
+    The responses are the closed form of Eqs. (1)-(24), with the misprints of the paper put right (docs/errata.md).
+
+    References
+    ----------
+    F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System Based on Response
+    Coupling.
+    """
+
+    parameters: ReceptanceParameters
+
+    def frequency_response(
+        self,
+        frequency: FloatArray,
+        conditions: DriveConditions,
+        *,
+        excitation: ExcitationPoint,
+        response: ResponsePoint,
+    ) -> FrequencyResponse:
+        """Return the response per unit excitation, shape (n_frequencies,).
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (n_frequencies,)
+            Above zero. [Hz]
+        conditions : DriveConditions
+        excitation : ExcitationPoint
+        response : ResponsePoint
+
+        Raises
+        ------
+        OutsideValidityError
+            If a frequency is not positive or the position is not on the screw.
+        """
+        frequency = require_frequencies(frequency)
+        omega = 2.0 * np.pi * frequency
+        terms = position_terms(self.parameters, omega, conditions, motor_end_of(excitation, MotorEnd.FREE))
+        values = receptance_between(terms, self.parameters.joints(conditions), excitation, response)
+        if response.is_acceleration:
+            values = -(omega**2) * values
+        return FrequencyResponse(frequency, values, quantity_of(excitation, response))
+
+    def natural_frequencies(
+        self, conditions: DriveConditions, motor_end: MotorEnd | None = None
+    ) -> tuple[NaturalFrequency, ...]:
+        """Return the first eight poles, rigid-body mode included; ``None`` is the paper's freely turning rotor.
+
+        Parameters
+        ----------
+        conditions : DriveConditions
+        motor_end : MotorEnd, optional
+
+        Raises
+        ------
+        OutsideValidityError
+            If the position is not on the screw or poles cannot be told apart.
+        """
+        return natural_frequencies(self.parameters, conditions, motor_end or MotorEnd.FREE)
+
+    def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
+        """Return the first eight undamped modes, rigid-body mode included.
+
+        Parameters
+        ----------
+        conditions : DriveConditions
+        motor_end : MotorEnd, optional
+
+        Raises
+        ------
+        OutsideValidityError
+            If the position is not on the screw or a mode does not oscillate.
+        """
+        return normal_modes(self.parameters, conditions, motor_end or MotorEnd.FREE)

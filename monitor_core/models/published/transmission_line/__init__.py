@@ -1,0 +1,28 @@
+"""Transmission-line model (Moreno-Castaneda et al., 2005): waves on the screw, step by step.
+
+``grid`` cuts the lines into sections, ``kernel`` steps the waves through them and through the ``junctions``, ``motion``
+runs a drive in time; ``mobility`` and ``modes`` say what the same discretised drive does at a frequency.
+"""
+
+from monitor_core.models.published.transmission_line.drive import StribeckFriction
+from monitor_core.models.published.transmission_line.grid import (
+    LineGrid,
+    closest_common_step_grid,
+    common_step_grid,
+    synchronised_grid,
+)
+from monitor_core.models.published.transmission_line.model import TransmissionLineModel
+from monitor_core.models.published.transmission_line.motion import DriveMotion, simulate_drive
+from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
+
+__all__ = [
+    "DriveMotion",
+    "LineGrid",
+    "StribeckFriction",
+    "TransmissionLineModel",
+    "TransmissionLineParameters",
+    "closest_common_step_grid",
+    "common_step_grid",
+    "simulate_drive",
+    "synchronised_grid",
+]

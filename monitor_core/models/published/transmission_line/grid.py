@@ -1,0 +1,143 @@
+"""Sections and time steps of the two lines, so that a wave needs a whole number of steps for each.
+
+Torsional and axial waves run at different speeds. The paper lets the axial line take several steps in one torsional
+step; with the same step for both lines, and different numbers of sections, nothing has to be held in between.
+"""
+
+import math
+from dataclasses import dataclass
+
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
+
+#: With fewer sections the modes that are asked for come near half the sampling rate.
+_FEWEST_SECTIONS = 12
+#: A delay that misses a whole number of steps by rounding alone is that number.
+_WHOLE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class LineGrid:
+    """How the lines are divided. The static stiffness of a line is exact whatever its delay is rounded to.
+
+    Impedances are Z = stiffness · delay, so a delay that is off by ε changes the mass of the line, not its stiffness,
+    by 2ε. That is what the paper does in Eqs. (52)–(54), where it adjusts the density.
+    """
+
+    time_step: float  # of the torsional line and of all that is recorded [s]
+    torsional_sections: int
+    axial_sections: int
+    axial_substeps: int = 1  # axial steps in one torsional step
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.time_step) and self.time_step > 0.0):
+            raise OutsideValidityError(f"time_step must be positive; got {self.time_step} s")
+        if min(self.torsional_sections, self.axial_sections) < _FEWEST_SECTIONS:
+            raise OutsideValidityError(
+                f"each line needs at least {_FEWEST_SECTIONS} sections; got {self.torsional_sections} torsional and "
+                f"{self.axial_sections} axial"
+            )
+        if self.axial_substeps < 1:
+            raise OutsideValidityError(f"axial_substeps must be at least 1; got {self.axial_substeps}")
+
+    @property
+    def axial_step(self) -> float:
+        """Time in which an axial wave crosses one axial section, in seconds."""
+        return self.time_step / self.axial_substeps
+
+    def torsional_impedance(self, parameters: TransmissionLineParameters) -> float:
+        """Z_t = GJ · delay/length = ρ'J u', Eq. (12) as corrected, in N·m·s/rad."""
+        delay = self.torsional_sections * self.time_step
+        return parameters.torsional_rigidity * delay / parameters.screw_length
+
+    def axial_impedance(self, parameters: TransmissionLineParameters) -> float:
+        """Z_a = EA · delay/length = ρ'A u', Eq. (14), in N·s/m."""
+        delay = self.axial_sections * self.axial_step
+        return parameters.axial_rigidity * delay / parameters.screw_length
+
+
+def synchronised_grid(parameters: TransmissionLineParameters, time_step: float, n_a: int = 8, n_t: int = 5) -> LineGrid:
+    r"""Divide the lines as the paper does: n_t axial sections in a torsional one, n_a axial steps in a torsional one.
+
+    .. math::
+
+        m = \lfloor l / (u_t t_t) \rfloor, \qquad m_a = n_t m, \qquad t_a = t_t / n_a
+
+    Eqs. (40), (41), (44), (50) and (51) of [1]_. Torsional values are held during the axial steps.
+
+    Parameters
+    ----------
+    parameters : TransmissionLineParameters
+        The axis.
+    time_step : float
+        :math:`t_t`. [s]
+    n_a, n_t : int
+        Ratio of the speeds :math:`u_a/u_t`; 8/5 is the smallest that steel allows. [-]
+
+    Returns
+    -------
+    LineGrid
+        For ``simulate_drive``.
+
+    Raises
+    ------
+    OutsideValidityError
+        If a line would have too few sections, or the time step is not positive.
+
+    Notes
+    -----
+    Eqs. (42) and (56) print :math:`t_a = (n_t/n_a) t_t`. That is the time of an axial wave over a *torsional* section;
+    an axial section is n_t times shorter.
+
+    Examples
+    --------
+    Eqs. (50) and (51) of [1]_, the paper's shaft at 1 µs: 421 and 2105 sections (the rest of the axis is no matter).
+
+    >>> shaft = TransmissionLineParameters(
+    ...     screw_length=1.346, screw_diameter=0.040, screw_minor_diameter=0.0341, shear_modulus=80e9,
+    ...     youngs_modulus=204.8e9, density=7850.0, table_mass=1.0, screw_lead=0.01, motor_inertia=1.0,
+    ...     coupling_stiffness=1.0, bearing_stiffness=1.0, nut_stiffness=1.0,
+    ... )
+    >>> grid = synchronised_grid(shaft, 1e-6)
+    >>> grid.torsional_sections, grid.axial_sections
+    (421, 2105)
+
+    References
+    ----------
+    .. [1] V. Y. Moreno-Castaneda et al., LAMDAMAP 2005.
+    """
+    if not (math.isfinite(time_step) and time_step > 0.0):
+        raise OutsideValidityError(f"time_step must be positive; got {time_step} s")
+    sections = math.floor(parameters.screw_length / (parameters.torsional_speed * time_step) * (1.0 + _WHOLE))
+    return LineGrid(time_step, sections, n_t * sections, n_a)
+
+
+def common_step_grid(parameters: TransmissionLineParameters, torsional_sections: int) -> LineGrid:
+    """Divide the torsional line into so many sections and give the axial line the same step.
+
+    The torsional delay is exact, the axial one is rounded to whole steps; where u_a/u_t = n_a/n_t and the number is a
+    multiple of n_a, both are exact.
+    """
+    delay = parameters.screw_length / parameters.torsional_speed
+    axial_sections = _axial_sections(parameters, torsional_sections)
+    return LineGrid(delay / torsional_sections, torsional_sections, round(axial_sections))
+
+
+def closest_common_step_grid(parameters: TransmissionLineParameters, least_torsional_sections: int) -> LineGrid:
+    """Of the common-step grids with n to 2n torsional sections, return the one that rounds the axial delay least."""
+    if least_torsional_sections < _FEWEST_SECTIONS:
+        raise OutsideValidityError(
+            f"least_torsional_sections must be at least {_FEWEST_SECTIONS}; got {least_torsional_sections}"
+        )
+
+    def rounding(sections: int) -> float:
+        exact = _axial_sections(parameters, sections)
+        return abs(round(exact) / exact - 1.0)
+
+    candidates = range(least_torsional_sections, 2 * least_torsional_sections + 1)
+    return common_step_grid(parameters, min(candidates, key=rounding))
+
+
+def _axial_sections(parameters: TransmissionLineParameters, torsional_sections: int) -> float:
+    """Sections that an axial wave crosses in the time of a torsional wave along the screw, not rounded."""
+    return torsional_sections * parameters.torsional_speed / parameters.axial_speed

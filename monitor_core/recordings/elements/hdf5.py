@@ -1,0 +1,100 @@
+"""What the readers of HDF5 files share: a file is opened, and its parts taken, only when they are what they should be.
+
+Links that lead out of the file, virtual datasets and external storage are refused: a recording is one file. Numbers
+that were announced and never written are refused too, since HDF5 answers zeros for them.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
+from monitor_core.recordings.elements.hdf5_heap import require_sound_heap
+
+if TYPE_CHECKING:
+    import h5py
+
+
+@contextmanager
+def open_hdf5(path: Path) -> Iterator["h5py.File"]:
+    """Open an HDF5 file for reading, after a look at what the library would crash on.
+
+    Raises
+    ------
+    RecordingFormatError
+        If it is no HDF5 file, or a damaged one.
+    """
+    import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
+
+    with refusing(path.name, "an HDF5 file"):
+        require_sound_heap(require_file(path))
+        file = h5py.File(path, "r")
+    with file:
+        yield file
+
+
+def attributes(group: "h5py.Group", known: frozenset[str], where: str) -> Fields:
+    """Return the known attributes. Only numbers and texts are touched: other types crash HDF5 when damaged."""
+    import h5py  # noqa: PLC0415
+
+    values: dict[str, object] = {}
+    for name in sorted(known.intersection(group.attrs)):
+        stored = group.attrs.get_id(name)
+        readable = stored.get_type().get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+        # MATLAB and LabVIEW write a single value as an array of one
+        if not readable or stored.shape not in ((), (1,), (1, 1)):
+            raise RecordingFormatError(
+                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {stored.shape}"
+            )
+        values[name] = np.asarray(group.attrs[name]).reshape(-1)[0]
+    return Fields(values, where)
+
+
+def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group":
+    """Return a "Group" or "Dataset" that really lies in this file: a link could name any file of the machine."""
+    import h5py  # noqa: PLC0415
+
+    if name not in group:
+        raise RecordingFormatError(f"{place}: expected a {kind.lower()}; it is missing")
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise RecordingFormatError(f"{place}: expected a {kind.lower()} inside the file; got a link")
+    found = group[name]
+    if not isinstance(found, getattr(h5py, kind)):
+        raise RecordingFormatError(f"{place}: expected a {kind.lower()}; got a {type(found).__name__.lower()}")
+    return found
+
+
+def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -> "h5py.Dataset":
+    """Return a one-dimensional dataset of one of these NumPy types, in either byte order; nothing is read yet."""
+    place = f"{where}/{name}"
+    dataset = member(group, name, "Dataset", place)
+    if dataset.dtype.newbyteorder("=") not in types:
+        raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dataset.dtype}")
+    if dataset.ndim != 1:
+        raise RecordingFormatError(f"{place}: expected one dimension; got shape {dataset.shape}")
+    if dataset.is_virtual or dataset.external:
+        raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
+    require_plausible_length(dataset.size, place)
+    if _unwritten(dataset):
+        raise RecordingFormatError(f"{place}: expected {dataset.size} numbers; they were announced but never written")
+    return dataset
+
+
+def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
+    """Read a dataset, in the byte order of this machine; the array cannot be written to."""
+    values: npt.NDArray[np.number] = dataset.astype(dataset.dtype.newbyteorder("="))[()]
+    values.setflags(write=False)  # ours alone: a record need not copy it
+    return values
+
+
+def _unwritten(dataset: "h5py.Dataset") -> bool:
+    """HDF5 answers fill values for numbers that an interrupted acquisition announced and never wrote."""
+    if dataset.chunks is not None:
+        return bool(dataset.id.get_num_chunks() < -(-dataset.size // dataset.chunks[0]))
+    return bool(dataset.id.get_storage_size() < dataset.size * dataset.dtype.itemsize)

@@ -1,0 +1,58 @@
+"""NumPy archives, ``*.npz``: every array of real numbers is a channel of its name. Nothing is unpickled."""
+
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+
+
+def read_channels(path: Path) -> Channels:
+    """Read the arrays of an NPZ file; it states neither units nor a time base.
+
+    Parameters
+    ----------
+    path : Path
+        A file of ``numpy.savez``. Arrays of other than one or two dimensions, and of other than real numbers,
+        are no channels and are left out.
+
+    Returns
+    -------
+    Channels
+        One per array, one- or two-dimensional.
+
+    Raises
+    ------
+    RecordingFormatError
+        If the archive or an array in it is damaged, or if a header promises what the file does not hold.
+    """
+    channels = []
+    with refusing(path.name, "a NumPy archive (.npz)"), zipfile.ZipFile(require_file(path)) as archive:
+        for member in archive.infolist():
+            name = member.filename.removesuffix(".npy")
+            with archive.open(member) as stream:
+                shape, dtype = _header(stream)
+            if dtype.kind not in "fiu" or len(shape) not in (1, 2):
+                continue
+            n_values = int(np.prod(shape, dtype=object))
+            require_plausible_length(n_values, f"{path.name}, {name}")
+            if member.file_size < n_values * dtype.itemsize:
+                raise RecordingFormatError(
+                    f"{path.name}, {name}: expected {n_values} values as its header says; "
+                    f"got {member.file_size} bytes in all"
+                )
+            with archive.open(member) as stream:
+                values = np.lib.format.read_array(stream, allow_pickle=False)
+            channels.append(Channel(name, native_samples(values)))
+    return Channels(path.name, tuple(channels))
+
+
+def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    return shape, dtype

@@ -1,0 +1,112 @@
+"""Universal files, data set 58 in text or binary (58b), through pyuff (extra ``uff``): time histories only.
+
+A data set 58 may also be a spectrum or an FRF: those are no recordings and are left out. Channels carry the first
+identification line of their data set; where these lines are empty or not distinct, they are numbered "1", "2", ….
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+
+_TIME_RESPONSE = 1  # function type of record 6
+_FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF", 6: "coherence",
+                   9: "power spectral density", 12: "spectrum"}  # fmt: skip
+#: Start or end of a data set: "    -1" alone on its line, or directly behind binary samples.
+_DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")
+_SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8; time is in seconds by definition
+
+
+def read_channels(path: Path) -> Channels:
+    """Read the time histories of a universal file.
+
+    Parameters
+    ----------
+    path : Path
+        Data sets of other kinds are left out.
+
+    Returns
+    -------
+    Channels
+        Unit from the ordinate's label, sample rate from the abscissa's increment. The date in the header has no
+        zone, so there is no start.
+
+    Raises
+    ------
+    RecordingFormatError
+        If the file is damaged or cut off, holds no time history, or if a header promises other than what is there.
+    MissingReaderError
+        If pyuff is not installed.
+    """
+    try:
+        import pyuff  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingReaderError(f"{path.name}: reading UFF needs pyuff; pip install 'preload-monitor[uff]'") from error
+
+    n_delimiters = len(_DELIMITER.findall(require_file(path).read_bytes()))
+    if n_delimiters == 0 or n_delimiters % 2:
+        raise RecordingFormatError(
+            f"{path.name}: expected each data set of a universal file between two lines '    -1'; "
+            f"got {n_delimiters} of them: the file is cut off or of another format"
+        )
+    with refusing(path.name, "a universal file"):
+        file = pyuff.UFF(str(path))
+        kinds = [int(kind) for kind in file.get_set_types()]
+        headers = {i: file.read_sets(i, header_only=True) for i, kind in enumerate(kinds) if kind == 58}
+        histories = [i for i, header in headers.items() if header["func_type"] == _TIME_RESPONSE]
+        if not histories:
+            got = _got(kinds, headers)
+            raise RecordingFormatError(f"{path.name}: expected a time history in data set 58; got {got}")
+        names = _names([headers[i]["id1"].strip() for i in histories])
+        channels = []
+        for i, name in zip(histories, names, strict=True):
+            where = f"{path.name}, {name}"
+            _require_time_base(headers[i], where)
+            channels.append(_channel(file.read_sets(i), name, where))
+        return Channels(path.name, tuple(channels))
+
+
+def _got(kinds: list[int], headers: dict[int, dict[str, Any]]) -> str:
+    if not headers:
+        return f"data sets {', '.join(str(kind) for kind in kinds)}"
+    functions = dict.fromkeys(header["func_type"] for header in headers.values())
+    return ", ".join(f"function type {f} ({_FUNCTION_TYPES.get(f, 'other')})" for f in functions)
+
+
+def _names(labels: list[str]) -> list[str]:
+    distinct = len(set(labels)) == len(labels) and not {"", "NONE"} & set(labels)
+    return labels if distinct else [str(number) for number in range(1, len(labels) + 1)]
+
+
+def _require_time_base(header: dict[str, Any], where: str) -> None:
+    unit = header["abscissa_axis_units_lab"].strip()
+    if header["abscissa_spacing"] != 1:
+        raise RecordingFormatError(f"{where}: expected even spacing in time; got an uneven abscissa")
+    if unit.lower() not in _SECONDS:
+        raise RecordingFormatError(f"{where}: expected an abscissa in s; got {unit!r}")
+    increment = header["abscissa_inc"]
+    if not (np.isfinite(increment) and increment > 0.0):
+        raise RecordingFormatError(f"{where}: expected a positive abscissa increment; got {increment} s")
+    if header["ord_data_type"] not in (2, 4):
+        raise RecordingFormatError(f"{where}: expected real ordinates (2 or 4); got type {header['ord_data_type']}")
+    require_plausible_length(header["num_pts"], where)
+
+
+def _channel(data_set: dict[str, Any], name: str, where: str) -> Channel:
+    samples = data_set["data"]
+    if samples.size != data_set["num_pts"]:
+        raise RecordingFormatError(
+            f"{where}: expected {data_set['num_pts']} samples as its header says; got {samples.size}"
+        )
+    unit = data_set["ordinate_axis_units_lab"].strip()
+    return Channel(
+        name=name,
+        samples=native_samples(samples),
+        unit=None if unit in ("", "NONE") else unit,
+        sample_rate=1.0 / data_set["abscissa_inc"],
+    )

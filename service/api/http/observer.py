@@ -1,0 +1,68 @@
+"""What is noted of every request, whatever becomes of it."""
+
+import logging
+import time
+import uuid
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.api.http.problems import problem
+from service.observability import Metrics
+
+log = logging.getLogger(__name__)
+access_log = logging.getLogger("service.access")
+METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"))
+#: Scripts of the pages stand partly in the pages themselves; ReDoc runs a worker from a blob.
+CONTENT_SECURITY_POLICY = "default-src 'self' 'unsafe-inline' data: blob:"
+INTERNAL_ERROR = "the service failed on this request; its log says why, under the id of the request"
+
+
+class RequestObserver:
+    """ASGI middleware: times each request, names it with an id, and logs it without its query (it could hold anything).
+
+    It also tells browsers to load nothing from outside: the pages must be whole on a network without internet.
+    """
+
+    def __init__(self, app: ASGIApp, *, metrics: Metrics) -> None:
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request_id = Headers(scope=scope).get("x-request-id", "")[:64] or uuid.uuid4().hex
+        scope.setdefault("state", {})["request_id"] = request_id
+        status: int | None = None  # until an answer begins
+
+        async def send_named(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                headers = MutableHeaders(scope=message)
+                headers["X-Request-ID"] = request_id
+                headers["Content-Security-Policy"] = CONTENT_SECURITY_POLICY
+            await send(message)
+
+        started = time.perf_counter()
+        try:
+            await self._app(scope, receive, send_named)
+        except Exception:  # the edge of a request: the log gets the traceback, the caller no internals
+            log.exception("request failed", extra={"members": {"request_id": request_id}})
+            if status is not None:
+                raise  # the answer has begun: all that is left is to break it off
+            await problem(500, "internal-error", INTERNAL_ERROR, request_id=request_id)(scope, receive, send_named)
+        finally:
+            self._note(scope, status or 500, time.perf_counter() - started, request_id)
+
+    def _note(self, scope: Scope, status: int, elapsed: float, request_id: str) -> None:
+        # Label values must be few, whatever is sent: the template of the route, and methods that exist.
+        route = getattr(scope.get("route"), "path", "none")
+        method = scope["method"] if scope["method"] in METHODS else "other"
+        self._metrics.requests.labels(method, route, status).observe(elapsed)
+        access_log.info(
+            "%s %s %d", method, route, status,
+            extra={"members": {"request_id": request_id, "seconds": round(elapsed, 6)}},
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""What commands read: sessions, modal tables, drive models."""

@@ -1,0 +1,99 @@
+"""A small HTTP client of the service's own API, for ``preload replay`` and ``preload demo``."""
+
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import click
+import httpx
+import msgpack
+import numpy as np
+
+from monitor_core.recording import ExcitationQuantity, Window
+from monitor_core.recordings.elements.units import to_millimetres
+from service.api.http.body import MSGPACK_TYPE
+
+TIMEOUT_S = 120.0
+
+
+class Client:
+    """Talks to one service; an answer that is a problem becomes one sentence."""
+
+    def __init__(self, url: str) -> None:
+        try:
+            self._http = httpx.Client(base_url=url, timeout=TIMEOUT_S, trust_env=False)
+        except (httpx.InvalidURL, TypeError) as error:
+            raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}") from error
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the connection."""
+        self._http.close()
+
+    def get(self, path: str, **query: Any) -> Any:  # noqa: ANN401 - JSON
+        """Read a resource."""
+        return self._ask("GET", path, params=query)
+
+    def post(self, path: str, body: dict[str, Any]) -> Any:  # noqa: ANN401 - JSON
+        """Create or do something."""
+        return self._ask("POST", path, json=body)
+
+    def put(self, path: str, body: dict[str, Any]) -> Any:  # noqa: ANN401 - JSON
+        """Set a resource."""
+        return self._ask("PUT", path, json=body)
+
+    def register_if_new(self, axis: str) -> bool:
+        """Register an axis with default settings unless it is there; tell whether it was new."""
+        if any(item["id"] == axis for item in self.get("/v1/axes")["axes"]):
+            return False
+        self.put(f"/v1/axes/{axis}", {"name": axis})
+        return True
+
+    def post_measurement(self, axis: str, windows: Sequence[Window]) -> Any:  # noqa: ANN401 - JSON
+        """Post the windows of one measurement as MessagePack, and have it judged."""
+        body = msgpack.packb({"windows": [window_document(window) for window in windows], "complete": True})
+        return self._ask("POST", f"/v1/axes/{axis}/windows", content=body, headers={"content-type": MSGPACK_TYPE})
+
+    def _ask(self, method: str, path: str, **arguments: Any) -> Any:  # noqa: ANN401 - JSON
+        try:
+            response = self._http.request(method, path, **arguments)
+        except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
+            raise click.ClickException(f"no answer from {self._http.base_url}: {error}") from error
+        if response.is_success:
+            return response.json()
+        is_problem = response.headers.get("content-type", "").startswith("application/problem+json")
+        detail = response.json()["detail"] if is_problem else response.text[:200]
+        raise click.ClickException(f"{method} {path} was refused with {response.status_code}: {detail}")
+
+
+def window_document(window: Window) -> dict[str, Any]:
+    """Return a window as the API takes it, samples as bytes of little-endian float32."""
+
+    def samples(values: np.ndarray[Any, Any]) -> bytes:
+        return values.astype("<f4").tobytes()
+
+    conditions, trace = window.conditions, window.position_trace
+    torque = window.excitation_quantity is ExcitationQuantity.TORQUE
+    return {
+        "started_at": window.started_at.isoformat(),
+        "measurement": window.measurement,
+        "sample_rate_hz": window.sample_rate,
+        "position_mm": to_millimetres(conditions.position),
+        "position_span_mm": to_millimetres(window.position_span),
+        "excitation": samples(window.excitation),
+        "response": samples(window.response),
+        "excitation_quantity": str(window.excitation_quantity),
+        "excitation_unit": "N.m" if torque else "N",
+        "excitation_source": str(window.excitation_source),
+        "response_unit": "m/s2",
+        "direction": str(window.direction),
+        "position_trace_m": None if trace is None else samples(trace),
+        "payload_kg": conditions.payload_mass,
+        "temperature_c": conditions.temperature,
+        "preload_n": conditions.preload,
+    }

@@ -1,0 +1,1 @@
+"""From records to JSON documents, one module for each record."""

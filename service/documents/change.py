@@ -1,0 +1,85 @@
+"""What an alarm says of its cause: the change that explains it with its confidence, or why none was looked for."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from enum import StrEnum
+from typing import Any
+
+from monitor_core.change.attribution import ChangeExplanation
+from monitor_core.change.trials import TriedChange
+from service.documents.measurement import finite_or_null
+from service.store.tables import MeasurementRow
+
+
+class NotExamined(StrEnum):
+    """Why the cause of an alarm was not examined."""
+
+    NO_DRIVE_MODEL = "no-drive-model"
+    TOO_FEW_PLACES = "too-few-places"
+    REFUSED = "refused"
+
+
+_SENTENCES = {
+    NotExamined.NO_DRIVE_MODEL: "cause not examined: the axis has no drive model",
+    NotExamined.TOO_FEW_PLACES: "cause not examined yet: it takes measurements at three places since the onset",
+}
+
+
+def not_examined_yet(configuration: dict[str, Any]) -> dict[str, Any]:
+    """Return what an alarm says when it is raised on an axis of this configuration."""
+    has_model = configuration.get("drive_model") is not None
+    reason = NotExamined.TOO_FEW_PLACES if has_model else NotExamined.NO_DRIVE_MODEL
+    return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
+
+
+def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> dict[str, Any]:
+    """Return what an alarm says whose cause could not be examined."""
+    return {
+        "examined": False,
+        "reason": str(NotExamined.REFUSED),
+        "sentence": f"cause not examined: {refusal}",
+        "recent": _measured(recent),
+    }
+
+
+def examined_document(
+    found: ChangeExplanation, at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
+) -> dict[str, Any]:
+    """Return what an alarm says of its cause, with all that was tried and what it rests on."""
+    document: dict[str, Any] = finite_or_null({
+        "examined": True,
+        "at": at.isoformat(),
+        "outcome": str(found.outcome),
+        "cause": str(found.cause),
+        "confidence": found.confidence,
+        "sentence": found.sentence,
+        "equivalent_to": [str(cause) for cause in found.equivalent_to],
+        "gap_before": float(found.gap_before),
+        "gap_after": float(found.gap_after),
+        "changes": [_change(one) for one in found.changes],
+        "reference": _measured(reference),
+        "recent": _measured(recent),
+    })  # fmt: skip
+    return document
+
+
+def _change(one: TriedChange) -> dict[str, Any]:
+    return {
+        "cause": str(one.cause),
+        "effect": one.key,
+        "probability": one.probability,
+        "size": None if one.size is None else float(one.size.value),
+        "size_standard_uncertainty": None if one.size is None else float(one.size.standard_uncertainty),
+        "unit": one.unit,
+        "delta_bic": float(one.delta_bic),
+        "gap": float(one.gap),
+        "sentence": one.words,
+    }
+
+
+def _measured(rows: Sequence[MeasurementRow]) -> dict[str, Any]:
+    return {
+        "n_measurements": len(rows),
+        "first_at": rows[0].started_at.isoformat(),
+        "last_at": rows[-1].started_at.isoformat(),
+    }

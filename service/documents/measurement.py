@@ -1,0 +1,192 @@
+"""What is stored and shown of an outcome: plain JSON, every quantity with its unit in its name."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import AxisState, MeasurementOutcome
+from monitor_core.preload import Calibration, PreloadEstimate, preload_from_feature
+from monitor_core.preload.drag_torque import DragTorque
+from monitor_core.recording import Rejection
+from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.trend import Chart
+from service.store.intake import MeasurementRecord
+
+
+def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """Replace infinities and NaN by null, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Sequence):
+        return [finite_or_null(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def modal_document(modal: ModalMeasurement) -> dict[str, Any]:
+    """Lay out a measured mode; the keys are those of ``preload frf``."""
+    mode = modal.mode
+    return {
+        "position_mm": to_millimetres(modal.conditions.position),
+        "frequency_hz": mode.frequency.value,
+        "frequency_standard_uncertainty_hz": mode.frequency.standard_uncertainty,
+        "damping_ratio": mode.damping_ratio.value,
+        "damping_ratio_standard_uncertainty": mode.damping_ratio.standard_uncertainty,
+        "residue_phase_rad": mode.residue_phase,
+        "coherence": modal.coherence,
+        "n_averages": modal.n_averages,
+        "n_modes": modal.n_modes,
+        "tones_removed_hz": list(modal.tones),
+        "warnings": list(modal.warnings),
+        "windows_dropped": len(modal.refused_windows),
+        "payload_kg": modal.conditions.payload_mass,
+        "temperature_c": modal.conditions.temperature,
+    }
+
+
+def estimate_document(estimate: PreloadEstimate) -> dict[str, Any]:
+    """Lay out a preload with its 95 % coverage interval and what it rests on; an open end is ``null``."""
+    upper = estimate.interval.upper
+    shares = estimate.shares
+    return {
+        "preload_n": estimate.preload,
+        "interval_95_n": [estimate.interval.lower, upper if math.isfinite(upper) else None],
+        "extrapolated": estimate.extrapolated,
+        "outside": list(estimate.outside),
+        "assumptions": list(estimate.assumptions),
+        "preload_feature_s2": estimate.feature.value,
+        "preload_feature_standard_uncertainty_s2": estimate.feature.standard_uncertainty,
+        "variance_shares": {
+            "frequency": shares.frequency,
+            "reproducibility": shares.reproducibility,
+            "calibration": shares.calibration,
+            "payload": shares.payload,
+            "temperature": shares.temperature,
+        },
+    }
+
+
+def refusal_document(rejection: Rejection) -> dict[str, Any]:
+    """Lay out a refusal."""
+    return {"refused": True, "reason": str(rejection.reason), "detail": rejection.detail}
+
+
+def measurement_document(
+    row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration | None
+) -> dict[str, Any]:
+    """Lay out everything that is said about one measurement; what could not be said is ``null``."""
+    refusal = outcome.refusal
+    document: dict[str, Any] = {
+        "measurement_id": row.id,
+        "measurement": row.name,
+        "started_at": row.started_at.isoformat(),
+        "position_mm": row.position_mm,
+        "frequency_hz": None,
+        "preload_n": None,
+        "interval_95_n": None,
+        "calibration": row.calibration_id,
+        "state": str(state.detector.status),
+        "refused": False,
+    }
+    if isinstance(outcome.modal, ModalMeasurement):
+        document |= modal_document(outcome.modal)
+    if isinstance(outcome.preload, PreloadEstimate):
+        document |= estimate_document(outcome.preload)
+    if refusal is not None:
+        document |= refusal_document(refusal)
+    if isinstance(outcome.drag_torque, DragTorque):
+        drag = outcome.drag_torque.drag
+        document |= {"drag_torque_nm": drag.value, "drag_torque_standard_uncertainty_nm": drag.standard_uncertainty}
+    baseline = state.detector.baseline
+    if baseline is not None and calibration is not None:
+        document["baseline_preload_n"] = preload_from_feature(baseline.mean, calibration.coefficients)
+    stored: dict[str, Any] = finite_or_null(document)
+    return stored
+
+
+def response_document(outcome: MeasurementOutcome) -> dict[str, Any] | None:
+    """Lay out the frequency response around the mode, for a picture."""
+    if isinstance(outcome.modal, Rejection):
+        return None
+    frf = outcome.modal.frequency_response
+    return {
+        "quantity": frf.quantity,
+        "frequency_hz": _numbers(frf.frequency),
+        "real": _numbers(frf.response.real),
+        "imaginary": _numbers(frf.response.imag),
+        "coherence": None if frf.coherence is None else _numbers(frf.coherence),
+    }
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    finite = np.isfinite(values).tolist()
+    return [value if known else None for value, known in zip(values.tolist(), finite, strict=True)]
+
+
+#: What a chart that raises alarms has found, for a sentence.
+_CHART = {
+    Chart.CUSUM: "the sum of what exceeds chance stands at {value:.1f} standard deviations, its limit is {limit:.1f}",
+    Chart.SHEWHART: (
+        "each measurement since then is more than {limit:.1f} standard deviations off, the latest {value:.1f}"
+    ),
+}
+
+
+def alarm_evidence(
+    row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration
+) -> dict[str, Any]:
+    """Lay out why an alarm was raised: the measurement, the chart, and since when."""
+    alarm, baseline = state.detector.alarm, state.detector.baseline
+    if alarm is None or baseline is None or not isinstance(outcome.preload, PreloadEstimate):
+        raise AssertionError("an alarm has evidence, a baseline and an estimate behind it")
+    estimate = estimate_document(outcome.preload)
+    healthy = preload_from_feature(baseline.mean, calibration.coefficients)
+    lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
+    evidence: dict[str, Any] = finite_or_null({
+        "at": row.started_at.isoformat(),
+        "measurement": row.name,
+        "preload_n": estimate["preload_n"],
+        "interval": estimate["interval_95_n"],
+        "interval_kind": "95 % coverage",
+        "baseline_preload_n": healthy,
+        "preload_loss_n": healthy - outcome.preload.preload,
+        "chart": str(alarm.chart),
+        "chart_value": alarm.value,
+        "chart_limit": alarm.limit,
+        "onset": alarm.onset.isoformat(),
+        "baseline_started_at": baseline.started_at.isoformat(),
+        "baseline_ended_at": baseline.ended_at.isoformat(),
+        "mean_loss_since_onset_n": lost_since_onset,
+        "sentence": (
+            f"since {alarm.onset:%Y-%m-%d} the preload is on average {lost_since_onset:.0f} N below the baseline's "
+            f"{healthy:.0f} N: "
+            + _CHART[alarm.chart].format(value=alarm.value, limit=alarm.limit)
+        ),
+        "check_next": "measure again at another position; compare the drag torque; check nut and bearing mounting",
+    })  # fmt: skip
+    return evidence
+
+
+def baseline_document(state: AxisState, calibration: Calibration) -> dict[str, Any] | None:
+    """Lay out what is normal for the axis: mean, and the 95 % prediction interval of one more healthy measurement."""
+    baseline = state.detector.baseline
+    if baseline is None:
+        return None
+    interval = baseline.prediction_interval()
+    # the feature falls as the preload rises, so its upper end is the lower preload
+    lower, upper = (preload_from_feature(end, calibration.coefficients) for end in (interval.upper, interval.lower))
+    return {
+        "preload_n": preload_from_feature(baseline.mean, calibration.coefficients),
+        "prediction_interval_95_n": [lower, upper],
+        "size": baseline.size,
+        "autocorrelation": baseline.autocorrelation,
+        "started_at": baseline.started_at.isoformat(),
+        "ended_at": baseline.ended_at.isoformat(),
+    }

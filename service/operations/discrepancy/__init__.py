@@ -1,0 +1,1 @@
+"""Jobs that explain discrepancies and alarms."""

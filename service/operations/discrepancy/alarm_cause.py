@@ -1,0 +1,208 @@
+"""Which change of an axis explains its alarm: jobs of kind ``alarm-explanation``.
+
+The measurements of the baseline that the alarm rests on are the reference, the newest ones since the onset the recent
+side. A job follows the commit of a measurement that leaves the axis in alarm, and anew with each further one until all
+recent ones were taken after the alarm: those around the onset may be of before and after the change.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from functools import partial
+
+import numpy as np
+
+from monitor_core.change.attribution import ChangeExplanation, explain_change
+from monitor_core.change.cells import places_of
+from monitor_core.change.reference_ratio import FEWEST_PLACES
+from monitor_core.errors import MonitorCoreError, NotIdentifiableError
+from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.modal import ModalMeasurement
+from monitor_core.recordings.elements.units import metres
+from service.clock import now
+from service.documents.change import examined_document, refused_document
+from service.errors import ConflictError, ServiceError
+from service.jobs import JobHandle, JobRunner
+from service.operations.axis_drive import drive_of_axis
+from service.operations.measured_responses import measured_responses
+from service.operations.monitoring.alarms import store_explanation
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
+from service.operations.monitoring.measured_modes import measured_with_windows
+from service.operations.own_process import Tell, in_own_process
+from service.store import alarms, jobs
+from service.store.axes import get_axis
+from service.store.database import Database
+from service.store.measurements import newest_monitored
+from service.store.tables import AlarmRow, JobRow, MeasurementRow
+from service.store.waveforms import WaveformStore
+
+log = logging.getLogger(__name__)
+
+KIND = "alarm-explanation"
+#: So many named the causes of the tests; older ones may be of a smaller change.
+MOST_RECENT = 8
+#: Of a longer baseline the newest: what more would add is less than the time that they take.
+MOST_REFERENCE = 30
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """An alarm with what its explanation rests on."""
+
+    alarm: AlarmRow
+    configuration: AxisConfiguration
+    reference: list[MeasurementRow]
+    recent: list[MeasurementRow]
+
+    @property
+    def n_places(self) -> int:
+        """At how many places the recent measurements were made."""
+        positions = np.array([metres(row.position_mm) for row in self.recent])
+        return places_of(positions).size if positions.size else 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last explanation rests on measurements after the alarm alone."""
+        recent = self.alarm.explanation["recent"]
+        return (
+            recent is not None
+            and recent["n_measurements"] >= MOST_RECENT
+            and (datetime.fromisoformat(recent["first_at"]) > datetime.fromisoformat(self.alarm.evidence["at"]))
+        )
+
+
+class AlarmExplanations:
+    """Finds in the background which change of an axis explains its alarm."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore, runner: JobRunner) -> None:
+        self._database = database
+        self._waveforms = waveforms
+        self._jobs = runner
+
+    def follow(self, axis_id: str) -> None:
+        """Start a job if a measurement that was just committed lets the alarm of its axis be explained, or better.
+
+        It never fails: the measurement is stored already, and the next one leads here again.
+        """
+        try:
+            with self._database.read() as session:
+                newest = alarms.list_alarms(session, axis_id=axis_id, status=None, before_id=None, limit=1)
+                waiting = [
+                    row.axis_id
+                    for row in jobs.unfinished_jobs(session)
+                    if row.kind == KIND and row.status == jobs.QUEUED
+                ]
+            if not newest or newest[0].status == alarms.CLEARED or axis_id in waiting:
+                return
+            case = self._case(newest[0].id)
+            if case.n_places >= FEWEST_PLACES and not case.settled:
+                self._jobs.submit(KIND, axis_id, {"alarm": case.alarm.id})
+        except (ServiceError, MonitorCoreError) as error:
+            log.warning("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
+
+    def start(self, alarm_id: int) -> JobRow:
+        """Explain an alarm as its axis stands now, because somebody asks for it.
+
+        Raises
+        ------
+        ConflictError
+            If it is cleared: what was measured since belongs to another baseline.
+        NotIdentifiableError, OutsideValidityError
+            If the axis has no drive model, or was not measured at enough places.
+        """
+        case = self._case(alarm_id)
+        drive_of_axis(_model(case.configuration))
+        if case.n_places < FEWEST_PLACES:
+            raise NotIdentifiableError(
+                f"expected measurements at {FEWEST_PLACES} places or more since {case.alarm.evidence['onset']}; got "
+                f"{case.n_places}"
+            )
+        return self._jobs.submit(KIND, case.alarm.axis_id, {"alarm": alarm_id})
+
+    def run(self, job: JobHandle) -> None:
+        """Explain and store it with the alarm; begun anew if it was interrupted."""
+        case = self._case(job.arguments["alarm"])
+        try:
+            document = examined_document(self._explained(case, job), now(), case.reference, case.recent)
+        except MonitorCoreError as refusal:  # an answer, too: the alarm says why
+            document = refused_document(refusal, case.recent)
+        with self._database.write() as session:
+            store_explanation(session, alarms.get_alarm(session, case.alarm.id), document)
+        job.report(2, 2, document)
+
+    def _case(self, alarm_id: int) -> _Case:
+        with self._database.read() as session:
+            alarm = alarms.get_alarm(session, alarm_id)
+            if alarm.status == alarms.CLEARED:
+                raise ConflictError(f"only an alarm that is open can be explained; alarm {alarm_id} is cleared")
+            configuration = AxisConfiguration.model_validate(get_axis(session, alarm.axis_id).configuration)
+            start, end = _baseline(alarm)
+            onset = datetime.fromisoformat(alarm.evidence["onset"])
+            return _Case(
+                alarm,
+                configuration,
+                newest_monitored(session, alarm.axis_id, start, end, MOST_REFERENCE),
+                newest_monitored(session, alarm.axis_id, onset, None, MOST_RECENT),
+            )
+
+    def _explained(self, case: _Case, job: JobHandle) -> ChangeExplanation:
+        job.report(0, 2, {"progress": "measuring the responses"})
+        reference, recent = self._responses(case)
+        preload = case.alarm.evidence["baseline_preload_n"]
+
+        def tell(sentence: str) -> None:
+            job.report(1, 2, {"progress": sentence})
+
+        return in_own_process(partial(_explain, _model(case.configuration), reference, recent, preload), tell)
+
+    def _responses(self, case: _Case) -> tuple[Sequence[FrequencyResponseObservation], ...]:
+        """Measure both sides once more, on all lines: the antiresonance of the nut lies beside the mode."""
+        settings = core_settings(case.configuration)
+        reference, recent = (
+            [
+                modal
+                for modal, _ in measured_with_windows(self._database, self._waveforms, settings, rows)
+                if isinstance(modal, ModalMeasurement)
+            ]
+            for rows in (case.reference, case.recent)
+        )
+        usual = _usual_temperature(reference, recent)
+        return tuple(measured_responses(side, usual_temperature=usual) for side in (reference, recent))
+
+
+def _baseline(alarm: AlarmRow) -> tuple[datetime, datetime]:
+    """Return from when until when the baseline was learnt that an alarm rests on, its last measurement included."""
+    if "baseline_started_at" not in alarm.evidence:
+        raise NotIdentifiableError(
+            f"expected the time in which the baseline of alarm {alarm.id} was learnt; got none: an older version "
+            "raised it"
+        )
+    start, end = (datetime.fromisoformat(alarm.evidence[f"baseline_{edge}_at"]) for edge in ("started", "ended"))
+    return start, end + timedelta(microseconds=1)
+
+
+def _usual_temperature(reference: Sequence[ModalMeasurement], recent: Sequence[ModalMeasurement]) -> float | None:
+    """Return that of the reference; None unless every measurement states its own."""
+    stated = [temperature for one in (*reference, *recent) if (temperature := one.conditions.temperature) is not None]
+    if not reference or len(stated) < len(reference) + len(recent):
+        return None
+    return float(np.mean(stated[: len(reference)]))
+
+
+def _model(configuration: AxisConfiguration) -> str:
+    if configuration.drive_model is None:
+        raise NotIdentifiableError("expected drive_model in the configuration of the axis; got none")
+    return configuration.drive_model
+
+
+def _explain(
+    model: str,
+    reference: Sequence[FrequencyResponseObservation],
+    recent: Sequence[FrequencyResponseObservation],
+    preload: float,
+    tell: Tell,
+) -> ChangeExplanation:
+    """Work in the process of its own."""
+    tell("fitting the reference, then each change")
+    return explain_change(drive_of_axis(model), reference, recent, preload=preload)

@@ -1,0 +1,1 @@
+"""Jobs that identify the joints of an axis."""

@@ -1,0 +1,1 @@
+"""Windows, measurements, trends, alarms and calibrations of the axes."""

@@ -1,0 +1,61 @@
+"""Registration of axes."""
+
+from monitor_core.trend import DetectorDesign
+from service.clock import now
+from service.operations.axis_drive import drive_of_axis
+from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
+from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.monitor_state import dump_design, load_design
+from service.store import axes
+from service.store.database import Database
+from service.store.tables import AxisRow
+
+
+class Axes:
+    """Register, change and list axes."""
+
+    def __init__(self, database: Database, lanes: Lanes) -> None:
+        self._database = database
+        self._lanes = lanes
+
+    def register(self, axis_id: str, name: str, configuration: AxisConfiguration) -> tuple[AxisRow, bool]:
+        """Register an axis or change its configuration; tell whether it is new.
+
+        Raises
+        ------
+        OutsideValidityError
+            If no limits of the charts give the wanted rate of false alarms.
+        RecordingFormatError, OutsideValidityError
+            If the drive model is none that an alarm could be explained with.
+        """
+        if configuration.drive_model is not None:
+            drive_of_axis(configuration.drive_model)
+        design = self._detector_design(axis_id, configuration)
+        with self._lanes.of(axis_id), self._database.write() as session:
+            row = session.get(AxisRow, axis_id)
+            created = row is None
+            if row is None:
+                row = AxisRow(id=axis_id, created_at=now(), active_calibration_id=None, monitor_state=None)
+                session.add(row)
+            row.name = name
+            row.configuration = configuration.model_dump(mode="json")
+            row.detector_design = dump_design(design)
+            return row, created
+
+    def _detector_design(self, axis_id: str, configuration: AxisConfiguration) -> DetectorDesign:
+        """Return the limits that the axis has, or newly solved ones if it is to achieve something else."""
+        wanted = detector_settings(configuration)
+        with self._database.read() as session:
+            row = session.get(AxisRow, axis_id)
+        stored = None if row is None else load_design(row.detector_design)
+        return stored if stored is not None and stored.settings == wanted else detector_design(wanted)
+
+    def get(self, axis_id: str) -> AxisRow:
+        """Return an axis."""
+        with self._database.read() as session:
+            return axes.get_axis(session, axis_id)
+
+    def list(self) -> list[AxisRow]:
+        """Return all axes."""
+        with self._database.read() as session:
+            return axes.list_axes(session)

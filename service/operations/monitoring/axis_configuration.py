@@ -1,0 +1,87 @@
+"""What an operator states about an axis, and the records of the core that it becomes."""
+
+from functools import lru_cache
+from typing import Annotated, Literal, Self
+
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, model_validator
+
+from monitor_core.modal import ModeGate
+from monitor_core.pipeline import AxisSettings
+from monitor_core.quality import QualityGate
+from monitor_core.recordings.elements.units import metres
+from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
+from monitor_core.uncertainty import Estimate
+
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+Positive = Annotated[Number, Field(gt=0)]
+
+
+class AxisConfiguration(BaseModel):
+    """What an operator states about an axis. It is sent, stored and shown in this one form."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    search_band_hz: tuple[Positive, Positive] | None = Field(
+        default=None, description="where the axial mode is looked for as long as no calibration says it better"
+    )
+    excitation_source: Literal["sensor", "drive"] = "sensor"
+    sample_rate_hz: Positive | None = Field(default=None, description="windows at another rate are refused")
+    windows_per_measurement: int = Field(
+        default=15, ge=2, le=1000, description="a measurement is judged as soon as so many windows were accepted"
+    )
+    minimum_averages: int = Field(default=8, ge=2, le=1000, description="fewer windows are never judged")
+    position_span_limit_mm: Positive = 20.0
+    moving_mass_kg: Positive | None = Field(default=None, description="table, nut and what moves with them")
+    moving_mass_standard_uncertainty_kg: Positive | None = Field(default=None, description="goes with moving_mass_kg")
+    measurements_per_year: Positive = 365.0
+    false_alarms_per_year: Positive = 1.0
+    baseline_size: int = Field(default=20, ge=5, le=1000, description="measurements that make the baseline")
+    silent_after_hours: Positive = Field(
+        default=168.0, le=1e7, description="without an accepted measurement for so long the state is unknown"
+    )
+
+    drive_model: Annotated[str, Field(max_length=20_000)] | None = Field(
+        default=None, description="drive model as TOML: with it an alarm says which change of the axis explains it"
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.search_band_hz is not None and not self.search_band_hz[0] < self.search_band_hz[1]:
+            raise ValueError(f"search_band_hz must be [low, high] with low < high; got {list(self.search_band_hz)}")
+        if self.minimum_averages > self.windows_per_measurement:
+            raise ValueError(
+                f"minimum_averages ({self.minimum_averages}) must not exceed "
+                f"windows_per_measurement ({self.windows_per_measurement})"
+            )
+        if (self.moving_mass_kg is None) != (self.moving_mass_standard_uncertainty_kg is None):
+            raise ValueError("moving_mass_kg and moving_mass_standard_uncertainty_kg are stated together or not at all")
+        return self
+
+
+def core_settings(configuration: AxisConfiguration) -> AxisSettings:
+    """Return the core's settings, in SI units."""
+    mass, uncertainty = configuration.moving_mass_kg, configuration.moving_mass_standard_uncertainty_kg
+    return AxisSettings(
+        search_band=configuration.search_band_hz,
+        quality=QualityGate(
+            sample_rate=configuration.sample_rate_hz, position_span_limit=metres(configuration.position_span_limit_mm)
+        ),
+        mode=ModeGate(minimum_averages=configuration.minimum_averages),
+        moving_mass=None if mass is None or uncertainty is None else Estimate(mass, uncertainty),
+    )
+
+
+def detector_settings(configuration: AxisConfiguration) -> DetectorSettings:
+    """Return what the charts are to achieve."""
+    return DetectorSettings(
+        false_alarms_per_year=configuration.false_alarms_per_year,
+        measurements_per_year=configuration.measurements_per_year,
+        baseline_size=configuration.baseline_size,
+        loss=LossDirection.RISE,  # the preload feature rises as preload is lost
+    )
+
+
+@lru_cache(maxsize=32)
+def detector_design(settings: DetectorSettings) -> DetectorDesign:
+    """Return the limits of the charts. Solving them takes seconds, so axes of equal settings share one solution."""
+    return design_detector(settings)

@@ -1,0 +1,147 @@
+"""Calibrations: fitted or brought, stored for review, activated with history."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.pipeline import calibrate_from_measurements
+from monitor_core.preload import CoefficientPrior, ModalReading, Weighting, calibrate, prior_from_calibration
+from monitor_core.recording import ExcitationSource
+from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
+from service.clock import now
+from service.errors import PreconditionError
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
+from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.measured_modes import measured_modes
+from service.store import calibrations, measurements
+from service.store.axes import get_axis
+from service.store.database import Database
+from service.store.tables import ActivationRow, AxisRow, CalibrationRow
+from service.store.waveforms import WaveformStore
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationOverview:
+    """The calibrations of an axis, newest first, and which is in force."""
+
+    calibrations: list[CalibrationRow]
+    activations: list[ActivationRow]
+    active: int | None
+
+
+class Calibrations:
+    """Fit, store and activate calibrations."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes) -> None:
+        self._database = database
+        self._waveforms = waveforms
+        self._lanes = lanes
+
+    def fit_measurements(
+        self,
+        axis_id: str,
+        span: tuple[datetime | None, datetime | None],
+        weighting: str | None,
+        comment: str,
+        *,
+        prior: dict[str, Any] | None = None,
+    ) -> CalibrationRow:
+        """Fit to stored measurements whose preload was set on purpose, from their waveforms.
+
+        Raises
+        ------
+        WaveformDamagedError
+            If a waveform is not what was stored: a calibration does not silently rest on less than it was asked for.
+        """
+        with self._database.read() as session:
+            axis = get_axis(session, axis_id)
+            rows = measurements.calibration_measurements(session, axis_id, *span)
+        settings = core_settings(_configuration(axis))
+        measured = list(measured_modes(self._database, self._waveforms, settings, rows))
+        if not measured:
+            raise NotIdentifiableError(
+                f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "
+                "them at three or more positions and two or more preloads"
+            )
+        fitted = calibrate_from_measurements(
+            measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
+        )
+        return self._store(axis_id, calibration_document(fitted), comment)
+
+    def fit_readings(
+        self,
+        axis_id: str,
+        readings: Sequence[ModalReading],
+        weighting: str | None,
+        comment: str,
+        *,
+        prior: dict[str, Any] | None = None,
+    ) -> CalibrationRow:
+        """Fit to the rows of a modal table; they are taken to be of the excitation source that the axis states."""
+        with self._database.read() as session:
+            configuration = _configuration(get_axis(session, axis_id))
+        stated = all(reading.frequency_std is not None for reading in readings)
+        fitted = calibrate(
+            readings,
+            weighting=Weighting(weighting or (Weighting.STD if stated else Weighting.NONE)),
+            excitation_source=ExcitationSource(configuration.excitation_source),
+            moving_mass=core_settings(configuration).moving_mass,
+            prior=_prior(prior),
+        )
+        return self._store(axis_id, calibration_document(fitted), comment)
+
+    def bring(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
+        """Store a calibration that ``preload calibrate`` wrote."""
+        return self._store(axis_id, calibration_document(calibration_from_document(document)), comment)
+
+    def activate(self, axis_id: str, calibration_id: int, reason: str, *, expected_active: str | None) -> None:
+        """Put a calibration in force; the charts begin with a new baseline, since they watch another number now.
+
+        Activating what is in force changes nothing, so that a request may be repeated.
+        """
+        with self._lanes.of(axis_id), self._database.write() as session:
+            axis = get_axis(session, axis_id)
+            row = calibrations.get_calibration(session, axis_id, calibration_id)
+            in_force = "none" if axis.active_calibration_id is None else str(axis.active_calibration_id)
+            if expected_active is not None and expected_active.strip().strip('"') != in_force:
+                raise PreconditionError(
+                    f'If-Match must name the calibration in force, "{in_force}"; got {expected_active}'
+                )
+            if axis.active_calibration_id == row.id:
+                return
+            axis.active_calibration_id = row.id
+            axis.monitor_state = None
+            session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
+
+    def overview(self, axis_id: str) -> CalibrationOverview:
+        """Return the calibrations of an axis and their history."""
+        with self._database.read() as session:
+            axis = get_axis(session, axis_id)
+            return CalibrationOverview(
+                calibrations.list_calibrations(session, axis_id),
+                calibrations.list_activations(session, axis_id),
+                axis.active_calibration_id,
+            )
+
+    def get(self, axis_id: str, calibration_id: int) -> tuple[CalibrationRow, int | None]:
+        """Return one calibration, and which is in force."""
+        with self._database.read() as session:
+            row = calibrations.get_calibration(session, axis_id, calibration_id)
+            return row, get_axis(session, axis_id).active_calibration_id
+
+    def _store(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
+        row = CalibrationRow(axis_id=axis_id, document=document, comment=comment, created_at=now())
+        with self._database.write() as session:
+            get_axis(session, axis_id)
+            session.add(row)
+        return row
+
+
+def _prior(document: dict[str, Any] | None) -> CoefficientPrior | None:
+    return None if document is None else prior_from_calibration(calibration_from_document(document), "a calibration")
+
+
+def _configuration(axis: AxisRow) -> AxisConfiguration:
+    return AxisConfiguration.model_validate(axis.configuration)
