@@ -21,7 +21,7 @@ from benchmarks.score_card import OUTSIDE, row, size_of
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Candidate, Outcome
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
@@ -159,7 +159,7 @@ def answer(job: Job, first_seed: int) -> Answered:
     """Draw a case and answer it from its table and model file."""
     case = job.case(first_seed)
     file = parse_model(case.baseline, "description")
-    subject = DriveSubject(build_model(file.family, file.parameters).parameters, file.uncertain, file.effects)
+    subject = DescribedDrive(build_model(file.family, file.parameters).parameters, file.uncertain, file.effects)
     folds = default_folds(one.conditions for one in case.table)
     comparison = compare_modes(case.table, case.motor_end, held_out=folds)
     began = time.process_time()

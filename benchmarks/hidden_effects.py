@@ -22,7 +22,7 @@ from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.errors import MonitorCoreError, OutsideValidityError
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.evidence import yardstick
 from monitor_core.fitting.hold_out import fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -73,14 +73,14 @@ def draw(job: Job, folder: Path) -> str:
     return sealed.read_text(encoding="utf-8")
 
 
-def given(name: str, folder: Path, form: ModelFormError) -> tuple[ResponsesComparison, DriveSubject]:
+def given(name: str, folder: Path, form: ModelFormError) -> tuple[ResponsesComparison, DescribedDrive]:
     """Return what a case gives to the workflow, from its files."""
     observations = read_frf_set(folder / "given" / f"{name}.frf.h5").observations
     file = parse_model((folder / "given" / f"{name}.toml").read_text(encoding="utf-8"), name)
     model = build_model(file.family, file.parameters)
     folds = default_folds(one.conditions for one in observations)
     comparison = compare_responses(observations, held_out=folds, form=form)
-    return comparison, DriveSubject(model.parameters, dict(file.uncertain), dict(file.effects))
+    return comparison, DescribedDrive(model.parameters, dict(file.uncertain), dict(file.effects))
 
 
 def answer(name: str, folder: Path, form: ModelFormError) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def learnt_form(folder: Path) -> ModelFormError:
             case = cases.draw_case("none", "medium", NOISES[0], seed, "receptance", respond=respond)
             file = parse_model(case.baseline, f"{plant} {seed}")
             model = build_model(file.family, file.parameters)
-            machines.append((frf_file.observations(case), DriveSubject(model.parameters, dict(file.uncertain), {})))
+            machines.append((frf_file.observations(case), DescribedDrive(model.parameters, dict(file.uncertain), {})))
     form = learn_form_error(machines)
     text = {str(point): asdict(spectrum) for point, spectrum in form.spectra.items()}
     (folder / "form.json").write_text(json.dumps(text, indent=1), encoding="utf-8")

@@ -27,7 +27,7 @@ from monitor_core.change.reference_axis import fit_reference
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.change.trials import TriedChange, tried_changes
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.observations import FrequencyResponseObservation, with_accelerometer_at
 
 
@@ -57,7 +57,7 @@ class ChangeExplanation:
 
 
 def explain_change(
-    drive: DriveSubject,
+    drive: DescribedDrive,
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
     *,
@@ -68,7 +68,7 @@ def explain_change(
 
     Parameters
     ----------
-    drive : DriveSubject
+    drive : DescribedDrive
         The axis as its model file describes it.
     reference, recent : sequence of FrequencyResponseObservation
         Before and after. Stated payloads and temperatures count as known; a preload that is not stated is the

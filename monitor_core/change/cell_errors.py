@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.change.cells import Side
-from monitor_core.effects.warming import MODULUS_PER_KELVIN
+from monitor_core.effects.thermal import MODULUS_PER_KELVIN
 
 #: Errors of a place, in the order of their columns.
 PLACE_ERRORS = ("position", "preload", "temperature", "gain", "delay")

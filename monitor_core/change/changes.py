@@ -7,13 +7,12 @@ from enum import StrEnum
 
 from monitor_core.change.reference_axis import ReferenceAxis
 from monitor_core.change.then_and_now import SENSOR_GAIN, ThenAndNow, since_then
-from monitor_core.effects.added_mass import ADDED_MASS
-from monitor_core.effects.bearing_change import BEARING_CHANGE, FAR_BEARING_CHANGE
 from monitor_core.effects.effect import Effect, EffectParameter
-from monitor_core.effects.position_offset import POSITION_OFFSET
-from monitor_core.effects.preload_change import PRELOAD_CHANGE
-from monitor_core.effects.torque_delay import TORQUE_DELAY
-from monitor_core.effects.warming import WARMING
+from monitor_core.effects.inertia import ADDED_MASS
+from monitor_core.effects.preload import PRELOAD_CHANGE
+from monitor_core.effects.sensing import POSITION_OFFSET, TORQUE_DELAY
+from monitor_core.effects.stiffness import BEARING_CHANGE, FAR_BEARING_CHANGE
+from monitor_core.effects.thermal import WARMING
 
 
 class Cause(StrEnum):

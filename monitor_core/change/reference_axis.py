@@ -10,9 +10,9 @@ from monitor_core.change.cell_errors import RunningTolerances
 from monitor_core.change.reference_ratio import compare_reference
 from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.discrepancy.verdict.classes import covariance
-from monitor_core.effects.warming import WARMING
+from monitor_core.effects.thermal import WARMING
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.evidence import yardstick
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import (
@@ -33,7 +33,7 @@ _LARGEST_GAP = 5.0
 class Unchanged:
     """A drive that is the same at both times, as the reference is fitted with."""
 
-    drive: DriveSubject
+    drive: DescribedDrive
 
     @property
     def uncertain(self) -> Mapping[str, float]:
@@ -70,7 +70,7 @@ class ReferenceAxis:
     They are the principal directions of what the reference leaves open of the drive's own.
     """
 
-    drive: DriveSubject
+    drive: DescribedDrive
     names: tuple[str, ...]  # of the drive's uncertain parameters
     centre: FloatArray  # their ln-ratios, shape (n_names,)
     root: FloatArray  # covariance = root @ root.T, shape (n_names, n_directions)
@@ -96,7 +96,7 @@ class ReferenceAxis:
 
 
 def fit_reference(
-    drive: DriveSubject, reference: Sequence[FrequencyResponseObservation], tolerances: RunningTolerances
+    drive: DescribedDrive, reference: Sequence[FrequencyResponseObservation], tolerances: RunningTolerances
 ) -> ReferenceAxis:
     """Fit what a description leaves open to the reference, with the accelerometer where that fits better.
 
@@ -122,7 +122,7 @@ def fit_reference(
     return axis
 
 
-def _about(drive: DriveSubject, fitted: Fitted[ThenAndNow], accelerometer: ResponsePoint) -> ReferenceAxis:
+def _about(drive: DescribedDrive, fitted: Fitted[ThenAndNow], accelerometer: ResponsePoint) -> ReferenceAxis:
     hypothesis = fitted.hypothesis
     of_coordinates = covariance(fitted, yardstick(fitted))
     variances, directions = np.linalg.eigh(of_coordinates)

@@ -43,7 +43,7 @@ from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.settings import varied_conditions
-from monitor_core.fitting.described_axis import Subject
+from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.evidence import Yardstick
 from monitor_core.fitting.hold_out import gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -62,7 +62,7 @@ class ExplainSettings:
 
 def explain(
     comparison: Comparison[Physics],
-    subject: Subject[Physics],
+    subject: DescribedAxis[Physics],
     candidates: Sequence[Effect[Physics]],
     *,
     settings: ExplainSettings | None = None,
@@ -74,7 +74,7 @@ def explain(
     ----------
     comparison : Comparison
         The measurements.
-    subject : Subject
+    subject : DescribedAxis
         The described axis.
     candidates : sequence of Effect
         What it may lack.

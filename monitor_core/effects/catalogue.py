@@ -1,36 +1,42 @@
-"""The visible table of drive effects, and a model with some of them."""
+"""The visible tables of effects, of drives and of rigid axes in motion, and a model with some of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
-from monitor_core.effects.added_mass import ADDED_MASS
-from monitor_core.effects.base_compliance import BASE_COMPLIANCE
-from monitor_core.effects.cubic_stiffness import CUBIC_STIFFNESS
+from monitor_core.effects.damping_friction import GUIDE_FRICTION, LOSS_FACTOR
 from monitor_core.effects.effect import Effect
-from monitor_core.effects.far_bearing_stiffness import FAR_BEARING_STIFFNESS
-from monitor_core.effects.guide_friction import GUIDE_FRICTION
-from monitor_core.effects.guide_stiffness import GUIDE_STIFFNESS
-from monitor_core.effects.loss_factor import LOSS_FACTOR
-from monitor_core.effects.payload_mass import PAYLOAD_MASS
-from monitor_core.effects.periodic_preload import PERIODIC_PRELOAD
-from monitor_core.effects.position_offset import POSITION_OFFSET
-from monitor_core.effects.preload_exponent import PRELOAD_EXPONENT
-from monitor_core.effects.screw_axial_stiffness import SCREW_AXIAL_STIFFNESS
-from monitor_core.effects.screw_distributed_mass import SCREW_DISTRIBUTED_MASS
-from monitor_core.effects.second_mode import SECOND_MODE
-from monitor_core.effects.sensor_mounting_resonance import SENSOR_MOUNTING_RESONANCE
-from monitor_core.effects.series_compliance import SERIES_COMPLIANCE
-from monitor_core.effects.servo_stiffness import SERVO_STIFFNESS
-from monitor_core.effects.thermal_preload import THERMAL_PRELOAD
-from monitor_core.effects.thermal_stiffness import THERMAL_STIFFNESS
-from monitor_core.effects.torque_delay import TORQUE_DELAY
-from monitor_core.effects.torsional_flexibility import (
+from monitor_core.effects.inertia import ADDED_MASS, PAYLOAD_MASS, SCREW_DISTRIBUTED_MASS
+from monitor_core.effects.preload import PERIODIC_PRELOAD, PRELOAD_EXPONENT
+from monitor_core.effects.rigid_axis import (
+    COULOMB_FRICTION,
+    DIRECTION_DEPENDENT_FRICTION,
+    FORCE_DELAY,
+    FORCE_OFFSET,
+    FORCE_SCALE,
+    STRIBECK_FRICTION,
+    VISCOUS_FRICTION,
+)
+from monitor_core.effects.sensing import POSITION_OFFSET, SENSOR_MOUNTING_RESONANCE, TORQUE_DELAY
+from monitor_core.effects.stiffness import (
+    CUBIC_STIFFNESS,
+    FAR_BEARING_STIFFNESS,
+    GUIDE_STIFFNESS,
+    SCREW_AXIAL_STIFFNESS,
+    SERIES_COMPLIANCE,
+    SERVO_STIFFNESS,
     TORSIONAL_FLEXIBILITY,
     TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA,
 )
-from monitor_core.effects.wrong_parameter import PREFIX, wrong_parameter
+from monitor_core.effects.structure import BASE_COMPLIANCE, SECOND_MODE
+from monitor_core.effects.thermal import THERMAL_PRELOAD, THERMAL_STIFFNESS
+from monitor_core.effects.wrong_parameter import PREFIX, wrong_motion_parameter, wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics, ExtendedModel
+from monitor_core.models.motion import MotionModel, MotionPhysics
+
+Physics = TypeVar("Physics")
+Model = TypeVar("Model", ExtendedModel, MotionModel)
 
 #: Keys as in FORMATS, section 6. Two entries share one: which of them an axis can have depends on its inertia.
 DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
@@ -58,10 +64,19 @@ DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
     SECOND_MODE,
 )
 
+#: Keys as in FORMATS, section 6, and viscous friction for models that state none.
+MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
+    COULOMB_FRICTION,
+    FORCE_OFFSET,
+    DIRECTION_DEPENDENT_FRICTION,
+    STRIBECK_FRICTION,
+    FORCE_DELAY,
+    FORCE_SCALE,
+    VISCOUS_FRICTION,
+)
 
-def applicable_effects(
-    axis: AxisPhysics, effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS
-) -> tuple[Effect[AxisPhysics], ...]:
+
+def applicable_effects(axis: Physics, effects: Sequence[Effect[Physics]]) -> tuple[Effect[Physics], ...]:
     """Return the effects that act on something an axis has.
 
     Raises
@@ -78,38 +93,41 @@ def applicable_effects(
 
 
 def with_effects(
-    model: ExtendedModel,
-    values: Mapping[str, Mapping[str, float]],
-    effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS,
-) -> ExtendedModel:
+    model: Model, values: Mapping[str, Mapping[str, float]], effects: Sequence[Effect[Any]] | None = None
+) -> Model:
     """Return the model with effects added, one after the other.
 
     Parameters
     ----------
-    model : ExtendedModel
+    model : ExtendedModel or MotionModel
     values : mapping of str to mapping of str to float
         Values of the parameters by their names, by the keys of the effects: the ``[effects]`` of a model file. Every
         ``wrong-parameter:…`` is known without being in the table.
-    effects : sequence of Effect
-        The table: that of the product, or with a user's own.
+    effects : sequence of Effect, optional
+        The table: that of the product for such a model if not stated, or with a user's own.
 
     Raises
     ------
     OutsideValidityError
         If a key is unknown, or an effect refuses axis or values.
     """
-    axis = model.physics
+    if effects is None:
+        effects = MOTION_EFFECTS if isinstance(model, MotionModel) else DRIVE_EFFECTS
+    axis: Any = model.physics
     for key, of_effect in values.items():
         axis = _effect_named(key, axis, model, effects).added_to(axis, of_effect)
     return replace(model, physics=axis)
 
 
 def _effect_named(
-    key: str, axis: AxisPhysics, model: ExtendedModel, effects: Sequence[Effect[AxisPhysics]]
-) -> Effect[AxisPhysics]:
+    key: str, axis: object, model: ExtendedModel | MotionModel, effects: Sequence[Effect[Any]]
+) -> Effect[Any]:
     """Return the effect of this key that applies; any of this key, which will say that it does not, if none does."""
     if key.startswith(PREFIX):
-        return wrong_parameter(key.removeprefix(PREFIX), model.parameters)
+        name = key.removeprefix(PREFIX)
+        if isinstance(model, MotionModel):
+            return wrong_motion_parameter(name, model.parameters)
+        return wrong_parameter(name, model.parameters)
     of_key = [effect for effect in effects if effect.key == key]
     if not of_key:
         known = ", ".join(dict.fromkeys(effect.key for effect in effects))

@@ -15,6 +15,7 @@ from typing import TypeVar
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics, physics_of
+from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.parameters import DriveParameters, name_in_file, unit_of
 
 _Record = ScrewPhysics | JointPhysics | BodyPhysics
@@ -55,12 +56,22 @@ def wrong_parameter(name: str, parameters: DriveParameters) -> Effect[AxisPhysic
     OutsideValidityError
         If the axis does not state this parameter, or states it as zero, of which there is no ratio.
     """
-    return wrong_value(name, parameters, stated_names(parameters), _drive_carried_over)
+    return _wrong_value(name, parameters, stated_names(parameters), _drive_carried_over)
 
 
 def wrong_parameters(parameters: DriveParameters) -> tuple[Effect[AxisPhysics], ...]:
     """Return the effect of each parameter that an axis states and that is not zero."""
     return tuple(wrong_parameter(name, parameters) for name in stated_names(parameters))
+
+
+def wrong_motion_parameter(name: str, parameters: MotionParameters) -> Effect[MotionPhysics]:
+    """Return the effect that one parameter of a rigid axis has another value; as :func:`wrong_parameter`."""
+    return _wrong_value(name, parameters, _motion_names(parameters), _motion_carried_over)
+
+
+def wrong_motion_parameters(parameters: MotionParameters) -> tuple[Effect[MotionPhysics], ...]:
+    """Return the effect of each parameter that moves a force and is not zero."""
+    return tuple(wrong_motion_parameter(name, parameters) for name in _motion_names(parameters))
 
 
 def stated_names(parameters: DriveParameters) -> dict[str, str]:
@@ -70,30 +81,13 @@ def stated_names(parameters: DriveParameters) -> dict[str, str]:
     return {name: names[name] for name, value in values.items() if value > 0.0}
 
 
-def wrong_value(
+def _wrong_value(
     name: str,
     parameters: _Parameters,
     names: Mapping[str, str],
     carried_over: _CarriedOver[_Parameters, _Physics],
 ) -> Effect[_Physics]:
-    """Return the effect that one parameter has another value, whatever the axis is made of.
-
-    Parameters
-    ----------
-    name : str
-        As in files.
-    parameters : DriveParameters
-        Of the axis, as declared.
-    names : mapping of str to str
-        Fields of those that may be wrong, by their names in files.
-    carried_over : callable
-        From declared parameters, true parameters and an axis to that axis changed as the model changes between the two.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the name is not among those.
-    """
+    """Return the effect that one parameter has another value; ``names`` are the fields of those that may be wrong."""
     if name not in names:
         raise OutsideValidityError(
             f"{PREFIX} must be followed by a parameter that the axis states and that is not zero: "
@@ -153,6 +147,21 @@ def _drive_carried_over(
         screw=replace(axis.screw, **screw),
         joints=replace(axis.joints, **joints),
         bodies=replace(axis.bodies, **bodies),
+    )
+
+
+def _motion_names(parameters: MotionParameters) -> dict[str, str]:
+    """Leave out the lead: it makes a force of a measured torque and is no part of a prediction."""
+    of_axis = {item.name for item in fields(MotionPhysics)}
+    return {name: field for name, field in stated_names(parameters).items() if field in of_axis}
+
+
+def _motion_carried_over(declared: MotionParameters, true: MotionParameters, axis: MotionPhysics) -> MotionPhysics:
+    before, after = MotionModel.of(declared).physics, MotionModel.of(true).physics
+    return replace(
+        axis,
+        moving_mass=axis.moving_mass + (after.moving_mass - before.moving_mass),
+        viscous_friction=axis.viscous_friction + (after.viscous_friction - before.viscous_friction),
     )
 
 

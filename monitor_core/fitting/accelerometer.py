@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import (
     ACCELEROMETER_POINTS,
@@ -28,7 +28,7 @@ class PlaceFit:
 
 
 def fits_by_place(
-    observations: Sequence[FrequencyResponseObservation], subject: DriveSubject, map_function: MapFunction = map
+    observations: Sequence[FrequencyResponseObservation], subject: DescribedDrive, map_function: MapFunction = map
 ) -> tuple[PlaceFit, ...]:
     """Fit what a described drive leaves open, with the accelerometer at each of the points it may be at.
 
@@ -36,7 +36,7 @@ def fits_by_place(
     ----------
     observations : sequence of FrequencyResponseObservation
         Of which those that are not placed are tried at each point.
-    subject : DriveSubject
+    subject : DescribedDrive
     map_function : MapFunction
         Like ``map``; one of a pool of processes spreads the work.
 
@@ -57,7 +57,7 @@ def fits_by_place(
 
 
 def _fit_at(
-    observations: Sequence[FrequencyResponseObservation], subject: DriveSubject, point: ResponsePoint
+    observations: Sequence[FrequencyResponseObservation], subject: DescribedDrive, point: ResponsePoint
 ) -> PlaceFit:
     there, hypothesis = with_accelerometer_at(point, observations), Hypothesis(subject)
     comparison = compare_responses(there, otherwise_held=paper_motor_end(subject.stated))

@@ -2,21 +2,30 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Protocol, TypeVar
 
-from monitor_core.effects import DRIVE_EFFECTS, stated_names, with_effects, wrong_parameter
-from monitor_core.effects.effect import Effect
+from monitor_core.effects import (
+    DRIVE_EFFECTS,
+    MOTION_EFFECTS,
+    Effect,
+    stated_names,
+    with_effects,
+    wrong_motion_parameters,
+    wrong_parameter,
+)
 from monitor_core.models.extended import AxisPhysics, ExtendedModel, physics_of
+from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.parameters import DriveParameters, name_in_file, unit_of
 
 #: Units of what is measured with a rule, or taken from a table of materials.
 _OF_SHAPE = ("m", "Pa", "kg/m³")
 
 Physics_co = TypeVar("Physics_co", covariant=True)
+Parameters = TypeVar("Parameters", bound=DriveParameters)
 
 
-class Subject(Protocol[Physics_co]):
+class DescribedAxis(Protocol[Physics_co]):
     """A described axis whose uncertain parameters may move within their tolerances."""
 
     @property
@@ -30,7 +39,7 @@ class Subject(Protocol[Physics_co]):
 
 
 @dataclass(frozen=True, eq=False)
-class DriveSubject:
+class DescribedDrive:
     """A drive of one of the families, with the effects its file already has."""
 
     stated: DriveParameters
@@ -40,21 +49,11 @@ class DriveSubject:
 
     def physics(self, ln_ratios: Mapping[str, float]) -> AxisPhysics:
         """Return the axis with these parameters moved."""
-        moved = self.parameters(ln_ratios)
-        physics = physics_of(moved)
+        parameters = moved(self.stated, ln_ratios)
+        physics = physics_of(parameters)
         if not self.present:
             return physics
-        return with_effects(ExtendedModel(moved, physics), self.present, self.table).physics
-
-    def parameters(self, ln_ratios: Mapping[str, float]) -> DriveParameters:
-        """Return the stated parameters with some of them moved."""
-        fields = {name_in_file(field): field for field in self.stated.__dataclass_fields__}
-        changes = {
-            fields[name]: getattr(self.stated, fields[name]) * math.exp(ratio)
-            for name, ratio in ln_ratios.items()
-            if ratio
-        }
-        return replace(self.stated, **changes)
+        return with_effects(ExtendedModel(parameters, physics), self.present, self.table).physics
 
     def candidates(self) -> tuple[Effect[AxisPhysics], ...]:
         """Return what this axis may lack: every effect of the table, every uncertain parameter beyond its tolerance.
@@ -65,3 +64,30 @@ class DriveSubject:
         stated = stated_names(self.stated)
         names = self.uncertain or [name for name, field in stated.items() if unit_of(field) not in _OF_SHAPE]
         return (*self.table, *(wrong_parameter(name, self.stated) for name in names))
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedRigidAxis:
+    """A rigid axis in motion, with the effects its file already has."""
+
+    stated: MotionParameters
+    uncertain: Mapping[str, float]
+    present: Mapping[str, Mapping[str, float]]  # effects of the file
+    table: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS
+
+    def physics(self, ln_ratios: Mapping[str, float]) -> MotionPhysics:
+        """Return the axis with these parameters moved."""
+        return with_effects(MotionModel.of(moved(self.stated, ln_ratios)), self.present, self.table).physics
+
+    def candidates(self) -> tuple[Effect[MotionPhysics], ...]:
+        """Return what this axis may lack: every effect of the table, and every stated parameter being wrong."""
+        return (*self.table, *wrong_motion_parameters(self.stated))
+
+
+def moved(stated: Parameters, ln_ratios: Mapping[str, float]) -> Parameters:
+    """Return stated parameters with some of them moved, by ln(moved/stated) and their names in files."""
+    names = {name_in_file(item.name): item.name for item in fields(stated)}
+    changes = {
+        names[name]: getattr(stated, names[name]) * math.exp(ratio) for name, ratio in ln_ratios.items() if ratio
+    }
+    return replace(stated, **changes)

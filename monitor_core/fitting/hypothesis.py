@@ -10,7 +10,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter
-from monitor_core.fitting.described_axis import Subject
+from monitor_core.fitting.described_axis import DescribedAxis
 
 Physics = TypeVar("Physics")
 
@@ -27,7 +27,7 @@ class Hypothesis(Generic[Physics]):
     effects from their null values in their scales.
     """
 
-    subject: Subject[Physics]
+    subject: DescribedAxis[Physics]
     effects: tuple[Effect[Physics], ...] = ()
 
     @cached_property

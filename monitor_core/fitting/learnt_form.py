@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.described_axis import Subject
+from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.model_form import FormSpectrum, ModelFormError, steepness
@@ -23,7 +23,7 @@ _BANDS = 12  # logarithmic, over all lines
 _LEAST = 5e-4
 _LEAST_TOLERANCE = 5e-5  # of frequencies [-]
 
-Machine = tuple[Sequence[FrequencyResponseObservation], Subject[AxisPhysics]]
+Machine = tuple[Sequence[FrequencyResponseObservation], DescribedAxis[AxisPhysics]]
 
 
 def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
@@ -52,7 +52,7 @@ def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
 
 
 def _excess(
-    observations: Sequence[FrequencyResponseObservation], subject: Subject[AxisPhysics]
+    observations: Sequence[FrequencyResponseObservation], subject: DescribedAxis[AxisPhysics]
 ) -> dict[ResponsePoint, FloatArray]:
     """Return of every value the columns of :func:`_spectrum`, shape (4, n_values)."""
     comparison = compare_responses(observations)

@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects
 from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.models.extended import AxisPhysics, ExtendedModel
@@ -88,7 +88,7 @@ class DriveModelFile:
         if self.family != MOTION:
             raise OutsideValidityError(f"expected a model of the family {MOTION}; got one of {self.family}")
         stated = MotionParameters.from_file_names(self.parameters, self.family)
-        return with_motion_effects(MotionModel.of(stated), self.effects, effects)
+        return with_effects(MotionModel.of(stated), self.effects, effects)
 
 
 def read_model_file(path: Path) -> DriveModelFile:

@@ -1,12 +1,12 @@
 """The drive model that the configuration of an axis may hold."""
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.recordings.model_file import parse_model
 from service.operations.discrepancy.described_drive import described_drive
 
 
-def drive_of_axis(text: str) -> DriveSubject:
+def drive_of_axis(text: str) -> DescribedDrive:
     """Return the drive that a model describes, which must be one whose nut follows its preload.
 
     Parameters

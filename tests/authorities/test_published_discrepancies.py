@@ -14,7 +14,7 @@ from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects import PREFIX
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.residuals.modes import compare_modes
@@ -68,14 +68,14 @@ PRINTED = 5.53e3
 
 def test_the_whole_model_leaves_what_two_modal_tests_differ_by() -> None:
     """1.5 % after a refit of its own stiffnesses, which move by a few per cent."""
-    comparison, found = refitted(DriveSubject(AXIS, JOINTS, {}), MEASURED)
+    comparison, found = refitted(DescribedDrive(AXIS, JOINTS, {}), MEASURED)
     assert gap_of(comparison, found) == pytest.approx(1.52, abs=0.05)
     assert max(map(abs, found.hypothesis.ln_ratios(found.coordinates).values())) < 0.1
 
 
 def test_a_screw_that_does_not_twist_lacks_torsional_flexibility() -> None:
     """Then the third order, a torsional mode, is missed at all positions; the screw's own G J makes it again."""
-    subject = DriveSubject(AXIS, JOINTS, {"torsional-flexibility": {"compliance_share": -1.0}})
+    subject = DescribedDrive(AXIS, JOINTS, {"torsional-flexibility": {"compliance_share": -1.0}})
     comparison = compared(subject, MEASURED)
     third = comparison.layout.channel == 2
     np.testing.assert_allclose(np.expm1(comparison.misfit(subject.physics({}))[third]), -0.25)
@@ -93,7 +93,7 @@ def test_a_screw_that_does_not_twist_lacks_torsional_flexibility() -> None:
 
 def test_a_single_support_hides_behind_a_refit() -> None:
     """It takes up the stiffness of both and leaves 3.4 %, where without a refit the second order is a quarter off."""
-    subject = DriveSubject(ON_ONE_SUPPORT, OF_ONE_SUPPORT, {})
+    subject = DescribedDrive(ON_ONE_SUPPORT, OF_ONE_SUPPORT, {})
     comparison, found = refitted(subject, MEASURED)
     assert gap_of(comparison, found) == pytest.approx(3.36, abs=0.15)
     ratio = math.exp(found.hypothesis.ln_ratios(found.coordinates)["bearing_stiffness_n_per_m"])
@@ -101,7 +101,7 @@ def test_a_single_support_hides_behind_a_refit() -> None:
 
 
 def test_the_far_support_is_found_beside_a_refit() -> None:
-    subject = DriveSubject(ON_ONE_SUPPORT, dict.fromkeys(OF_ONE_SUPPORT, 0.3), {})
+    subject = DescribedDrive(ON_ONE_SUPPORT, dict.fromkeys(OF_ONE_SUPPORT, 0.3), {})
     rivals = among(subject, "far-bearing-stiffness", "guide-stiffness", "screw-axial-stiffness", "series-compliance")
     answer = explain(compared(subject, MEASURED), subject, rivals)
     (effect,) = answer.effects
@@ -113,7 +113,7 @@ def test_the_far_support_is_found_beside_a_refit() -> None:
 
 
 def test_the_printed_coupling_misses_the_first_order() -> None:
-    subject = DriveSubject(replace(AXIS, coupling_stiffness=PRINTED), {}, {})
+    subject = DescribedDrive(replace(AXIS, coupling_stiffness=PRINTED), {}, {})
     comparison = compared(subject, MEASURED)
     first = comparison.layout.channel == 0
     np.testing.assert_allclose(np.expm1(comparison.misfit(subject.physics({}))[first]), -0.25)
@@ -122,7 +122,7 @@ def test_the_printed_coupling_misses_the_first_order() -> None:
 def test_frequencies_alone_do_not_part_a_soft_rotor_from_a_spring_between_table_and_ground() -> None:
     """Either gives the first order, from the printed coupling read per degree, and all frequencies to 1.5 %."""
     per_degree = replace(AXIS, coupling_stiffness=PRINTED * math.pi / 180.0)
-    soft = DriveSubject(per_degree, JOINTS | {COUPLING.removeprefix(PREFIX): 0.3}, {})
+    soft = DescribedDrive(per_degree, JOINTS | {COUPLING.removeprefix(PREFIX): 0.3}, {})
     comparison, with_soft_rotor = refitted(soft, MEASURED, COUPLING, start=(-1.5,))
     _, with_spring = refitted(soft, MEASURED, "guide-stiffness", start=(1e7,))
     gaps = [gap_of(comparison, one) for one in (with_soft_rotor, with_spring)]
@@ -144,7 +144,7 @@ FIRST_ORDER = [ModalObservation(DriveConditions(0.3), 266.72, order=1, damping_r
 
 
 def test_the_loss_factor_closes_the_damping_gap_and_not_the_frequency_gap() -> None:
-    subject = DriveSubject(LOSSLESS, {}, {})
+    subject = DescribedDrive(LOSSLESS, {}, {})
     comparison = compare_modes(FIRST_ORDER, MotorEnd.FREE)
     before = comparison.misfit(subject.physics({}))
     assert 100.0 * 0.0287 * (1.0 + before[1]) == pytest.approx(0.69, abs=0.04)  # of the motor's damper alone
@@ -157,7 +157,7 @@ def test_the_loss_factor_closes_the_damping_gap_and_not_the_frequency_gap() -> N
 
 def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> None:
     """Of one frequency bearing, nut or mass would do alike; none of them is named, nor is the loss factor for it."""
-    subject = DriveSubject(LOSSLESS, {"bearing_stiffness_n_per_m": 0.3, "nut_stiffness_n_per_m": 0.3}, {})
+    subject = DescribedDrive(LOSSLESS, {"bearing_stiffness_n_per_m": 0.3, "nut_stiffness_n_per_m": 0.3}, {})
     others = ("added-mass", "series-compliance", "torsional-flexibility", "wrong-parameter:nut_stiffness_n_per_m")
     candidates = among(subject, "loss-factor", *others)
     answer = explain(compare_modes(FIRST_ORDER, MotorEnd.FREE), subject, candidates)
@@ -175,7 +175,7 @@ def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> 
 
 def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> None:
     """63.3 Hz without it, 7.27 Hz with it; the rest has the shape of the far bearing, and no mass is taken away."""
-    printed = DriveSubject(replace(bundled("lumped").parameters, bracket_stiffness=2.1e7), {}, {})
+    printed = DescribedDrive(replace(bundled("lumped").parameters, bracket_stiffness=2.1e7), {}, {})
     table = [modal_observation(row) for row in read_modal_table(published_data / "nguyen_table2.csv")]
     bracket = f"{PREFIX}bracket_stiffness_n_per_m"
     rivals = among(printed, bracket, "far-bearing-stiffness", "added-mass", "preload-exponent")

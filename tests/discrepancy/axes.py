@@ -13,7 +13,7 @@ from monitor_core.effects import DRIVE_EFFECTS, PREFIX
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.model_form import DEFAULT_SPECTRUM, ModelFormError
 from monitor_core.fitting.residuals.responses import compare_responses
@@ -208,7 +208,7 @@ def compared(observations, **options):
 
 def subject(**changes):
     """Return the axis as described."""
-    return DriveSubject(replace(AXIS, **changes), TOLERANCES, {})
+    return DescribedDrive(replace(AXIS, **changes), TOLERANCES, {})
 
 
 def true_subject(seed=0):

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.effects.base_compliance import BASE_COMPLIANCE
 from monitor_core.effects.effect import ConditionAxis
-from monitor_core.effects.torque_delay import TORQUE_DELAY
+from monitor_core.effects.sensing import TORQUE_DELAY
+from monitor_core.effects.structure import BASE_COMPLIANCE
 from monitor_core.fitting.conditions.settings import default_folds, is_testable, setting_of, varied_conditions
 from monitor_core.models.protocol import DriveConditions
 from tests.discrepancy.axes import POSITIONS, layout_of, settings

@@ -52,7 +52,7 @@ ENDINGS = {
 PAIRS = [
     pytest.param(name, effect, id=f"{effect.key}-{name}")
     for name, parameters in AXES.items()
-    for effect in applicable_effects(physics_of(parameters))
+    for effect in applicable_effects(physics_of(parameters), DRIVE_EFFECTS)
 ]
 every_effect = pytest.mark.parametrize(("name", "effect"), PAIRS)
 
@@ -98,7 +98,7 @@ def strong_values(effect):
 
 
 def of_key(key, parameters):
-    (effect,) = (one for one in applicable_effects(physics_of(parameters)) if one.key == key)
+    (effect,) = (one for one in applicable_effects(physics_of(parameters), DRIVE_EFFECTS) if one.key == key)
     return effect
 
 
@@ -117,7 +117,7 @@ def test_effects_travel_between_processes() -> None:
 
 @pytest.mark.parametrize("name", AXES)
 def test_an_axis_has_each_key_once(name) -> None:
-    keys = [effect.key for effect in applicable_effects(physics_of(AXES[name]))]
+    keys = [effect.key for effect in applicable_effects(physics_of(AXES[name]), DRIVE_EFFECTS)]
     absent = set(KEYS) - set(keys)
     assert len(set(keys)) == len(keys)
     assert absent <= {"screw-distributed-mass", "preload-exponent", "thermal-preload"}
@@ -201,7 +201,7 @@ def test_it_is_smooth_where_it_is_absent(name, effect) -> None:
 def test_effects_of_the_catalogue_commute(name) -> None:
     """Each changes numbers of its own, so that nothing is left of the order, not even rounding."""
     axis = physics_of(AXES[name])
-    for one, other in combinations(applicable_effects(axis), 2):
+    for one, other in combinations(applicable_effects(axis, DRIVE_EFFECTS), 2):
         first = other.added_to(one.added_to(axis, strong_values(one)), strong_values(other))
         second = one.added_to(other.added_to(axis, strong_values(other)), strong_values(one))
         assert first == second
@@ -416,7 +416,7 @@ def test_wrong_parameters_and_effects_commute(family) -> None:
     parameters = PARAMETERS[family]
     axis = physics_of(parameters)
     for wrong in wrong_parameters(parameters):
-        for effect in applicable_effects(axis):
+        for effect in applicable_effects(axis, DRIVE_EFFECTS):
             first = effect.added_to(wrong.added_to(axis, {"ln_ratio": 0.3}), strong_values(effect))
             second = wrong.added_to(effect.added_to(axis, strong_values(effect)), {"ln_ratio": 0.3})
             assert_same(first, second)

@@ -12,7 +12,7 @@ from monitor_core.discrepancy.explanation import MisfitKind, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Panel
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.models.extended import ExtendedModel, physics_of
 from monitor_core.models.protocol import ExcitationPoint
 from monitor_core.models.published.receptance import ReceptanceParameters
@@ -222,7 +222,7 @@ def test_two_effects_are_both_named() -> None:
 
 def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
     """A bracket of twice the stated stiffness, fourteen of its tolerances off: no compliance more makes it stiffer."""
-    described = DriveSubject(AXIS, {"bracket_stiffness_n_per_m": 0.05, "loss_factor": 0.3}, {})
+    described = DescribedDrive(AXIS, {"bracket_stiffness_n_per_m": 0.05, "loss_factor": 0.3}, {})
     answer = explained(physics_of(replace(AXIS, bracket_stiffness=2.0 * AXIS.bracket_stiffness)), described=described)
     assert answer.outcome is Outcome.NAMED
     assert keys(answer) == [f"{PREFIX}bracket_stiffness_n_per_m"]
@@ -286,7 +286,7 @@ def test_an_effect_of_a_users_own_is_named(tmp_path) -> None:
     """The same axis, with a file that has what the catalogue lacks."""
     (tmp_path / "mine.py").write_text(dedent(WIPERS), encoding="utf-8")
     own = read_effect_file(tmp_path / "mine.py")
-    described = DriveSubject(AXIS, TOLERANCES, {}, (*DRIVE_EFFECTS, *own))
+    described = DescribedDrive(AXIS, TOLERANCES, {}, (*DRIVE_EFFECTS, *own))
     answer = explained(dragging(), described=described)
     assert (answer.outcome, keys(answer)) == (Outcome.NAMED, ["wipers"])
     assert covered(answer.effects[0].parameters["damping_ns_per_m"], 1500.0)

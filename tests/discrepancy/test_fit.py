@@ -8,7 +8,7 @@ from scipy import linalg, optimize
 
 from monitor_core.effects import wrong_parameter
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.fitting.solver.linearised import linearise
@@ -157,7 +157,7 @@ def test_a_wrong_start_is_recovered_through_a_tolerance() -> None:
     comparison = compared(measured(physics_of(light), CONDITIONS))
     stated = replace(light, bracket_stiffness=0.1 * AXIS.bracket_stiffness)
     wrong = wrong_parameter("bracket_stiffness_n_per_m", stated)
-    hypothesis = Hypothesis(DriveSubject(stated, TOLERANCES, {}), (wrong,))
+    hypothesis = Hypothesis(DescribedDrive(stated, TOLERANCES, {}), (wrong,))
     fitted = fit(comparison, hypothesis, hypothesis.null)
     assert np.sqrt(np.mean(fitted.standardised**2)) < 1.1
     assert fitted.physics().joints.bracket_stiffness == pytest.approx(AXIS.bracket_stiffness, rel=0.1)

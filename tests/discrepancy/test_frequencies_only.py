@@ -9,7 +9,7 @@ import pytest
 
 from monitor_core.discrepancy.explain import explain
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.protocol import MotorEnd
 from monitor_core.recordings.model_file import parse_model
@@ -74,7 +74,7 @@ def test_more_mass_is_a_root_of_the_mass_lower() -> None:
 def answered(kind, size, design, seed, *keys):
     case = draw_modal_case(kind, size, design, 0.001, seed, accelerances=transmission_line_accelerances)
     file = parse_model(case.baseline, "description")
-    subject = DriveSubject(file.build().parameters, file.uncertain, file.effects)
+    subject = DescribedDrive(file.build().parameters, file.uncertain, file.effects)
     comparison = compare_modes(case.table, case.motor_end)
     return explain(comparison, subject, [EFFECTS[key] for key in keys])
 

@@ -16,7 +16,7 @@ from scipy import optimize
 from monitor_core.effects import wrong_parameter
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.conditions.settings import SettingTolerances
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.residuals.modes import compare_modes
@@ -345,7 +345,7 @@ def test_gaps_of_nguyen(table, what) -> None:
     by_key = effects_by_key() | {"bracket": wrong_parameter("bracket_stiffness_n_per_m", literal)}
     observations = [ModalObservation(DriveConditions(row.position, row.preload), row.frequency) for row in table]
     comparison = compare_modes(observations, MotorEnd.CLAMPED, tolerances=EXACT)
-    hypothesis = Hypothesis(DriveSubject(literal, {}, {}), tuple(by_key[key] for key in keys))
+    hypothesis = Hypothesis(DescribedDrive(literal, {}, {}), tuple(by_key[key] for key in keys))
     at = hypothesis.null if not keys else np.full(len(keys), 1.0)
     fitted = fit(comparison, hypothesis, at)
     found = comparison.gap(fitted.misfit, fitted.standardised, fitted.fitted)

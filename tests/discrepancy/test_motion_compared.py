@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from monitor_core.effects import MOTION_EFFECTS, with_motion_effects
+from monitor_core.effects import MOTION_EFFECTS, with_effects
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.residuals.motion.comparison import MotionComparison
@@ -31,7 +31,7 @@ def fitted(comparison, keys, chosen):
         for (key, one), at in zip(unknowns, u[2:], strict=True):
             values[key][one.name] = one.null + one.scale * at
         stated = MotionParameters(moving_mass=80.0 * np.exp(u[0]), viscous_friction=200.0 * np.exp(u[1]))
-        return with_motion_effects(MotionModel.of(stated), values).physics, values
+        return with_effects(MotionModel.of(stated), values).physics, values
 
     bounds = [(-3.0, 3.0)] * 2 + [
         ((one.lower - one.null) / one.scale, (one.upper - one.null) / one.scale) for _, one in unknowns

@@ -8,7 +8,7 @@ import pytest
 
 from monitor_core.effects import (
     MOTION_EFFECTS,
-    with_motion_effects,
+    with_effects,
     wrong_motion_parameter,
     wrong_motion_parameters,
 )
@@ -34,7 +34,7 @@ def axis_for(effect):
     """Return an axis that the effect applies to, with other effects already there."""
     stated = WITHOUT_FRICTION if effect.key == "viscous-friction" else STATED
     present = {"coulomb-friction": {"friction_n": 4.0}, "force-delay": {"delay_s": 3e-4}}
-    return with_motion_effects(MotionModel.of(stated), present).physics
+    return with_effects(MotionModel.of(stated), present).physics
 
 
 def strong_values(effect):
@@ -109,7 +109,7 @@ TRUTHS = {
 def test_a_friction_is_that_of_the_simulated_axis(key) -> None:
     values, truth = TRUTHS[key]
     stated = WITHOUT_FRICTION if key == "viscous-friction" else STATED
-    model = with_motion_effects(MotionModel.of(stated), {key: values})
+    model = with_effects(MotionModel.of(stated), {key: values})
     np.testing.assert_allclose(model.forces(MOTION), truth.force(MOTION.velocity, MOTION.acceleration), atol=1e-10)
 
 
@@ -120,9 +120,9 @@ def test_effects_may_come_in_any_order() -> None:
         "wrong-parameter:viscous_friction_ns_per_m": {"ln_ratio": -0.4},
     }
     model = MotionModel.of(STATED)
-    first = with_motion_effects(model, values).forces(MOTION)
+    first = with_effects(model, values).forces(MOTION)
     for order in list(permutations(values))[::4001]:
-        again = with_motion_effects(model, {key: values[key] for key in order}).forces(MOTION)
+        again = with_effects(model, {key: values[key] for key in order}).forces(MOTION)
         np.testing.assert_allclose(again, first, rtol=1e-12, atol=1e-9)
 
 
@@ -156,14 +156,14 @@ def test_what_moves_no_force_cannot_be_wrong() -> None:
 )
 def test_what_does_not_fit_is_refused(values, sentence) -> None:
     with pytest.raises(OutsideValidityError, match=sentence):
-        with_motion_effects(MotionModel.of(STATED), values)
+        with_effects(MotionModel.of(STATED), values)
 
 
 def test_an_offset_and_coulomb_friction_are_alike_in_one_direction_alone() -> None:
     """Both need the direction to vary, and say so."""
     one_way = Kinematics(RATE, np.abs(MOTION.velocity) + 1e-6, MOTION.acceleration)
     changes = [
-        with_motion_effects(MotionModel.of(STATED), values).forces(one_way)
+        with_effects(MotionModel.of(STATED), values).forces(one_way)
         for values in ({"coulomb-friction": {"friction_n": 5.0}}, {"force-offset": {"force_n": 5.0}})
     ]
     np.testing.assert_allclose(changes[0], changes[1], rtol=1e-12)

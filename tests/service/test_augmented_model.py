@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, Outcome
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects, with_motion_effects
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects
 from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_lines, responses
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
@@ -94,7 +94,7 @@ def test_effect_of_a_motion_model_found_once_more(effect) -> None:
     model = augmented_model(
         replace(MOTION, effects={effect.key: first}), explanation(added={effect.key: second}), MOTION_EFFECTS
     )
-    found = with_motion_effects(MotionModel.of(MotionParameters(moving_mass=80.0)), read_back(model).effects).physics
+    found = with_effects(MotionModel.of(MotionParameters(moving_mass=80.0)), read_back(model).effects).physics
     expected = effect.added_to(once, second)
     for name in MotionPhysics.__dataclass_fields__:
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-12), name

@@ -29,7 +29,7 @@ from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.settings import is_testable
-from monitor_core.fitting.described_axis import Subject
+from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.evidence import VERY_STRONG, Yardstick, delta_bic, least_difference, yardstick
 from monitor_core.fitting.hold_out import fitted_values, gain, leaves_something, promised_gain
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -99,7 +99,7 @@ class Search(Generic[Physics]):
     """What is searched, and in what."""
 
     comparison: Comparison[Physics]
-    subject: Subject[Physics]
+    subject: DescribedAxis[Physics]
     candidates: tuple[Effect[Physics], ...]
     settings: SearchSettings = SearchSettings()
     progress: Callable[[str], None] = lambda _sentence: None

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from monitor_core.fitting.accelerometer import fits_by_place
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.evidence import VERY_STRONG
 from monitor_core.fitting.observations import (
     ACCELEROMETER_POINTS,
@@ -32,7 +32,7 @@ class PlacedAccelerometer:
 def place_accelerometer(
     observations: Sequence[FrequencyResponseObservation],
     stated: str | None,
-    subject: DriveSubject,
+    subject: DescribedDrive,
     map_function: MapFunction = map,
 ) -> PlacedAccelerometer:
     """Place the accelerometer of the responses whose record does not.
@@ -43,7 +43,7 @@ def place_accelerometer(
         Those that say where they were taken stay as they are.
     stated : str, optional
         One of ``PLACES``; without it, the accelerometer is where a described drive fits better.
-    subject : DriveSubject
+    subject : DescribedDrive
         The drive, with what may be adjusted to the responses.
     map_function : MapFunction
         Like ``map``; one of a pool of processes spreads the work.

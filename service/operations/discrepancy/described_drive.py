@@ -7,7 +7,7 @@ from typing import TypeVar
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.models.extended import AxisPhysics
 from monitor_core.recordings.model_file import DriveModelFile
@@ -18,7 +18,7 @@ _Observation = TypeVar("_Observation", ModalObservation, FrequencyResponseObserv
 _RATING = "dynamic_load_rating_n"
 
 
-def described_drive(model: DriveModelFile, table: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveSubject:
+def described_drive(model: DriveModelFile, table: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DescribedDrive:
     """Return a drive as its model file describes it.
 
     Raises
@@ -28,7 +28,7 @@ def described_drive(model: DriveModelFile, table: Sequence[Effect[AxisPhysics]] 
     """
     model.build(table)  # so that its effects are sound
     corrected = with_corrected_parameters(model)
-    return DriveSubject(corrected.build(table).parameters, corrected.uncertain, corrected.effects, table)
+    return DescribedDrive(corrected.build(table).parameters, corrected.uncertain, corrected.effects, table)
 
 
 def at_the_preload_of_the_nut(observations: Sequence[_Observation], model: DriveModelFile) -> list[_Observation]:

@@ -11,8 +11,7 @@ from monitor_core.effects.effect import Effect
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DriveSubject, Subject
-from monitor_core.fitting.described_rigid_axis import MotionSubject
+from monitor_core.fitting.described_axis import DescribedAxis, DescribedDrive, DescribedRigidAxis
 from monitor_core.fitting.learnt_form import learn_form_error
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.residuals.model_form import ModelFormError
@@ -56,7 +55,7 @@ class _Compared(Generic[Physics]):
     baseline: DriveModelFile  # the same, its own corrections of parameters among its parameters
     table: Sequence[Effect[Physics]]
     comparison: Comparison[Physics]
-    subject: Subject[Physics]
+    subject: DescribedAxis[Physics]
     candidates: Sequence[Effect[Physics]]
     taken_as: tuple[str, ...] = ()  # what is not in the data and was settled first, in sentences
 
@@ -129,7 +128,7 @@ def _motion_compared(record: MotionRecord, request: ExplanationRequest) -> _Comp
     request.baseline.build_motion(table)  # so that its effects are sound
     baseline = with_corrected_parameters(request.baseline)
     stated = baseline.build_motion(table).parameters
-    subject = MotionSubject(stated, baseline.uncertain, baseline.effects, table)
+    subject = DescribedRigidAxis(stated, baseline.uncertain, baseline.effects, table)
     return _Compared(
         request.baseline, baseline, table, MotionComparison.of(record, stated), subject, subject.candidates()
     )
@@ -174,7 +173,9 @@ def _require_responses(measured: Measured) -> None:
         )
 
 
-def _form_learnt(request: ExplanationRequest, baseline: DriveModelFile, subject: DriveSubject) -> ModelFormError | None:
+def _form_learnt(
+    request: ExplanationRequest, baseline: DriveModelFile, subject: DescribedDrive
+) -> ModelFormError | None:
     """Learn from the healthy machines; the accelerometer of each is placed by itself."""
     if not request.healthy:
         return None

@@ -10,7 +10,7 @@ from monitor_core.change.attribution import ChangeExplanation, explain_change
 from monitor_core.change.cell_errors import RunningTolerances
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.discrepancy.explanation import Outcome
-from monitor_core.fitting.described_axis import DriveSubject
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects.running.sessions import (
     HAPPENINGS,
@@ -43,10 +43,10 @@ class Trial:
         return self.explanation.outcome is expected and self.explanation.cause == self.truth
 
 
-def described_axis() -> DriveSubject:
+def described_axis() -> DescribedDrive:
     """Return the machine as its description has it."""
     file = parse_model(description(), "description")
-    return DriveSubject(file.build().parameters, file.uncertain, file.effects)
+    return DescribedDrive(file.build().parameters, file.uncertain, file.effects)
 
 
 def trials(

@@ -1,11 +1,45 @@
-"""An axis that is warmer than the reference."""
+"""What temperature does to preload and stiffness."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
-from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.changes import increasing
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics
+
+
+def _may_have_thermal_preload(axis: AxisPhysics) -> bool:
+    return axis.joints.dynamic_load_rating is not None
+
+
+THERMAL_PRELOAD = Effect(
+    key="thermal-preload",
+    name="Preload that follows temperature",
+    physics=(
+        "Nut and screw expand differently, and the preload rises or falls in proportion to the deviation from "
+        "the reference temperature."
+    ),
+    source="no source: linear thermal expansion",
+    parameters=(EffectParameter("preload_n_per_k", "N/K", lower=-10.0, upper=10.0, scale=1.0),),
+    add=increasing("added", "thermal_preload", by="preload_n_per_k"),
+    needs=frozenset({ConditionAxis.TEMPERATURE}),
+    applies=_may_have_thermal_preload,
+)
+
+THERMAL_STIFFNESS = Effect(
+    key="thermal-stiffness",
+    name="Springs that soften as they warm",
+    physics=(
+        "Steel loses stiffness as it warms, some 0.3 ‰ a kelvin, and with it the screw and every joint by the same "
+        "share of the deviation from the reference temperature: all frequencies fall alike, at every position."
+    ),
+    source="Young's modulus of steels against temperature, ASME B31.3, Table C-6",
+    parameters=(EffectParameter("relative_change_per_k", "1/K", lower=-1e-3, upper=1e-3, scale=-3e-4),),
+    add=increasing("added", "thermal_stiffness", by="relative_change_per_k"),
+    needs=frozenset({ConditionAxis.TEMPERATURE}),
+)
+
 
 #: Relative change of the modulus of steel per kelvin near room temperature: tables go from −2.7e-4 (chromium steel
 #: AISI 430, 232 to 227 GPa from 20 to 100 °C) to −3.3e-4 (carbon steel, ASME B31.3, Table C-6: 202.0 to 197.2 GPa from
@@ -13,7 +47,7 @@ from monitor_core.models.extended import AxisPhysics
 MODULUS_PER_KELVIN = -2.9e-4
 
 
-def _add(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+def _add_warming(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     factor = 1.0 + MODULUS_PER_KELVIN * values["temperature_k"]
     if not factor > 0.0:
         raise OutsideValidityError(f"steel must keep some stiffness; got {values['temperature_k']:g} K of warming")
@@ -45,5 +79,5 @@ WARMING = Effect(
     ),
     source="Young's modulus of steels against temperature, ASME B31.3, Table C-6, and data sheets",
     parameters=(EffectParameter("temperature_k", "K", lower=-60.0, upper=100.0, scale=5.0),),
-    add=_add,
+    add=_add_warming,
 )

@@ -1,14 +1,40 @@
-"""An accelerometer that resonates on its mounting."""
+"""What positions, torques and accelerations are recorded wrongly by."""
 
 import math
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed_added
+from monitor_core.effects.changes import changed_added, increasing
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.models.extended import AxisPhysics
 
+POSITION_OFFSET = Effect(
+    key="position-offset",
+    name="Offset of the position",
+    physics=(
+        "The table is further from the fixed bearing than is stated, by the same distance everywhere: the screw "
+        "is longer, and so softer, on one side."
+    ),
+    source="no source: kinematics",
+    parameters=(EffectParameter("offset_m", "m", lower=-0.05, upper=0.05, scale=0.005),),
+    add=increasing("added", "position_offset", by="offset_m"),
+    needs=frozenset({ConditionAxis.POSITION}),
+)
 
-def _add(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+TORQUE_DELAY = Effect(
+    key="torque-delay",
+    name="Delay between torque and motion",
+    physics=(
+        "Channels are sampled or filtered at different times, or the drive reports its torque early: the phase "
+        "falls in proportion to the frequency, the magnitude stays."
+    ),
+    source="no source: a shift in time, exp(−jωτ)",
+    parameters=(EffectParameter("delay_s", "s", lower=-5e-3, upper=5e-3, scale=1e-4),),
+    add=increasing("added", "torque_delay", by="delay_s"),
+    needs=frozenset({ConditionAxis.FREQUENCY}),
+)
+
+
+def _add_sensor_mounting_resonance(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     r"""Multiply the acceleration by :math:`(1 + j \omega q b) / (1 - q (\omega^2 - j \omega b))`, b in rad/s.
 
     It is smooth in q, so that a search can start where the effect is absent: with a damping ratio, ζ = b√q/2, in place
@@ -19,7 +45,7 @@ def _add(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     return changed_added(axis, mounting_inverse_square=inverse_square, mounting_damping_ratio=ratio)
 
 
-def _applies(axis: AxisPhysics) -> bool:
+def _may_have_sensor_mounting_resonance(axis: AxisPhysics) -> bool:
     return not axis.added.mounting_inverse_square
 
 
@@ -35,7 +61,7 @@ SENSOR_MOUNTING_RESONANCE = Effect(
         EffectParameter("inverse_square_s2", "s²", lower=0.0, upper=2.5e-7, scale=6e-9),  # 318 Hz at most, 2055 Hz
         EffectParameter("bandwidth_hz", "Hz", lower=0.0, upper=1000.0, scale=100.0, null=200.0),
     ),
-    add=_add,
+    add=_add_sensor_mounting_resonance,
     needs=frozenset({ConditionAxis.FREQUENCY}),
-    applies=_applies,
+    applies=_may_have_sensor_mounting_resonance,
 )

@@ -1,0 +1,73 @@
+"""Modes beside the drive: of the base, and of what stands on the table."""
+
+from collections.abc import Mapping
+
+from monitor_core.effects.changes import changed_added
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.models.extended import AxisPhysics
+
+
+def _add_base_compliance(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+    return changed_added(
+        axis,
+        base_compliance=values["compliance_m_per_n"],
+        base_frequency=values["frequency_hz"],
+        base_damping_ratio=values["damping_ratio"],
+    )
+
+
+def _may_have_base_compliance(axis: AxisPhysics) -> bool:
+    return not axis.added.base_compliance
+
+
+BASE_COMPLIANCE = Effect(
+    key="base-compliance",
+    name="Compliance of the base",
+    physics=(
+        "Bed or foundation is a mass on a spring, which the reaction of the bearings pushes: one more resonance, "
+        "whose frequency does not depend on the position of the table."
+    ),
+    source="no source: a mass on a spring",
+    parameters=(
+        EffectParameter("compliance_m_per_n", "m/N", lower=0.0, upper=1e-7, scale=1e-9),
+        # beds rock on their mounts and bend as a whole below it; what resonates above is a part, and moves with one
+        EffectParameter("frequency_hz", "Hz", lower=5.0, upper=200.0, scale=20.0, null=60.0),
+        EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
+    ),
+    add=_add_base_compliance,
+    needs=frozenset({ConditionAxis.FREQUENCY}),
+    applies=_may_have_base_compliance,
+)
+
+
+def _add_second_mode(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+    return changed_added(
+        axis,
+        second_mode_residue=values["residue_per_kg"],
+        second_mode_frequency=values["frequency_hz"],
+        second_mode_damping_ratio=values["damping_ratio"],
+    )
+
+
+def _may_have_second_mode(axis: AxisPhysics) -> bool:
+    return not axis.added.second_mode_residue
+
+
+SECOND_MODE = Effect(
+    key="second-mode",
+    name="One more mode at the table",
+    physics=(
+        "Something on the table or in its structure resonates by itself and adds one modal term, driven and seen "
+        "at the table, at a frequency that nothing of the drive moves."
+    ),
+    source="Ewins, Modal Testing, chapter 2: one term of the modal sum",
+    parameters=(
+        EffectParameter("residue_per_kg", "1/kg", lower=0.0, upper=1.0, scale=1e-3),
+        EffectParameter("frequency_hz", "Hz", lower=5.0, upper=5000.0, scale=50.0, null=300.0),
+        EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
+    ),
+    add=_add_second_mode,
+    form_share=0.08,
+    needs=frozenset({ConditionAxis.FREQUENCY}),
+    applies=_may_have_second_mode,
+)
