@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.residuals.peak_search import Band
+from monitor_core.fitting.residuals.peak_grid import Band
 from monitor_core.fitting.solver.least_squares import LocalFit
 from monitor_core.identification.cases import Case, positions_of
 from monitor_core.identification.sensitivity import (

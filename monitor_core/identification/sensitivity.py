@@ -14,7 +14,8 @@ from scipy import special
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks_with_gradient, peak_grid
+from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks_with_gradient
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.parameters import JOINT_NAMES, ReceptanceParameters
 

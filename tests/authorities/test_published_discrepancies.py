@@ -22,7 +22,7 @@ from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.extended import paper_motor_end
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.recordings.modal_csv import read_modal_table
-from service.operations.measured_responses import modal_observation
+from service.cli.inputs.modal_table import modal_observation
 from tests.identification import tian
 from tests.models.extended_axes import bundled
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from monitor_core.measured_responses import SessionResponses
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from service.cli.inputs.session import axis_settings, responses_of_session
-from service.operations.measured_responses import SessionResponses
 from tests.conftest import PROJECT_ROOT
 
 

@@ -1,6 +1,6 @@
-r"""Parameters of any drive model from natural frequencies.
+r"""Compare natural frequencies with those of a drive model of any family.
 
-The counterpart of ``modal_problem`` for every family: the model answers by the common protocol, once per condition.
+The model answers by the common protocol, once per condition.
 A measured frequency leaves
 
 .. math::
@@ -20,12 +20,11 @@ from scipy.optimize import linear_sum_assignment
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.coordinates import ModelCoordinates
+from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.differences import central_differences
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_search import IndexArray
-from monitor_core.fitting.residuals.peaks import relative_frequency_uncertainty
-from monitor_core.fitting.sufficiency import require_enough, require_seen
+from monitor_core.fitting.residuals.peak_bands import relative_frequency_uncertainty
+from monitor_core.fitting.residuals.peak_grid import IndexArray
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 
 #: Of a coordinate, in decades. Slopes of ln f are off by 4e-10 of the largest over the four families, as much by
@@ -43,7 +42,7 @@ class NaturalFrequencyProblem:
     residual has a kink or a jump. Assign again at the coordinates found and see whether the numbers are the same.
     """
 
-    drive: ModelCoordinates
+    drive: FreeParameters
     peaks: tuple[AssignedPeak, ...]
     motor_end: MotorEnd | None = None  # while the frequencies were measured; None: as in the family's paper
     _places: tuple[tuple[DriveConditions, tuple[int, ...]], ...] = field(init=False)  # with the places of their peaks
@@ -76,7 +75,7 @@ class NaturalFrequencyProblem:
         OutsideValidityError
             If the model has no such parameters, or fewer elastic modes than were measured.
         """
-        model, predicted = self.drive.build(coordinates), np.zeros(len(self.peaks))
+        model, predicted = self.drive.model(coordinates), np.zeros(len(self.peaks))
         for conditions, members in self._places:
             elastic = _elastic_frequencies(model, conditions, self.motor_end)
             for k in members:
@@ -113,7 +112,7 @@ class NaturalFrequencyProblem:
 
 
 def natural_frequency_problem(
-    drive: ModelCoordinates, peaks: Sequence[AssignedPeak], *, motor_end: MotorEnd | None = None
+    drive: FreeParameters, peaks: Sequence[AssignedPeak], *, motor_end: MotorEnd | None = None
 ) -> NaturalFrequencyProblem:
     """Make the problem of finding the free parameters from natural frequencies; amplitudes play no part.
 
@@ -121,7 +120,7 @@ def natural_frequency_problem(
 
     Parameters
     ----------
-    drive : ModelCoordinates
+    drive : FreeParameters
     peaks : sequence of AssignedPeak
         Measured natural frequencies with their elastic modes, from :func:`assign_by_frequency` or as a source states
         them. One without an uncertainty has 1 %.
@@ -135,9 +134,9 @@ def natural_frequency_problem(
     OutsideValidityError
         If the model as stated has no such mode, or no answer under the conditions.
     """
-    require_enough(drive, len(peaks), "natural frequencies")
+    drive.require_enough(len(peaks), "natural frequencies")
     problem = NaturalFrequencyProblem(drive, tuple(peaks), motor_end)
-    require_seen(drive, problem.jacobian(drive.start))
+    drive.require_seen(problem.jacobian(drive.start))
     return problem
 
 
@@ -152,7 +151,7 @@ def assign_by_frequency(
 
     For any family, by frequency alone: under each condition the sum of (ln f_t/f_c)² is least, so that peaks keep the
     order of their modes. The receptance family has shapes too, which
-    :func:`monitor_core.identification.assignment.assign_modes` follows along the screw.
+    :func:`monitor_core.identification.cases.assignment.assign_modes` follows along the screw.
 
     Parameters
     ----------

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from monitor_core.fitting.accelerometer import PLACES
+from monitor_core.measured_responses import SessionResponses, responses_of_windows
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement, measure_response
 from monitor_core.preload import Calibration
@@ -14,8 +16,6 @@ from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
-from service.operations.discrepancy.accelerometer import PLACES
-from service.operations.measured_responses import SessionResponses, responses_of_windows
 
 SESSION_SUFFIXES = (".h5", ".hdf5")
 

@@ -23,8 +23,8 @@ from scipy.optimize import linear_sum_assignment
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
-from monitor_core.fitting.residuals.peak_search import IndexArray
-from monitor_core.identification.mode_tracks import ModeTracks, track_modes
+from monitor_core.fitting.residuals.peak_grid import IndexArray
+from monitor_core.identification.cases.mode_tracks import ModeTracks, track_modes
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.parameters import ReceptanceParameters
 
