@@ -17,7 +17,6 @@ from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
-from service.cli.inputs.modal_table import modal_observation
 from service.report import explanation_markdown
 
 REPLAY_DATA = Path(__file__).resolve().parent.parent / "replay_data"
@@ -89,7 +88,7 @@ def changed(model: AxisDescription, **parameters: float) -> AxisDescription:
 
 
 def table(name: str) -> tuple[ModalObservation, ...]:
-    return tuple(modal_observation(row) for row in read_modal_table(REPLAY_DATA / "published" / f"{name}.csv"))
+    return tuple(row.observation for row in read_modal_table(REPLAY_DATA / "published" / f"{name}.csv"))
 
 
 def row(case: Case, found: Explanation) -> str:

@@ -10,7 +10,9 @@ from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
 from monitor_core.models.generator import EXCITED
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.pipeline import AxisSettings, measure_response
 from monitor_core.recording import Conditions, ExcitationQuantity, Rejection, Window
+from monitor_core.session import RecordedMeasurements, gate_session
 from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
 from monitor_core.spectral.spectra import Taper
@@ -93,6 +95,26 @@ def responses_of_windows(
     varied = any(lines.conditions.temperature_deviation for lines in counted)
     sentence = f"Temperatures are counted from {usual:.4g} °C, their median, to the kelvin."
     return SessionResponses(counted, (*left_out, sentence) if varied else left_out)
+
+
+def responses_of_session(session: RecordedMeasurements, settings: AxisSettings) -> SessionResponses:
+    """Return the averaged responses of the measurements of a session that can be judged, on all their lines.
+
+    Parameters
+    ----------
+    session : RecordedMeasurements
+    settings : AxisSettings
+        Of the axis. All lines of a measurement count, wherever its mode is looked for.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there is none.
+    """
+    return responses_of_windows(
+        (measure_response(gated.accepted, settings) if gated.accepted else gated.rejection, gated.accepted)
+        for gated in gate_session(session, settings)
+    )
 
 
 def _left_out(refusals: Sequence[Rejection], n_measured: int) -> tuple[str, ...]:

@@ -23,14 +23,13 @@ from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
 from monitor_core.recordings.motion_csv import read_motion_record
-from service.cli.inputs.modal_table import modal_observation
 from service.cli.inputs.model import NumbersCommand
 from service.cli.inputs.session import (
     accelerometer_option,
     axis_settings,
     band_option,
     require_session,
-    responses_of_session,
+    responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.documents.explanation import explanation_document
@@ -168,12 +167,12 @@ def _measured(
         case "preload-frf-set":
             return read_frf_set(data).observations, ()
         case "preload-session":
-            session = responses_of_session(data, axis_settings(band_hz))
+            session = responses_of_file(data, axis_settings(band_hz))
             return session.observations, session.sentences
         case "motion-record":
             return read_motion_record(data), ()
         case "modal-table":
-            return tuple(modal_observation(row) for row in read_modal_table(data)), ()
+            return tuple(row.observation for row in read_modal_table(data)), ()
     got = "a text with other columns" if kind == "csv" else kind
     raise RecordingFormatError(
         f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "

@@ -18,7 +18,6 @@ from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.uncertainty import Estimate
-from service.cli.inputs.modal_table import modal_observation
 from service.cli.inputs.model import NumbersCommand
 from service.cli.inputs.session import (
     accelerometer_option,
@@ -26,7 +25,7 @@ from service.cli.inputs.session import (
     band_option,
     is_session,
     require_session,
-    responses_of_session,
+    responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.documents.identification import held_out_kind, identification_document
@@ -138,9 +137,9 @@ def _measured(
     if data.name.endswith(".frf.h5"):
         return read_frf_set(data).observations, ()
     if _is_session(data):
-        session = responses_of_session(data, axis_settings(band_hz))
+        session = responses_of_file(data, axis_settings(band_hz))
         return session.observations, session.sentences
-    return tuple(modal_observation(row) for row in read_modal_table(data)), ()
+    return tuple(row.observation for row in read_modal_table(data)), ()
 
 
 def _is_session(data: Path) -> bool:
