@@ -56,8 +56,8 @@ def calibrate(
         \frac{1}{f^2} = \Bigl(1 + \frac{m - m_0}{M + m_0}\Bigr)
             \Bigl(k_1 x^2 + k_2 x + k_3\,\mathrm{preload}^{-1/3} + k_4 + k_T (T - T_0)\Bigr)
 
-    Eq. (8) of [1]_; the factor is its Eq. (6). The lowest payload is the reference :math:`m_0`, the mean temperature
-    :math:`T_0`.
+    Eq. (8) of Nguyen et al. (2018); the factor is its Eq. (6). The lowest payload is the reference :math:`m_0`, the
+    mean temperature :math:`T_0`.
 
     Parameters
     ----------
@@ -107,12 +107,8 @@ def calibrate(
 
     Examples
     --------
-    Table 2 of [1]_ gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed Table 3 misses
-    it by 1.49 Hz rms (``docs/errata.md``).
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
+    Table 2 of Nguyen et al. (2018) gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed
+    Table 3 misses it by 1.49 Hz rms (``docs/errata.md``).
     """
     weighting = Weighting(weighting)
     columns = reading_columns(readings, weighting)

@@ -71,10 +71,6 @@ def check_file(path: Path) -> FileReport:
 def format_of(path: Path) -> str:
     """Recognise a file by its content without reading all of it.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     str

@@ -37,10 +37,6 @@ from monitor_core.recordings.elements.files import read_text, refusing
 def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
     """Run a Python file and return the effects that it defines; the module's text shows one.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     tuple of Effect

@@ -80,11 +80,6 @@ def end_masks(motor_ends: Sequence[MotorEnd]) -> EndMasks:
 def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates:
     """Return position, moving mass and nut rigidity under all conditions.
 
-    Parameters
-    ----------
-    physics : AxisPhysics
-    conditions : ConditionArrays
-
     Raises
     ------
     OutsideValidityError
@@ -123,11 +118,6 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
 
     Eq. (1) of Nguyen et al. (2018) with the preload that exponent, temperature and lead make of the stated one. A nut
     without load rating has the stated rigidity; a preload that varies over the lead varies it as the cube root.
-
-    Parameters
-    ----------
-    physics : AxisPhysics
-    conditions : ConditionArrays
 
     Returns
     -------

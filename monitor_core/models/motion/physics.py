@@ -48,11 +48,6 @@ def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
     low-speed term, see [2]_. Recorded is :math:`(1 + \varepsilon) F(t + \tau) + F_0`, since a force that acts a
     delay later is in the record before the motion it makes.
 
-    Parameters
-    ----------
-    physics : MotionPhysics
-    motion : Kinematics
-
     Returns
     -------
     ndarray, shape (n_samples,)

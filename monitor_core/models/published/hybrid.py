@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.models.ball_screw import BallScrew
 from monitor_core.models.bracket import beyond_contacts
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters, transmission_ratio
+from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -30,12 +31,11 @@ from monitor_core.models.published.second_order import (
     transfer_matrix,
     undamped_modes,
 )
-from monitor_core.models.rod import axial_rigidity, torsional_rigidity
 from monitor_core.response import FrequencyResponse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HybridParameters(DriveParameters):
+class HybridParameters(BallScrew, DriveParameters):
     """Table 1 of the paper, read right.
 
     The polar area moment of the screw follows from its diameter: the J_s of Table 1 is neither that nor the inertia of
@@ -61,31 +61,6 @@ class HybridParameters(DriveParameters):
     motor_damping: float = 0.0  # c_m [N·m·s/rad]
     table_damping: float = 0.0  # c_t [N·s/m]
 
-    @property
-    def transmission_ratio(self) -> float:
-        """Travel per angle, r_g = P_t/2π [m/rad]."""
-        return transmission_ratio(self.screw_lead)
-
-    @property
-    def axial_rigidity(self) -> float:
-        """E_s A_s [N]."""
-        return axial_rigidity(self.youngs_modulus, self.screw_diameter)
-
-    @property
-    def torsional_rigidity(self) -> float:
-        """G_s J_s with the polar area moment πd⁴/32 [N·m²]."""
-        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
-
-    @property
-    def mass_per_length(self) -> float:
-        """ρ_s A_s [kg/m]."""
-        return axial_rigidity(self.density, self.screw_diameter)
-
-    @property
-    def inertia_per_length(self) -> float:
-        """ρ_s J_s with the polar area moment [kg·m]."""
-        return torsional_rigidity(self.density, self.screw_diameter)
-
 
 def equivalent_stiffness(
     parameters: HybridParameters, conditions: DriveConditions, *, loss_factor: float = 0.0, coupling: bool = True
@@ -97,7 +72,7 @@ def equivalent_stiffness(
         \hat k (1 + j\eta_e) = \left[ \frac{1}{k_b (1 + j\eta)} + \frac{x_c}{E_s A_s} + \frac{2}{k_n (1 + j\eta)}
         + r_g^2 \left( \frac{1}{k_c (1 + j\eta)} + \frac{x_c}{G_s J_s} \right) \right]^{-1}
 
-    Eq. (14) of [1]_, which is Eq. (5) without loss factor; a bracket is one more joint in the chain.
+    Eq. (14) of Sun et al. (2022), which is Eq. (5) without loss factor; a bracket is one more joint in the chain.
 
     Parameters
     ----------
@@ -114,10 +89,6 @@ def equivalent_stiffness(
     ------
     OutsideValidityError
         If the position is not on the screw, or preload and dynamic load rating do not go together.
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     p, x = parameters, require_position(conditions.position, parameters.screw_length)
     nut = nut_rigidity(p.nut_stiffness, conditions.preload, p.dynamic_load_rating)
@@ -158,7 +129,7 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
         J_{22} &= \rho_s J_s l_s \, a^2 \left[ \frac{\xi}{3} \left( 1 + \frac{k_2}{k_c} + \frac{k_2^2}{k_c^2} \right)
                + (1 - \xi) \right]
 
-    Eqs. (6)–(11) of [1]_, the third corrected.
+    Eqs. (6)–(11) of Sun et al. (2022), the third corrected.
 
     Parameters
     ----------
@@ -177,10 +148,6 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
     -----
     Eq. (10) prints −2x_c/(3l_s) where −b/3 is right, and k/k_c where it must be k/k_2 in the last bracket: J_12 would
     be 7.7 % too low on the paper's axis. The kinetic energy of the statically deformed screw gives what stands here.
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     p, x = parameters, conditions.position
     k = equivalent_stiffness(p, conditions, coupling=coupling).real

@@ -8,9 +8,10 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.ball_screw import BallScrew
 from monitor_core.models.bracket import beyond_contacts
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters, transmission_ratio
+from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -33,7 +34,7 @@ from monitor_core.response import FrequencyResponse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LumpedParameters(DriveParameters):
+class LumpedParameters(BallScrew, DriveParameters):
     """Table 1 of the paper, and what it leaves out.
 
     The paper states neither shear modulus nor inertias of motor and coupling, nor any damping. Without a motor inertia
@@ -60,9 +61,24 @@ class LumpedParameters(DriveParameters):
     table_damping: float = 0.0  # [N·s/m]
 
     @property
-    def transmission_ratio(self) -> float:
-        """Travel per angle, i = l/2π [m/rad]."""
-        return transmission_ratio(self.screw_lead)
+    def stretched_diameter(self) -> float:
+        """Minor diameter, which carries the load [m]."""
+        return self.screw_minor_diameter
+
+    @property
+    def twisted_diameter(self) -> float:
+        """Minor diameter, in torsion too, Eq. (3) [m]."""
+        return self.screw_minor_diameter
+
+    @property
+    def mass_per_length(self) -> float:
+        """Stated mass over length [kg/m]."""
+        return self.screw_mass / self.screw_length
+
+    @property
+    def inertia_per_length(self) -> float:
+        """J_s over length [kg·m]."""
+        return self.screw_inertia / self.screw_length
 
 
 def shaft_axial_stiffness(parameters: LumpedParameters, position: float) -> float:
@@ -70,7 +86,7 @@ def shaft_axial_stiffness(parameters: LumpedParameters, position: float) -> floa
 
     .. math:: k_{shaft,ax} = \frac{\pi}{4 x} d_{minor}^2 E
 
-    Eq. (2) of [1]_.
+    Eq. (2) of Nguyen et al. (2018).
 
     Parameters
     ----------
@@ -86,10 +102,6 @@ def shaft_axial_stiffness(parameters: LumpedParameters, position: float) -> floa
     Notes
     -----
     The paper calls d_minor a radius; its equation and Table 1 make it the diameter.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     x = require_position(position, parameters.screw_length)
     return math.pi * parameters.screw_minor_diameter**2 * parameters.youngs_modulus / (4.0 * x)
@@ -100,7 +112,7 @@ def shaft_torsional_stiffness(parameters: LumpedParameters, position: float) -> 
 
     .. math:: k_{shaft,rot} = \frac{\pi L}{32\, x (L - x)} d_{minor}^4 G
 
-    Eq. (3) of [1]_, with the equals sign where it belongs.
+    Eq. (3) of Nguyen et al. (2018), with the equals sign where it belongs.
 
     Parameters
     ----------
@@ -118,10 +130,6 @@ def shaft_torsional_stiffness(parameters: LumpedParameters, position: float) -> 
     As printed, the equals sign stands before d⁴G. Read so, it is a shaft held against rotation at *both* ends,
     GJ/x + GJ/(L − x), although the far end of a screw turns freely: the compliance is L/(L − x) times too low. On the
     paper's axis torsion of the shaft is about 1 % of the whole compliance; at 750 mm f_ax comes out 1.1 % too high.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     x, length = require_position(position, parameters.screw_length), parameters.screw_length
     d, G = parameters.screw_minor_diameter, parameters.shear_modulus
@@ -133,7 +141,7 @@ def rotational_stiffness(parameters: LumpedParameters, position: float, *, coupl
 
     .. math:: \frac{1}{k_{rot}} = \frac{1}{k_{shaft,rot}} + \frac{1}{k_{coupling}}
 
-    Eq. (5) of [1]_, with the loss factor on the coupling.
+    Eq. (5) of Nguyen et al. (2018), with the loss factor on the coupling.
 
     Parameters
     ----------
@@ -147,10 +155,6 @@ def rotational_stiffness(parameters: LumpedParameters, position: float, *, coupl
     ------
     OutsideValidityError
         If the position is not on the screw.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     spring = complex_stiffness(parameters.coupling_stiffness if coupling else math.inf, parameters.loss_factor)
     return series_stiffness(shaft_torsional_stiffness(parameters, position), spring)
@@ -164,7 +168,7 @@ def axial_stiffness(parameters: LumpedParameters, conditions: DriveConditions, *
         \frac{1}{k_{ax}} = \frac{1}{k_{shaft,ax}} + \frac{1}{k_{bearing}} + \frac{1}{k_{bracket}} + \frac{1}{k_{nut}}
         + \frac{i^2}{k_{rot}}
 
-    Eq. (4) of [1]_ with the nut of Eq. (1), and with the loss factor on each of the joints.
+    Eq. (4) of Nguyen et al. (2018) with the nut of Eq. (1), and with the loss factor on each of the joints.
 
     Parameters
     ----------
@@ -178,10 +182,6 @@ def axial_stiffness(parameters: LumpedParameters, conditions: DriveConditions, *
     ------
     OutsideValidityError
         If the position is not on the screw, or preload and dynamic load rating do not go together.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     nut = nut_rigidity(parameters.nut_stiffness, conditions.preload, parameters.dynamic_load_rating)
     joints = (parameters.bearing_stiffness, parameters.bracket_stiffness, nut)
@@ -212,7 +212,8 @@ def feature_coefficients(parameters: LumpedParameters, payload_mass: float = 0.0
         k_3 &= 4\pi^2 \Sigma m \frac{(0.1\,C_d)^{1/3}}{0.8 K}, \qquad
         k_4 = 4\pi^2 \Sigma m \left( \frac{1}{k_{bearing}} + \frac{1}{k_{bracket}} + \frac{i^2}{k_{coupling}} \right)
 
-    with :math:`A = \pi d^2/4`, :math:`J = \pi d^4/32` of the minor diameter: Eqs. (1)–(6) of [1]_ ordered as Eq. (8).
+    with :math:`A = \pi d^2/4`, :math:`J = \pi d^4/32` of the minor diameter: Eqs. (1)–(6) of Nguyen et al. (2018)
+    ordered as Eq. (8).
 
     Parameters
     ----------
@@ -229,10 +230,6 @@ def feature_coefficients(parameters: LumpedParameters, payload_mass: float = 0.0
     Notes
     -----
     The "calculated" k of Table 3 do not follow from Table 1 so, see docs/errata.md.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     if parameters.dynamic_load_rating is None:
         raise OutsideValidityError(

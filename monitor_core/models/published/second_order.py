@@ -46,7 +46,7 @@ def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
 
     .. math:: \mathbf G(s) = (\mathbf M s^2 + \mathbf C s + \mathbf K)^{-1}
 
-    Eq. (13) of [1]_.
+    Eq. (13) of Sun et al. (2022).
 
     Parameters
     ----------
@@ -63,10 +63,6 @@ def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
     ------
     OutsideValidityError
         If the stiffness is complex and an s is not in the upper half plane: k(1 + jη) stands for ω > 0 only.
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     s = np.asarray(s, dtype=np.complex128)
     if np.any(system.stiffness.imag) and not np.all(s.imag > 0.0):

@@ -179,7 +179,7 @@ def _torsion(
 
 
 def table_receptance(terms: PositionTerms, joints: JointParameters) -> ComplexArray:
-    """Receptance of the table, h_all-6a6a of Eq. (24) of [1]_, in closed form.
+    """Receptance of the table, h_all-6a6a of Eq. (24) of Tian et al., in closed form.
 
     Parameters
     ----------
@@ -191,10 +191,6 @@ def table_receptance(terms: PositionTerms, joints: JointParameters) -> ComplexAr
     -------
     ndarray, shape (n_frequencies,)
         [m/N]
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     parts = _parts(terms, joints)
     return parts.table_per_force / parts.denominator

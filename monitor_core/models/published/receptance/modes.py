@@ -29,12 +29,6 @@ def natural_frequencies(
 ) -> tuple[NaturalFrequency, ...]:
     """Return the first poles of the exact drive in order of frequency; those that do not oscillate are left out.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    conditions : DriveConditions
-    motor_end : MotorEnd
-
     Returns
     -------
     tuple of NaturalFrequency
@@ -68,12 +62,6 @@ def normal_modes(parameters: ReceptanceParameters, conditions: DriveConditions, 
         \phi_a \phi_b = -2 \omega_n \frac{N_{ab}(\omega_n)}{\Delta'(\omega_n)}
 
     The signs are such that the motor end turns forward.
-
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    conditions : DriveConditions
-    motor_end : MotorEnd
 
     Raises
     ------
