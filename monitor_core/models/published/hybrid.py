@@ -2,36 +2,18 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.arrays import ComplexArray
 from monitor_core.models.ball_screw import BallScrew
-from monitor_core.models.bracket import beyond_contacts
+from monitor_core.models.bracket import BeyondContacts, beyond_contacts
 from monitor_core.models.nut import nut_rigidity
 from monitor_core.models.parameters import DriveParameters
-from monitor_core.models.protocol import (
-    DriveConditions,
-    ExcitationPoint,
-    MotorEnd,
-    NaturalFrequency,
-    NormalModes,
-    ResponsePoint,
-    motor_end_of,
-    require_position,
-)
+from monitor_core.models.protocol import DriveConditions, MotorEnd, require_position
 from monitor_core.models.published.damping import complex_stiffness, equivalent_viscous_damping, series_stiffness
-from monitor_core.models.published.second_order import (
-    DriveEquations,
-    SecondOrderSystem,
-    drive_natural_frequencies,
-    drive_normal_modes,
-    drive_response,
-    transfer_matrix,
-    undamped_modes,
-)
-from monitor_core.response import FrequencyResponse
+from monitor_core.models.published.second_order import SecondOrderSystem, transfer_matrix, undamped_modes
+from monitor_core.models.published.small_drive import DriveEquations, SmallDrive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,7 +148,7 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
 
 
 @dataclass(frozen=True, slots=True)
-class HybridModel:
+class HybridModel(SmallDrive):
     r"""The drive of Sun et al. (2022) in the coordinates :math:`q = (x_m, x_t)`, :math:`x_m = r_g \theta_m`.
 
     .. math::
@@ -190,6 +172,7 @@ class HybridModel:
     its end. The mass matrix is that of the undamped static shape.
     """
 
+    paper_motor_end = MotorEnd.FREE
     parameters: HybridParameters
 
     def equations(self, conditions: DriveConditions, motor_end: MotorEnd = MotorEnd.FREE) -> DriveEquations:
@@ -249,32 +232,13 @@ class HybridModel:
         system = SecondOrderSystem(undamped.mass, undamped.damping + viscous, undamped.stiffness)
         return DriveEquations(system, equations.angle_at_motor, equations.displacement_at_table)
 
-    def frequency_response(
-        self,
-        frequency: FloatArray,
-        conditions: DriveConditions,
-        *,
-        excitation: ExcitationPoint,
-        response: ResponsePoint,
-    ) -> FrequencyResponse:
-        """Return the response per unit excitation; a force at the table finds the motor end free."""
-        equations = self.equations(conditions, motor_end_of(excitation, otherwise=MotorEnd.FREE))
+    def beyond_contacts(self, s: ComplexArray, conditions: DriveConditions) -> BeyondContacts:
+        """Return what the contacts of the nut carry: the table alone, behind the bracket."""
         p = self.parameters
-        beyond = partial(
-            beyond_contacts,
+        return beyond_contacts(
+            s,
             table_mass=p.table_mass + conditions.payload_mass,
             table_damping=p.table_damping,
             bracket_stiffness=p.bracket_stiffness,
             loss_factor=p.loss_factor,
         )
-        return drive_response(equations, frequency, excitation, response, beyond)
-
-    def natural_frequencies(
-        self, conditions: DriveConditions, motor_end: MotorEnd | None = None
-    ) -> tuple[NaturalFrequency, ...]:
-        """Return 0 and the elastic mode; with a clamped motor end the latter alone."""
-        return drive_natural_frequencies(self.equations(conditions, motor_end or MotorEnd.FREE))
-
-    def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
-        """Return the undamped modes."""
-        return drive_normal_modes(self.equations(conditions, motor_end or MotorEnd.FREE))
