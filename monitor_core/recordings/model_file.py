@@ -174,7 +174,7 @@ def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile
 
 
 def _parameters_of(family: str) -> type[DriveParameters]:
-    records = {one.name: one.parameters for one in FAMILIES} | {MOTION: MotionParameters}
+    records = {known.name: known.parameters for known in FAMILIES} | {MOTION: MotionParameters}
     if family not in records:
         raise OutsideValidityError(f"family must be one of {', '.join(records)}; got {family!r}")
     return records[family]
