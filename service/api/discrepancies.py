@@ -1,14 +1,13 @@
 """``POST /v1/axes/{axis}/discrepancies``: what the model of an axis lacks, as a job with progress and a report."""
 
-from typing import Annotated, Self
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 from fastapi.responses import HTMLResponse
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field
 
-from service.api.calibrations import MeasurementRange
 from service.api.fields import AxisId, JobId
-from service.api.identifications import AccelerometerPlace, PeakIn
+from service.api.identifications import MeasuredIn
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.discrepancy.discrepancies import KIND
@@ -17,7 +16,7 @@ from service.operations.monitoring.axis_configuration import Number
 router = APIRouter(prefix="/v1", tags=["discrepancies"])
 
 
-class DiscrepancyIn(BaseModel):
+class DiscrepancyIn(MeasuredIn):
     """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
 
     model_config = ConfigDict(
@@ -31,23 +30,11 @@ class DiscrepancyIn(BaseModel):
     )
 
     baseline: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
-    measurements: MeasurementRange | None = None
-    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
     hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
         default=[],
         description="positions that the fit does not see and is judged by; without any, two inner ones of five or "
         "more, else each of four preloads or more in turn",
     )
-
-    accelerometer: AccelerometerPlace | None = None
-
-    @model_validator(mode="after")
-    def _one_source(self) -> Self:
-        if (self.measurements is None) == (self.peaks is None):
-            raise ValueError("exactly one of measurements and peaks is expected; got both or none")
-        if self.accelerometer is not None and self.measurements is None:
-            raise ValueError("accelerometer goes with measurements; peaks are of the table")
-        return self
 
 
 @router.post("/axes/{axis}/discrepancies", response_model=JobOut, status_code=202)

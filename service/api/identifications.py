@@ -48,7 +48,23 @@ class PredictionIn(BaseModel):
     excitation_source: Literal["sensor", "drive"] = "sensor"
 
 
-class IdentificationIn(BaseModel):
+class MeasuredIn(BaseModel):
+    """What was measured of an axis: stored measurements, or peaks."""
+
+    measurements: MeasurementRange | None = None
+    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
+    accelerometer: AccelerometerPlace | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.measurements is None) == (self.peaks is None):
+            raise ValueError("exactly one of measurements and peaks is expected; got both or none")
+        if self.accelerometer is not None and self.measurements is None:
+            raise ValueError("accelerometer goes with measurements; peaks are of the table")
+        return self
+
+
+class IdentificationIn(MeasuredIn):
     """Whose joints, and from what: stored measurements, or peaks."""
 
     model_config = ConfigDict(
@@ -62,8 +78,6 @@ class IdentificationIn(BaseModel):
     )
 
     model: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
-    measurements: MeasurementRange | None = None
-    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
     hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
         default=[], description="positions that the fit does not see and is judged by; without any, each in turn"
     )
@@ -73,16 +87,6 @@ class IdentificationIn(BaseModel):
     objective: Literal["weighted", "eq-26"] = "weighted"
     prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-
-    accelerometer: AccelerometerPlace | None = None
-
-    @model_validator(mode="after")
-    def _one_source(self) -> Self:
-        if (self.measurements is None) == (self.peaks is None):
-            raise ValueError("exactly one of measurements and peaks is expected; got both or none")
-        if self.accelerometer is not None and self.measurements is None:
-            raise ValueError("accelerometer goes with measurements; peaks are of the table")
-        return self
 
 
 @router.post("/axes/{axis}/identifications", response_model=JobOut, status_code=202)
