@@ -58,12 +58,12 @@ class EndMasks:
 def condition_arrays(conditions: Sequence[DriveConditions]) -> ConditionArrays:
     """Put conditions side by side."""
     return ConditionArrays(
-        position=np.array([one.position for one in conditions]),
-        preload=np.array([one.preload or 0.0 for one in conditions]),
-        preload_stated=np.array([one.preload is not None for one in conditions], dtype=np.bool_),
-        payload_mass=np.array([one.payload_mass for one in conditions]),
-        temperature_deviation=np.array([one.temperature_deviation for one in conditions]),
-        excitation_level=np.array([one.excitation_level for one in conditions]),
+        position=np.array([stated.position for stated in conditions]),
+        preload=np.array([stated.preload or 0.0 for stated in conditions]),
+        preload_stated=np.array([stated.preload is not None for stated in conditions], dtype=np.bool_),
+        payload_mass=np.array([stated.payload_mass for stated in conditions]),
+        temperature_deviation=np.array([stated.temperature_deviation for stated in conditions]),
+        excitation_level=np.array([stated.excitation_level for stated in conditions]),
     )
 
 
@@ -71,8 +71,8 @@ def end_masks(motor_ends: Sequence[MotorEnd]) -> EndMasks:
     """Return the masks of motor ends."""
     return EndMasks(
         *(
-            np.array([end is one for end in motor_ends], dtype=np.float64)
-            for one in (MotorEnd.PRESCRIBED, MotorEnd.CLAMPED, MotorEnd.FREE)
+            np.array([end is kind for end in motor_ends], dtype=np.float64)
+            for kind in (MotorEnd.PRESCRIBED, MotorEnd.CLAMPED, MotorEnd.FREE)
         )
     )
 
