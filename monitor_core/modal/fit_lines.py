@@ -1,4 +1,4 @@
-"""What is fitted and with how many terms: the lines of the fit band, whitened, and the order of the model."""
+"""Records of a fit: the whitened lines of its band, and the order of its model."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-r"""The model behind the fit: a rational response, the transient of each window, and persistent tones.
+r"""Model the spectra of windows: a rational response, the transient of each window, and persistent tones.
 
 For window :math:`s`, with un-windowed DFT lines :math:`U_s, Y_s` at :math:`f_k`,
 

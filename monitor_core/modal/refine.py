@@ -1,4 +1,4 @@
-"""Transient-aware maximum-likelihood fit of one or two modes, with covariance."""
+"""Fit one or two modes by maximum likelihood, transients included, and return them with covariance."""
 
 import math
 from dataclasses import dataclass

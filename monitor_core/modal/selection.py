@@ -1,4 +1,4 @@
-"""How many modes and tones: added only where the data ask for them."""
+"""Choose the number of modes and tones; more are added only where the data require them."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Where to start the search for poles: cheap fits that need not be right, only near."""
+"""Find starting values for the poles by quick approximate fits."""
 
 import math
 from itertools import product

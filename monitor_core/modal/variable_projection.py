@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt over poles and tone frequencies, everything linear projected out."""
+"""Minimise over poles and tone frequencies (Levenberg–Marquardt), with all linear parameters projected out."""
 
 import math
 from dataclasses import dataclass

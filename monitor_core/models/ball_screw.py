@@ -1,4 +1,4 @@
-"""Derive what the drive models compute with from the stated parameters: rigidity and mass of the screw, lead per angle.
+"""Derive quantities of a ball screw from its stated parameters: rigidity, mass per length, travel per angle.
 
 Each family has its own record of parameters, with the symbols of its paper. What follows from them is the same.
 """

@@ -1,4 +1,4 @@
-"""Rigidity of a preloaded nut."""
+"""Compute the rigidity of a preloaded nut."""
 
 from monitor_core.errors import OutsideValidityError
 

@@ -1,4 +1,4 @@
-"""A uniform rod in axial or torsional vibration: receptance, dynamic stiffness, and what it makes of an end.
+"""Compute a uniform rod in axial or torsional vibration: receptance, dynamic stiffness, condensed end stiffness.
 
 Axial and torsional waves obey one equation. Axially the rigidity is E S and the wave runs on E; in torsion it is G J
 and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.

@@ -1,4 +1,4 @@
-"""Uncertainty budget of the preload feature: what is new in every measurement, and what all of them share."""
+"""Compute the uncertainty budget of the preload feature: errors new in each measurement, and errors all share."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The preload feature: the axial natural frequency with the table position taken out (ISO 13374: HA).
+"""Compute the preload feature: the axial natural frequency with the table position removed (ISO 13374: HA).
 
 One relation read in three directions: frequency → feature → preload, and back to the frequency a preload would give.
 """

@@ -1,4 +1,4 @@
-"""From readings to a calibration: weighted least squares of Eq. (8) with payload and temperature where they vary."""
+"""Fit a calibration to readings: weighted least squares of Eq. (8), with payload and temperature where they vary."""
 
 import math
 from collections.abc import Sequence

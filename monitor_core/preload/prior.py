@@ -1,4 +1,4 @@
-"""What is known of k1…k4 before the axis was measured: predicted from its joints, or an earlier calibration."""
+"""State what is known of k1…k4 before the axis is measured: predicted from its joints, or an earlier calibration."""
 
 import math
 from dataclasses import dataclass

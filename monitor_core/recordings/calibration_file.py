@@ -1,4 +1,4 @@
-"""A calibration as a JSON document, with the unit of every number in its key (the keys of ``preload calibrate``).
+"""Read and write a calibration as a JSON document, with the unit of every number in its key.
 
 Numbers that follow from others (``moving_mass_kg``, ``minimum_detectable_loss_n``) are written for people and scripts
 and not read back; unknown keys are left alone. ``prior`` names what k1…k4 rest on besides the readings; only then may

@@ -1,4 +1,4 @@
-"""Is this file what it should be? Recognises every format by its content and reads it to the end."""
+"""Check a file: recognise its format by its content and read it to the end."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator

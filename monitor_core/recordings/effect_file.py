@@ -1,4 +1,4 @@
-"""Effects of a user's own: a Python file that defines ``EFFECTS``.
+"""Read effects that a user defines: a Python file with ``EFFECTS``.
 
 .. code-block:: python
 

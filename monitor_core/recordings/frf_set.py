@@ -1,4 +1,4 @@
-"""Measured frequency responses of one axis under several conditions, ``*.frf.h5``.
+"""Read and write measured frequency responses of one axis under several conditions, ``*.frf.h5``.
 
 Root attributes ``format`` = "preload-frf-set", ``version`` = 1. Each group ``/conditions/NNNN`` holds one response with
 the noise of its lines (datasets ``frequency_hz``, ``response``, ``standard_deviation``) and the conditions it was

@@ -1,4 +1,4 @@
-"""Recorded sessions, ``*.session.h5``: read window by window, write reproducibly.
+"""Read and write recorded sessions, ``*.session.h5``: window by window, the same bytes every time.
 
 Root attributes ``format`` = "preload-session", ``version`` = 1, ``axis_id``; optional ``description``, ``created``.
 Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes and their units are those of

@@ -1,4 +1,4 @@
-"""Intervals of repeated readings: where the mean lies, where the next one will, where most of them do."""
+"""Compute intervals of repeated readings: of their mean, of the next reading, of the population."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Raw waveforms as files: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``; each window is checked by SHA-256 when read.
+"""Store raw waveforms: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``; each window is checked by SHA-256 when read.
 
 A file takes the windows of an axis that arrive on one day, request after request: each adds a zstd frame around
 MessagePack, so that a file can be read without this program. A frame is on disk before the rows that name it are

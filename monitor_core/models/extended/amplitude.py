@@ -1,4 +1,4 @@
-r"""Friction and hardening at a given excitation: the linear drive that comes closest.
+r"""Replace friction and a hardening nut by the linear drive that comes closest at a given excitation.
 
 For a Gaussian motion the force :math:`F_c\,\mathrm{sign}(v)` is best replaced by a damper and :math:`k(1 + \beta
 \delta^2)\delta` by a spring (least mean square error),

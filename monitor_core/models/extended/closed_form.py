@@ -1,4 +1,4 @@
-r"""The extended drive in closed form, every line for itself: no matrix is solved.
+r"""Evaluate the extended drive in closed form, each line by itself, without solving a matrix.
 
 The force F in the nut meets, one after the other, nut, bracket, screw in tension, and screw in torsion behind the lead.
 With the compliance C of all of them and the dynamic stiffness Z of the table,

@@ -1,4 +1,4 @@
-"""What an axis is under each of many conditions: where its table stands, what moves, how stiff its nut is."""
+"""Compute the state of an axis under many conditions: position, moving mass, rigidity of the nut."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What moves the drive in each measurement, on lines close enough for rms values of its motion.
+"""Lay out the excitation of each measurement on lines close enough for rms values of the motion.
 
 A resonance that rules the rms motion falls between the lines of a measured response. Excitations therefore have points
 of their own. On them the drive is interpolated between knots: what is interpolated has no poles, is therefore smooth

@@ -1,4 +1,4 @@
-"""From the parameters of each family to the physics that its model has."""
+"""Convert the parameters of a family to the physics of the extended drive."""
 
 from dataclasses import fields
 

@@ -1,4 +1,4 @@
-"""Many responses as one flat array of lines, prepared once for thousands of evaluations."""
+"""Prepare many responses as one flat array of lines, once for thousands of evaluations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

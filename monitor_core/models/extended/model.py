@@ -1,4 +1,4 @@
-"""The extended drive as a drive model: a published family and what is added to it."""
+"""Answer as a drive model: a published family and the effects added to it."""
 
 import math
 from dataclasses import dataclass

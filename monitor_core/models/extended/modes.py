@@ -1,4 +1,4 @@
-r"""Natural frequencies and modes of the extended drive under many conditions at once, none missed and none twice.
+r"""Find all natural frequencies and modes of the extended drive under many conditions at once, each exactly once.
 
 Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension on
 its base, screw in torsion, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So

@@ -1,4 +1,4 @@
-"""What the extended drive is made of: one record of an axis for all families, each extra with its null value.
+"""Records of an axis for all families; every extra has a null value at which it is absent.
 
 What the families disagree about is a number here: how much of the screw's mass and inertia is spread along it, how much
 its torsion gives. What none of them has stands in :class:`AddedPhysics` and is absent at its default.

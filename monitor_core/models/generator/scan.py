@@ -1,4 +1,4 @@
-"""Modes in time: all windows of all conditions advance together, one matrix product a step, friction implicit.
+"""Integrate the modes in time, all windows of all conditions together: one matrix product a step, friction implicit.
 
 Between two samples the torque is a straight line, without the delay of half a step that a staircase has; the modes are
 propagated exactly under it (first-order hold). Friction is constant over a step and found implicitly (backward Euler),

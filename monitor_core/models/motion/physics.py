@@ -1,4 +1,4 @@
-"""What a rigid axis in motion is made of, and the motor force that its motion needs."""
+"""Compute the motor force that the motion of a rigid axis needs."""
 
 import math
 from dataclasses import dataclass, fields

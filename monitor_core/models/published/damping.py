@@ -1,4 +1,4 @@
-"""Springs that lose energy: complex stiffness, springs in series, and the viscous damper that stands for them in time.
+"""Compute springs that lose energy: complex stiffness, springs in series, the equivalent viscous damper.
 
 A loss factor belongs to the frequency domain. With a complex stiffness the equations of motion have, besides the
 decaying solution that oscillates with ω > 0, one with ω < 0 that grows: they must not be integrated in time.

@@ -1,4 +1,4 @@
-"""Named values of one place in a file (HDF5 attributes, a TOML table), each read with its type and unit."""
+"""Read named values of one place in a file (HDF5 attributes, a TOML table), each with its type and unit."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What the readers of HDF5 files share: a file is opened, and its parts taken, only when they are what they should be.
+"""Open HDF5 files and take parts of them, each checked before it is read.
 
 Links that lead out of the file, virtual datasets and external storage are refused: a recording is one file. Numbers
 that were announced and never written are refused too, since HDF5 answers zeros for them.

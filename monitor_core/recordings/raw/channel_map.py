@@ -1,4 +1,4 @@
-"""Channel map (TOML): which channel of a raw file is what, in which unit, and what the file itself does not say.
+"""Read a channel map (TOML): which channel is what, in which unit, and what the raw file does not say.
 
 .. code-block:: toml
 

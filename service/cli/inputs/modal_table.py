@@ -1,4 +1,4 @@
-"""From a row of a modal table to the core's reading."""
+"""Convert rows of a modal table to the core's readings."""
 
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions

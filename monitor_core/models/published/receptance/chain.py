@@ -1,4 +1,4 @@
-"""Tian's drive with its rods discretised: where all poles are, closely enough for the exact model to find them.
+"""Locate all poles of Tian's drive by discretising its rods, closely enough to start the exact search.
 
 Each of the two pieces of screw is one element whose shape functions are the two straight lines of its ends and the
 integrals of Legendre polynomials. Their error falls exponentially with the degree, so a small eigenvalue problem finds

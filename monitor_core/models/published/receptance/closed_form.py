@@ -1,4 +1,4 @@
-r"""Closed form of Tian's drive: what the coupling of receptances comes to, with the trigonometry taken out.
+r"""Evaluate Tian's drive in closed form: the coupled receptances, with the trigonometry taken out.
 
 Two rods, nut and table in series make the table receptance
 

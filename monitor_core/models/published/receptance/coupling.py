@@ -1,4 +1,4 @@
-"""Receptance coupling: the response of an assembly from the responses of its substructures.
+"""Couple receptances: the response of an assembly from the responses of its substructures.
 
 Array level; any leading axes (frequency, position, draw) are carried along. Points are indices into the last two axes
 of a receptance, which holds the response at the row's point to a force (or torque) at the column's point.

@@ -1,4 +1,4 @@
-"""Tian's drive as the paper builds it: three substructures whose receptances are coupled, Eqs. (1)-(24).
+"""Build Tian's drive as the paper does: couple the receptances of three substructures, Eqs. (1)-(24).
 
 The closed form of ``closed_form`` says the same in a fiftieth of the time; this is
 what it is compared with, and where the responses of the screw inside the nut are.

@@ -1,4 +1,4 @@
-"""Poles and normal modes of Tian's drive: the zeros of its characteristic function, none missed and none twice.
+"""Find the poles and normal modes of Tian's drive: all zeros of its characteristic function, each exactly once.
 
 The discretised drive of ``chain`` says where they are; Newton's method on the exact
 function, which has no poles of its own, says it to rounding.

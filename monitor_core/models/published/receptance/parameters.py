@@ -1,4 +1,4 @@
-"""Parameters of Tian's drive, and those of them that are joints."""
+"""Parameters of Tian's drive, and the joints among them."""
 
 import math
 from dataclasses import dataclass, fields

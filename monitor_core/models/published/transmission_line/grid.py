@@ -1,4 +1,4 @@
-"""Sections and time steps of the two lines, so that a wave needs a whole number of steps for each.
+"""Choose sections and time steps of the two lines, so that a wave needs a whole number of steps for each.
 
 Torsional and axial waves run at different speeds. The paper lets the axial line take several steps in one torsional
 step; with the same step for both lines, and different numbers of sections, nothing has to be held in between.

@@ -1,4 +1,4 @@
-r"""The discretised drive in the z-domain: exactly what the time stepping does, at one complex frequency.
+r"""Evaluate the discretised drive in the z-domain: exactly what the time stepping does, at one complex frequency.
 
 With :math:`z = e^{s \Delta t}` a line of m sections is a delay of m steps, and a trapezoidal stub sees the frequency
 

@@ -1,4 +1,4 @@
-r"""Poles and modes of the discretised drive.
+r"""Find the poles and modes of the discretised drive.
 
 Without damping the loop mobility is jB(ω), and B rises between its poles (Foster's reactance theorem). So there is
 exactly one natural frequency between two neighbouring poles of the lines alone, and these follow from a phase that

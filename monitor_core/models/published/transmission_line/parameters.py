@@ -1,4 +1,4 @@
-"""What a transmission-line model needs to know of an axis, and what follows from it for the lines."""
+"""Parameters of a transmission-line model, and the wave speeds that follow from them."""
 
 import math
 from dataclasses import dataclass
