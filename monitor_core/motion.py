@@ -1,4 +1,4 @@
-"""A rigid axis driven through its working motion: what was recorded of it."""
+"""Record of a rigid axis driven through its working motion."""
 
 import math
 from dataclasses import dataclass

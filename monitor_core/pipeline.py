@@ -1,4 +1,4 @@
-"""The window's way: gate → mode → preload → state. Live, replay and tests all call these functions and no others.
+"""Lead a window from gate to mode, preload and state. Live, replay and tests all call these functions and no others.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Whether a window is fit to be judged, decided before it is averaged (ISO 13374: DM, first gate)."""
+"""Judge whether a window may be used, before it is averaged (ISO 13374: DM, first gate)."""
 
 import math
 from dataclasses import dataclass

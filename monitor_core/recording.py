@@ -1,4 +1,4 @@
-"""What was recorded: windows, sessions, and the conditions under which they were taken (ISO 13374: DA)."""
+"""Records of what was measured: windows, sessions, and their conditions (ISO 13374: DA)."""
 
 import math
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Frequency responses and modes: measured and modelled are one type."""
+"""Records of frequency responses and modes; measured and modelled ones are of one type."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Numbers that will be judged, and the intervals around them (GUM / VIM words)."""
+"""Records of numbers with their uncertainty, and the intervals around them (GUM / VIM words)."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""``create_app``: puts the parts together. One application, one database, one folder of waveforms."""
+"""Put the application together: ``create_app``. One application, one database, one folder of waveforms."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

@@ -1,4 +1,4 @@
-"""The one place where the service reads the time."""
+"""Read the time: the only place where the service does."""
 
 from datetime import UTC, datetime
 

@@ -1,4 +1,4 @@
-"""What the service refuses, and the one table from error class to HTTP status."""
+"""Define the errors of the service, and the one table from error class to HTTP status."""
 
 from monitor_core.errors import (
     InvalidWindowError,

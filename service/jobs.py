@@ -1,4 +1,4 @@
-"""Long work in the background: one thread, in order of arrival, progress in the database, resumed after a restart."""
+"""Run long work in the background: one thread, in order of arrival, progress in the database, resumed after restart."""
 
 import logging
 import threading

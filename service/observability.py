@@ -1,4 +1,4 @@
-"""Metrics for Prometheus and structured logs. One registry per application, so two in one process do not clash."""
+"""Collect metrics for Prometheus and write structured logs, one registry per application."""
 
 import json
 import logging

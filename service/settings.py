@@ -1,4 +1,4 @@
-"""Settings of the service, from the environment (``PRELOAD_*``)."""
+"""Read the settings of the service from the environment (``PRELOAD_*``)."""
 
 from pathlib import Path
 

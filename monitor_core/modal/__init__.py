@@ -1,4 +1,4 @@
-"""Natural frequencies of measured responses, with covariance (ISO 13374: DM, data manipulation)."""
+"""Measure natural frequencies from responses, with their covariance (ISO 13374: DM, data manipulation)."""
 
 from monitor_core.modal.gates import ModeGate
 from monitor_core.modal.measure import ModalMeasurement, measure_mode

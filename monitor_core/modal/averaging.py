@@ -8,7 +8,6 @@ import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.modal.gates import ModeGate
-from monitor_core.modal.outliers import outlying
 from monitor_core.modal.peaks import Candidate, candidate_peaks
 from monitor_core.modal.refine import ModeFit, fit_modes, window_misfit
 from monitor_core.recording import Rejection, RejectionReason
@@ -28,6 +27,9 @@ from monitor_core.spectral import (
 _PASSES = 3
 #: Share of a window's response that its fellows' median response leaves unexplained, for a gross misfit.
 _GROSS_SHARE = 0.5
+#: A window is outlying if it leaves this many times the median misfit, both in absolute terms (or it would do no harm)
+#: and relative to its own response (or it is merely a strong one): three times in amplitude.
+_OUTLYING = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,6 +106,29 @@ def average_and_fit(
         f"the fit to them would keep {kept.sum()}"
     )
     return replace(answer, warnings=(*answer.warnings, unsettled))
+
+
+def outlying(residual: FloatArray, response: FloatArray, *, least_share: float = 0.0) -> BoolArray:
+    """Tell which windows leave far more unexplained than their fellows.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n_windows,)
+        What is left of each window, sum of squared moduli. [(m/s²)²]
+    response : ndarray, shape (n_windows,)
+        Its response, sum of squared moduli. [(m/s²)²]
+    least_share : float
+        Windows of which less than this share is left are never outlying. [-]
+
+    Returns
+    -------
+    ndarray of bool, shape (n_windows,)
+        True for a window to be refused.
+    """
+    share = residual / np.maximum(response, np.finfo(np.float64).tiny)
+    least = max(_OUTLYING * float(np.median(share)), least_share)
+    flagged: BoolArray = (residual > _OUTLYING * np.median(residual)) & (share > least)
+    return flagged
 
 
 def _first_look(spectra: BandSpectra, gate: ModeGate) -> tuple[Taper, BoolArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""Covariance of the fitted poles: from the noise left, and from the windows' own scatter."""
+"""Compute the covariance of fitted poles, from the residual noise and from the scatter between windows."""
 
 import numpy as np
 

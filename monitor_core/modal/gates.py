@@ -1,4 +1,4 @@
-"""What a measurement must meet to be judged."""
+"""Judge whether a measurement is good enough to be used."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""One measurement: windows of one position averaged, fitted, gated (ISO 13374: DM into SD)."""
+"""Measure one mode: average the windows of one position, fit the peak, apply the gates (ISO 13374: DM into SD)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Candidate modes: significant, prominent peaks of a measured frequency response."""
+"""Find candidate modes: significant, prominent peaks of a measured frequency response."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Polarity and delay between the channels, calibrated once for each axis."""
+"""Calibrate polarity and delay between the channels, once for each axis."""
 
 import cmath
 import math

@@ -1,4 +1,4 @@
-"""How many modes and tones: added only where the data ask for them."""
+"""Choose the number of modes and tones; more are added only where the data require them."""
 
 import math
 from dataclasses import replace
@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 
-from monitor_core.modal.model import FitLines, ModelOrder, basis_of, forced_cost, overdispersion
-from monitor_core.modal.noise import noise_weight
+from monitor_core.modal.fit_lines import FitLines, ModelOrder
+from monitor_core.modal.model import basis_of, forced_cost, overdispersion
+from monitor_core.modal.residual import noise_weight, strongest_tone
 from monitor_core.modal.starts import start_one_mode, start_two_modes
-from monitor_core.modal.tones import strongest_tone
 from monitor_core.modal.variable_projection import Solution, degrees_of_freedom, minimise
 
 _MAXIMUM_TONES = 2

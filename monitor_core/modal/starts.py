@@ -1,4 +1,4 @@
-"""Where to start the search for poles: cheap fits that need not be right, only near."""
+"""Find starting values for the poles by quick approximate fits."""
 
 import math
 from itertools import product
@@ -6,7 +6,8 @@ from itertools import product
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
-from monitor_core.modal.model import FitLines, ModelOrder, cost_at
+from monitor_core.modal.fit_lines import FitLines, ModelOrder
+from monitor_core.modal.model import cost_at
 from monitor_core.spectral import BandSpectra, cross_spectra, least_leaking_taper
 
 _DAMPING_FACTORS = (1 / 3, 1.0, 3.0)

@@ -1,4 +1,4 @@
-r"""An accelerometer on the nut's housing: before the bracket that carries the table.
+r"""Compute the response of an accelerometer on the nut's housing, before the bracket that carries the table.
 
 Let C be the compliance of all that the force through the nut meets before the table, the bracket :math:`c_s` a part of
 it; Z the dynamic stiffness of the table, u the travel of the unloaded nut per torque, so that

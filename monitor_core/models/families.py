@@ -1,4 +1,4 @@
-"""The families of drive models, by their names in files: one visible table."""
+"""List the families of drive models by their names in files, and build a model from a name."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

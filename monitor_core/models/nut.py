@@ -1,4 +1,4 @@
-"""Rigidity of a preloaded nut."""
+"""Compute the rigidity of a preloaded nut."""
 
 from monitor_core.errors import OutsideValidityError
 
@@ -10,8 +10,8 @@ def nut_rigidity(nut_stiffness: float, preload: float | None, dynamic_load_ratin
 
         k_{nut} = 0.8 K \left( \frac{P}{0.1\,C_d} \right)^{1/3}
 
-    Eq. (1) of [1]_, after the catalogues (ISO 3408-4). Where neither preload nor load rating is stated the nut has the
-    stated stiffness whatever its preload, as in the other three papers.
+    Eq. (1) of Nguyen et al. (2018), after the catalogues (ISO 3408-4). Where neither preload nor load rating is stated
+    the nut has the stated stiffness whatever its preload, as in the other three papers.
 
     Parameters
     ----------
@@ -27,10 +27,6 @@ def nut_rigidity(nut_stiffness: float, preload: float | None, dynamic_load_ratin
     OutsideValidityError
         If only one of preload and load rating is stated, or the preload exceeds the 10 % of the load rating up to which
         the source states the equation.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     if preload is None and dynamic_load_rating is None:
         return nut_stiffness

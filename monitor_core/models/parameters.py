@@ -1,4 +1,4 @@
-"""Parameters of the drive models: one vocabulary, and for each family a frozen record of what it needs.
+"""Define the parameters of the drive models: one vocabulary, and the base of the families' records.
 
 The names are those of the model file (FORMATS, section 5) without the unit that ends them there. ``PARAMETERS`` is the
 vocabulary; a family's record picks from it, so that a quantity means the same in every family.
@@ -6,10 +6,15 @@ vocabulary; a family's record picks from it, so that a quantity means the same i
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
-from typing import Self
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from monitor_core.errors import OutsideValidityError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Record = TypeVar("_Record", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +85,12 @@ def fields_by_name(record: type["DriveParameters"]) -> dict[str, str]:
 def transmission_ratio(screw_lead: float) -> float:
     """Return the travel per angle, lead/2π, in m/rad."""
     return screw_lead / (2.0 * math.pi)
+
+
+def scaled_damping(record: _Record, share: float) -> _Record:
+    """Return a record of parameters with a share of each of its dampers and loss factors."""
+    damping = [item.name for item in fields(record) if item.name.endswith(("_damping", "loss_factor"))]
+    return replace(record, **{name: share * getattr(record, name) for name in damping})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What every drive model answers, and under which conditions.
+"""Define what every drive model is asked, under which conditions, and what it answers.
 
 Four published models predict the same axis. They differ in what they neglect, not in what they can be asked: the
 response at a stated point to an excitation at a stated point, and the natural frequencies. Which poles a response has

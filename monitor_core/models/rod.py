@@ -1,4 +1,4 @@
-"""A uniform rod in axial or torsional vibration: receptance, dynamic stiffness, and what it makes of an end.
+"""Compute a uniform rod in axial or torsional vibration: receptance, dynamic stiffness, condensed end stiffness.
 
 Axial and torsional waves obey one equation. Axially the rigidity is E S and the wave runs on E; in torsion it is G J
 and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.
@@ -45,7 +45,7 @@ def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
 
         \lambda = \omega \sqrt{\rho/E}
 
-    Eq. (3) of [1]_.
+    Eq. (3) of Tian et al.
 
     Parameters
     ----------
@@ -65,10 +65,6 @@ def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
     -----
     The paper states λ for axial waves only and uses the symbol in its torsional Eqs. (10)-(11) too; there it must run
     on G, see docs/errata.md.
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     return omega * float(np.sqrt(density / modulus))
 
@@ -98,7 +94,7 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
         \mathbf H = \frac{1}{z} \begin{bmatrix} -\cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & -\cot\lambda l
         \end{bmatrix}, \qquad z = E S \lambda \text{ or } G J \lambda
 
-    Eqs. (1), (2), (10) and (11) of [1]_.
+    Eqs. (1), (2), (10) and (11) of Tian et al.
 
     Parameters
     ----------
@@ -117,10 +113,6 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
     Notes
     -----
     Eqs. (1) and (2) print −cos where −cot is right, see docs/errata.md.
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     waves = rod_waves(rigidity, wave_number, length)
     return _symmetric(-waves.cosine / waves.z_sine, -1.0 / waves.z_sine)

@@ -1,4 +1,4 @@
-"""Health assessment (ISO 13374: HA): the preload feature, its calibration, and newtons with a coverage interval."""
+"""Estimate the preload (ISO 13374: HA): its feature, the calibration, newtons with a coverage interval."""
 
 from monitor_core.preload.budget import VarianceShares, systematic_uncertainty_between
 from monitor_core.preload.calibration import (

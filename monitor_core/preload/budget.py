@@ -1,4 +1,4 @@
-"""Uncertainty budget of the preload feature: what is new in every measurement, and what all of them share."""
+"""Compute the uncertainty budget of the preload feature: errors new in each measurement, and errors all share."""
 
 import math
 from collections.abc import Sequence
@@ -89,8 +89,8 @@ def parameter_gradients(feature: float, conditions: Sequence[Conditions], calibr
     OutsideValidityError
         If a payload is below the reference by more than the moving mass.
     """
-    x = np.array([one.position for one in conditions])
-    payload, temperature = np.array([calibration.excess(one) for one in conditions]).reshape(-1, 2).T
+    x = np.array([stated.position for stated in conditions])
+    payload, temperature = np.array([calibration.excess(stated) for stated in conditions]).reshape(-1, 2).T
     influence = calibration.influence
     at_reference = feature + position_part(x, calibration.coefficients)
     measured = from_reference(at_reference, payload, temperature, influence)

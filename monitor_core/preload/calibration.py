@@ -1,4 +1,4 @@
-"""Calibration of the preload feature: k1…k4 of Eq. (8) with their covariance, and what payload and temperature do.
+"""Records of a calibration: k1…k4 of Eq. (8) with their covariance, and the influence of payload and temperature.
 
 A calibration is a frozen record of all that later estimates rest on: the joint covariance of what was fitted, the
 scatter between measurements, the ranges it holds in, and the excitation source it is valid for.

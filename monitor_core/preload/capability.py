@@ -1,4 +1,4 @@
-"""What a calibration promises before anything is measured: where to look for the mode, and which loss can be seen."""
+"""Predict from a calibration alone where the mode will lie, and which loss of preload can be detected."""
 
 import numpy as np
 from scipy import special

@@ -1,4 +1,4 @@
-"""Drag torque: the second indicator of preload, independent of any natural frequency."""
+"""Estimate the drag torque: the second indicator of preload, independent of any natural frequency."""
 
 import math
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Preload in newtons with a 95 % coverage interval, what the interval is made of, and when the answer is a refusal."""
+"""Estimate the preload in newtons with a 95 % coverage interval and its budget, or refuse to answer."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The preload feature: the axial natural frequency with the table position taken out (ISO 13374: HA).
+"""Compute the preload feature: the axial natural frequency with the table position removed (ISO 13374: HA).
 
 One relation read in three directions: frequency → feature → preload, and back to the frequency a preload would give.
 """
@@ -59,7 +59,7 @@ def preload_feature(
 
         \frac{1}{P^2} = \frac{1}{f_{ax}^2} - k_1 x^2 - k_2 x - k_4 = \frac{k_3}{\sqrt[3]{\mathrm{preload}}}
 
-    Eq. (8) of [1]_. What is left depends on the preload alone.
+    Eq. (8) of Nguyen et al. (2018). What is left depends on the preload alone.
 
     Parameters
     ----------
@@ -89,15 +89,11 @@ def preload_feature(
 
     Examples
     --------
-    Table 2 of [1]_, 100 N at 500 mm, with the regressed k of Table 3:
+    Table 2 of Nguyen et al. (2018), 100 N at 500 mm, with the regressed k of Table 3:
 
     >>> k = PreloadFeatureCoefficients(-4872e-8, 5561e-8, 2097e-8, 1228e-8)
     >>> round(preload_feature(176.052, 0.500, k) * 1e6, 3)
     4.359
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     inverse_square = 1.0 / _positive("axial_frequency", axial_frequency, "Hz") ** 2
     return _like_given(inverse_square - position_part(position, coefficients))

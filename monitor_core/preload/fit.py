@@ -1,4 +1,4 @@
-"""From readings to a calibration: weighted least squares of Eq. (8) with payload and temperature where they vary."""
+"""Fit a calibration to readings: weighted least squares of Eq. (8), with payload and temperature where they vary."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.calibration import (
@@ -15,7 +15,6 @@ from monitor_core.preload.calibration import (
     TEMPERATURE_COEFFICIENT,
     Calibration,
     ModalReading,
-    PositionError,
     ValidRange,
     Weighting,
     declared_influences,
@@ -29,8 +28,10 @@ from monitor_core.preload.influence import (
     InfluenceCoefficients,
     from_reference,
 )
-from monitor_core.preload.prior import CoefficientPrior, fit_with_prior, refuse_other_conditions
-from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
+from monitor_core.preload.position_errors import leave_one_position_out
+from monitor_core.preload.prior import CoefficientPrior, refuse_other_conditions
+from monitor_core.preload.prior_fit import fit_with_prior
+from monitor_core.preload.readings import ReadingColumns, reading_columns, refuse_too_few_settings
 from monitor_core.preload.regression import CoefficientFit, ReadingRows, excess_variance, weighted_least_squares
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
@@ -56,8 +57,8 @@ def calibrate(
         \frac{1}{f^2} = \Bigl(1 + \frac{m - m_0}{M + m_0}\Bigr)
             \Bigl(k_1 x^2 + k_2 x + k_3\,\mathrm{preload}^{-1/3} + k_4 + k_T (T - T_0)\Bigr)
 
-    Eq. (8) of [1]_; the factor is its Eq. (6). The lowest payload is the reference :math:`m_0`, the mean temperature
-    :math:`T_0`.
+    Eq. (8) of Nguyen et al. (2018); the factor is its Eq. (6). The lowest payload is the reference :math:`m_0`, the
+    mean temperature :math:`T_0`.
 
     Parameters
     ----------
@@ -107,12 +108,8 @@ def calibrate(
 
     Examples
     --------
-    Table 2 of [1]_ gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed Table 3 misses
-    it by 1.49 Hz rms (``docs/errata.md``).
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
+    Table 2 of Nguyen et al. (2018) gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed
+    Table 3 misses it by 1.49 Hz rms (``docs/errata.md``).
     """
     weighting = Weighting(weighting)
     columns = reading_columns(readings, weighting)
@@ -179,7 +176,7 @@ def calibrate(
         residual_rms=float(np.sqrt(np.mean(residual**2))),
         residual_max=float(np.max(np.abs(residual))),
         condition_number=fit.condition_number,
-        leave_one_position_out=() if prior is not None else _leave_one_position_out(columns, unloaded, weight, design),
+        leave_one_position_out=() if prior is not None else leave_one_position_out(columns, unloaded, weight, design),
         weighting=weighting,
         n_readings=len(readings),
         position=position,
@@ -243,34 +240,3 @@ def _with_payload(
     covariance = np.insert(np.insert(unloaded.covariance, k, across, axis=0), k, np.insert(across, k, 0.0), axis=1)
     covariance[k, k] = variance + gradient @ across
     return VectorEstimate(np.insert(unloaded.values, k, mean), covariance, unloaded.degrees_of_freedom)
-
-
-def _leave_one_position_out(
-    columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, design: FloatArray
-) -> tuple[PositionError, ...]:
-    """Fit the unloaded readings without one position, and predict that one."""
-    position, preload, y = columns.position[unloaded], columns.preload[unloaded], columns.inverse_square[unloaded]
-    x, w, slope = design[unloaded], weight[unloaded], columns.slope[unloaded]
-    groups = position_groups(position)
-    if len(groups) < 4:
-        return ()
-    errors = []
-    for out in groups:
-        kept = np.setdiff1d(np.arange(position.size), out)
-        if np.unique(preload[kept]).size < 2 or kept.size <= x.shape[1]:
-            continue
-        try:
-            beta = weighted_least_squares(x[kept], y[kept], w[kept]).parameters.values
-        except NotIdentifiableError:  # an influence quantity that was varied at that position only
-            continue
-        miss = y[out] - x[out] @ beta
-        theta = np.cbrt(1.0 / preload[out]) + miss / beta[2]
-        preload_error = theta**-3.0 - preload[out] if np.all(theta > 0.0) else None
-        errors.append(
-            PositionError(
-                position=float(position[out].mean()),
-                frequency_error_rms=float(np.sqrt(np.mean((miss / slope[out]) ** 2))),
-                preload_error_rms=None if preload_error is None else float(np.sqrt(np.mean(preload_error**2))),
-            )
-        )
-    return tuple(errors)

@@ -1,4 +1,4 @@
-"""Influence quantities of the axial frequency: what a payload and a temperature do to 1/f², and how to take it out.
+"""Correct 1/f² for payload and temperature, the influence quantities of the axial frequency.
 
 A mass m on the table lowers the frequency as 1/√(M + m) (Eq. (6) of Nguyen et al., 2018, with M the mass that moves),
 so 1/f² is *multiplied* by 1 + m/M. A temperature changes the compliances behind Eq. (8) a little; to first order a

@@ -1,4 +1,4 @@
-"""The readings of a calibration as columns, refused where they cannot determine Eq. (8)."""
+"""Arrange the readings of a calibration in columns; refuse those that cannot determine Eq. (8)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Least squares with scaled columns, honest covariance and a refusal when the data cannot determine the answer."""
+"""Solve least squares with scaled columns and full covariance; refuse data that cannot determine the answer."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Readers and writers of files, one format each: the only file access in the core (ISO 13374: DA).
+"""Read and write files, one format each: the only file access in the core (ISO 13374: DA).
 
 Nothing is guessed: no default unit, no default sampling rate, no time without a zone. What does not fit is refused with
 one sentence (:class:`monitor_core.errors.RecordingFormatError`): what was expected, what was got, where.

@@ -1,4 +1,4 @@
-"""A calibration as a JSON document, with the unit of every number in its key (the keys of ``preload calibrate``).
+"""Read and write a calibration as a JSON document, with the unit of every number in its key.
 
 Numbers that follow from others (``moving_mass_kg``, ``minimum_detectable_loss_n``) are written for people and scripts
 and not read back; unknown keys are left alone. ``prior`` names what k1…k4 rest on besides the readings; only then may
@@ -27,6 +27,7 @@ from monitor_core.preload.capability import minimum_detectable_loss
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.json_fields import json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.uncertainty import VectorEstimate
 
@@ -62,7 +63,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
     values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
     mass, phase = calibration.moving_mass, calibration.phase_reference
     position, temperature = calibration.position, calibration.temperature
-    dof = calibration.parameters.degrees_of_freedom
+    dof, mass_dof = calibration.parameters.degrees_of_freedom, calibration.moving_mass_dof
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -74,9 +75,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "declared": [_PARAMETER_KEYS[name] for name in calibration.declared],
         "moving_mass_kg": mass.value if mass else None,
         "moving_mass_standard_uncertainty_kg": mass.standard_uncertainty if mass else None,
-        "moving_mass_degrees_of_freedom": calibration.moving_mass_dof
-        if math.isfinite(calibration.moving_mass_dof)
-        else None,
+        "moving_mass_degrees_of_freedom": mass_dof if math.isfinite(mass_dof) else None,
         "reference_payload_kg": calibration.reference_payload,
         "reference_temperature_c": calibration.reference_temperature,
         "residual_rms_hz": calibration.residual_rms,
@@ -132,10 +131,8 @@ def calibration_from_document(document: object, where: str = "calibration") -> C
     RecordingFormatError
         If anything does not fit, in one sentence.
     """
-    top = _fields(document, where)
-    top.exactly("format", FORMAT)
-    if top.number("version", "-") != VERSION:
-        raise RecordingFormatError(f"{where}: expected version {VERSION}; got {top.number('version', '-'):g}")
+    top = json_object(document, where)
+    top.require_format(FORMAT, VERSION)
     try:
         return _calibration(top)
     except RecordingFormatError:
@@ -150,17 +147,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration from a JSON file.
-
-    Parameters
-    ----------
-    path : Path
-        Of a file that :func:`write_calibration` or ``preload calibrate --json`` wrote.
-
-    Returns
-    -------
-    Calibration
-        See :func:`calibration_from_document`.
+    """Read a calibration that :func:`write_calibration` or ``preload calibrate --json`` wrote.
 
     Raises
     ------
@@ -176,7 +163,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _calibration(top: Fields) -> Calibration:
-    coefficients, ranges = _table(top, "coefficients"), _table(top, "valid_range")
+    coefficients, ranges = json_table(top, "coefficients"), json_table(top, "valid_range")
     values = {key: coefficients.number(key, "SI") for key in _COEFFICIENT_KEYS.values()}
     values.update({key: top.number(key, "SI") for key in _INFLUENCE_KEYS.values() if key in top})
     order = _keys(top, "covariance_order")
@@ -195,10 +182,10 @@ def _calibration(top: Fields) -> Calibration:
         ),
         parameter_names=tuple(_PARAMETER_NAMES[key] for key in order),
         declared=tuple(_PARAMETER_NAMES[key] for key in _keys(top, "declared")),
-        reproducibility=_not_negative(top, "reproducibility_hz", "Hz"),
-        residual_sd=_not_negative(top, "residual_sd_hz", "Hz"),
-        residual_rms=None if without_readings else _not_negative(top, "residual_rms_hz", "Hz"),
-        residual_max=None if without_readings else _not_negative(top, "residual_max_hz", "Hz"),
+        reproducibility=top.not_negative("reproducibility_hz", "Hz"),
+        residual_sd=top.not_negative("residual_sd_hz", "Hz"),
+        residual_rms=None if without_readings else top.not_negative("residual_rms_hz", "Hz"),
+        residual_max=None if without_readings else top.not_negative("residual_max_hz", "Hz"),
         condition_number=top.positive("condition_number", "-"),
         leave_one_position_out=_position_errors(top),
         weighting=top.choice("weighting", Weighting),
@@ -207,12 +194,10 @@ def _calibration(top: Fields) -> Calibration:
         preload=_range(ranges, "preload_n", "N"),
         payload=_range(ranges, "payload_kg", "kg"),
         temperature=_range(ranges, "temperature_c", "°C") if "temperature_c" in ranges else None,
-        reference_payload=_not_negative(top, "reference_payload_kg", "kg"),
+        reference_payload=top.not_negative("reference_payload_kg", "kg"),
         reference_temperature=top.optional_number("reference_temperature_c", "°C"),
-        excitation_source=top.choice("excitation_source", ExcitationSource) if "excitation_source" in top else None,
-        excitation_quantity=(
-            top.choice("excitation_quantity", ExcitationQuantity) if "excitation_quantity" in top else None
-        ),
+        excitation_source=top.optional_choice("excitation_source", ExcitationSource),
+        excitation_quantity=top.optional_choice("excitation_quantity", ExcitationQuantity),
         maximum_modes=int(top.positive("maximum_modes", "-")),
         phase_reference=_phase_reference(top),
         moving_mass_dof=top.optional_number("moving_mass_degrees_of_freedom", "-") or math.inf,
@@ -222,26 +207,8 @@ def _calibration(top: Fields) -> Calibration:
     )
 
 
-def _fields(value: object, where: str) -> Fields:
-    """Return the keys of a JSON object; null means the same as a key that is not there."""
-    if not isinstance(value, dict):
-        raise RecordingFormatError(f"{where}: expected a JSON object; got {type(value).__name__}")
-    return Fields({key: entry for key, entry in value.items() if entry is not None}, where)
-
-
-def _table(fields: Fields, name: str) -> Fields:
-    return _fields(fields.values.get(name), f"{fields.where}, {name}")
-
-
-def _list(fields: Fields, name: str) -> list[object]:
-    value = fields.values.get(name)
-    if not isinstance(value, list):
-        raise RecordingFormatError(f"{fields.where}, {name}: expected a list; got {type(value).__name__}")
-    return value
-
-
 def _keys(fields: Fields, name: str) -> list[str]:
-    keys = [str(key) for key in _list(fields, name)]
+    keys = [str(key) for key in json_list(fields, name)]
     if unknown := [key for key in keys if key not in _PARAMETER_NAMES]:
         raise RecordingFormatError(
             f"{fields.where}, {name}: expected some of {', '.join(_PARAMETER_NAMES)}; got {unknown[0]!r}"
@@ -249,17 +216,11 @@ def _keys(fields: Fields, name: str) -> list[str]:
     return keys
 
 
-def _numbers(values: object, n: int, place: str) -> list[float]:
-    if not isinstance(values, list) or len(values) != n:
-        raise RecordingFormatError(f"{place}: expected a list of {n} numbers; got {values!r:.60}")
-    return [Fields({"item": value}, place).number("item", "SI") for value in values]
-
-
 def _covariance(fields: Fields, n: int) -> FloatArray:
-    rows, place = _list(fields, "covariance"), f"{fields.where}, covariance"
+    rows, place = json_list(fields, "covariance"), f"{fields.where}, covariance"
     if len(rows) != n:
         raise RecordingFormatError(f"{place}: expected {n} rows as in covariance_order; got {len(rows)}")
-    matrix = np.array([_numbers(row, n, place) for row in rows])
+    matrix = np.array([json_numbers(row, n, place) for row in rows])
     scale = np.sqrt(np.abs(np.diag(matrix)))
     normal = matrix / np.where(scale > 0.0, scale, 1.0) / np.where(scale > 0.0, scale, 1.0)[:, np.newaxis]
     # rounding of a nearly dependent fit leaves eigenvalues a little below zero
@@ -269,26 +230,19 @@ def _covariance(fields: Fields, n: int) -> FloatArray:
 
 
 def _range(fields: Fields, name: str, unit: str) -> ValidRange:
-    lower, upper = _numbers(_list(fields, name), 2, f"{fields.where}, {name}")
+    lower, upper = json_numbers(json_list(fields, name), 2, f"{fields.where}, {name}")
     if lower > upper:
         raise RecordingFormatError(f"{fields.where}, {name}: expected [lower, upper]; got [{lower}, {upper}] {unit}")
     return ValidRange(lower, upper)
 
 
-def _not_negative(fields: Fields, name: str, unit: str) -> float:
-    value = fields.number(name, unit)
-    if value < 0.0:
-        raise RecordingFormatError(f"{fields.where}, {name}: must not be negative; got {value} {unit}")
-    return value
-
-
 def _position_errors(top: Fields) -> tuple[PositionError, ...]:
     name = "leave_one_position_out"
-    entries = [_fields(value, f"{top.where}, {name}") for value in _list(top, name)]
+    entries = [json_object(value, f"{top.where}, {name}") for value in json_list(top, name)]
     return tuple(
         PositionError(
             metres(entry.number("position_mm", "mm")),
-            _not_negative(entry, "frequency_error_rms_hz", "Hz"),
+            entry.not_negative("frequency_error_rms_hz", "Hz"),
             entry.optional_number("preload_error_rms_n", "N"),
         )
         for entry in entries
@@ -298,5 +252,5 @@ def _position_errors(top: Fields) -> tuple[PositionError, ...]:
 def _phase_reference(top: Fields) -> PhaseReference | None:
     if "phase_reference" not in top:
         return None
-    fields = _table(top, "phase_reference")
+    fields = json_table(top, "phase_reference")
     return PhaseReference(int(fields.number("polarity", "-")), fields.number("delay_s", "s"))

@@ -1,4 +1,4 @@
-"""Is this file what it should be? Recognises every format by its content and reads it to the end."""
+"""Check a file: recognise its format by its content and read it to the end."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -70,10 +70,6 @@ def check_file(path: Path) -> FileReport:
 
 def format_of(path: Path) -> str:
     """Recognise a file by its content without reading all of it.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

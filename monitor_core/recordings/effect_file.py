@@ -1,4 +1,4 @@
-"""Effects of a user's own: a Python file that defines ``EFFECTS``.
+"""Read effects that a user defines: a Python file with ``EFFECTS``.
 
 .. code-block:: python
 
@@ -36,10 +36,6 @@ from monitor_core.recordings.elements.files import read_text, refusing
 
 def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
     """Run a Python file and return the effects that it defines; the module's text shows one.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

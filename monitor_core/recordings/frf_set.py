@@ -1,4 +1,4 @@
-"""Measured frequency responses of one axis under several conditions, ``*.frf.h5``.
+"""Read and write measured frequency responses of one axis under several conditions, ``*.frf.h5``.
 
 Root attributes ``format`` = "preload-frf-set", ``version`` = 1. Each group ``/conditions/NNNN`` holds one response with
 the noise of its lines (datasets ``frequency_hz``, ``response``, ``standard_deviation``) and the conditions it was
@@ -7,55 +7,25 @@ imply the unit of the response, so a wrong one is refused, never converted. Attr
 alone.
 """
 
-import math
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
-from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import refusing
-from monitor_core.recordings.elements.hdf5 import attributes, column, member, open_hdf5, values_of
-from monitor_core.recordings.elements.response_units import excitation_unit, is_response_unit, response_unit
-from monitor_core.recordings.elements.units import metres, to_millimetres
+from monitor_core.recordings.elements.hdf5 import attributes, numbered_groups, open_hdf5
+from monitor_core.recordings.frf_condition import TEMPERATURES, MeasuredResponse, read_condition, write_condition
 
 if TYPE_CHECKING:
     import h5py
 
 FORMAT = "preload-frf-set"
 VERSION = 1
-_ABSOLUTE_ZERO = -273.15  # [°C]
-_REAL = ("float64", "float32", "int64", "int32")  # frequencies are often whole numbers
-_COMPLEX = ("complex128",)
 _ROOT_ATTRIBUTES = frozenset(("format", "version"))
-_TEMPERATURES = frozenset(("temperature_c", "temperature_delta_c"))
-_LEVELS = {"N.m": "excitation_rms_nm", "N": "excitation_rms_n"}  # attribute of the excitation level, by its unit
-_KNOWN_ATTRIBUTES = _TEMPERATURES.union(
-    _LEVELS.values(), ("input", "output", "response_unit", "position_mm", "preload_n", "payload_kg", "resolution_hz")
-)
-_CONDITION_NAME = re.compile(r"\d{4,}", re.ASCII)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredResponse:
-    """One condition of a set: the observation, and the temperature as stated beside its deviation."""
-
-    observation: FrequencyResponseObservation
-    temperature: float | None = None  # of the axis [°C]; None: not stated
-
-    def __post_init__(self) -> None:
-        if self.temperature is not None and not _ABSOLUTE_ZERO < self.temperature < math.inf:
-            raise OutsideValidityError(
-                f"temperature must lie above {_ABSOLUTE_ZERO} °C and be finite; got {self.temperature} °C"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +37,7 @@ class FrequencyResponseSet:
     @property
     def observations(self) -> tuple[FrequencyResponseObservation, ...]:
         """What an identification takes."""
-        return tuple(one.observation for one in self.measured)
+        return tuple(measured.observation for measured in self.measured)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +53,7 @@ class FrequencyResponseSetReader:
         """Read one condition by the name of its group."""
         where = f"{self._where} /conditions/{condition}"
         with refusing(where, "a readable frequency response"):
-            return _read_condition(self._group[condition], where, self._reference)
+            return read_condition(self._group[condition], where, self._reference)
 
 
 @contextmanager
@@ -156,22 +126,14 @@ def write_frf_set(path: Path, responses: FrequencyResponseSet) -> None:
     with h5py.File(path, "w") as file:
         file.attrs.update({"format": FORMAT, "version": VERSION})
         conditions = file.create_group("conditions")
-        for number, one in enumerate(responses.measured):
-            _write_condition(conditions.create_group(f"{number:04d}"), one)
+        for number, measured in enumerate(responses.measured):
+            write_condition(conditions.create_group(f"{number:04d}"), measured)
 
 
 def _set_reader(file: "h5py.File", where: str) -> FrequencyResponseSetReader:
     root = attributes(file, _ROOT_ATTRIBUTES, f"{where} /")
-    root.exactly("format", FORMAT)
-    if (version := root.number("version", "-")) != VERSION:
-        raise RecordingFormatError(f"{where} /, version: expected {VERSION}; got {version:g}")
-    conditions = member(file, "conditions", "Group", f"{where} /conditions")
-    temperatures = {}
-    for name in sorted(conditions, key=lambda n: (len(n), n)):
-        place = f"{where} /conditions/{name}"
-        if not _CONDITION_NAME.fullmatch(name):
-            raise RecordingFormatError(f"{place}: expected a group named by at least four digits; got {name!r}")
-        temperatures[name] = attributes(member(conditions, name, "Group", place), _TEMPERATURES, place)
+    root.require_format(FORMAT, VERSION)
+    conditions, temperatures = numbered_groups(file, "conditions", 4, TEMPERATURES, where)
     if not temperatures:
         raise RecordingFormatError(f"{where}: expected at least one condition; got none")
     return FrequencyResponseSetReader(tuple(temperatures), conditions, where, _reference_temperature(temperatures))
@@ -195,89 +157,3 @@ def _reference_temperature(temperatures: Mapping[str, Fields]) -> float | None:
             "missing"
         )
     return sum(values) / len(values)
-
-
-def _read_condition(group: "h5py.Group", where: str, reference: float | None) -> MeasuredResponse:
-    fields = attributes(group, _KNOWN_ATTRIBUTES, where)
-    excitation = fields.choice("input", ExcitationPoint)
-    response_point = fields.choice("output", ResponsePoint)
-    if not is_response_unit(unit := fields.text("response_unit"), excitation, response_point):
-        raise RecordingFormatError(
-            f"{where}, response_unit: expected {response_unit(excitation, response_point)!r} for {response_point} per "
-            f"{excitation}; got {unit!r}"
-        )
-    frequency, response, deviation = _read_lines(group, where)
-    try:
-        observation = FrequencyResponseObservation(
-            _conditions(fields, excitation_unit(excitation), reference),
-            frequency,
-            response,
-            deviation,
-            excitation,
-            response_point,
-            fields.optional_number("resolution_hz", "Hz") or 0.0,
-        )
-        return MeasuredResponse(observation, fields.optional_number("temperature_c", "°C"))
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{where}: {error}") from error
-
-
-def _conditions(fields: Fields, unit: str, reference: float | None) -> DriveConditions:
-    level = _LEVELS[unit]
-    for other in set(_LEVELS.values()) - {level}:
-        if other in fields:
-            raise RecordingFormatError(f"{fields.where}: expected {level} for an input in {unit}; got {other}")
-    if reference is None:
-        deviation = fields.optional_number("temperature_delta_c", "K") or 0.0
-    else:
-        deviation = fields.number("temperature_c", "°C") - reference
-    return DriveConditions(
-        position=metres(fields.number("position_mm", "mm")),
-        preload=fields.optional_number("preload_n", "N"),
-        payload_mass=fields.optional_number("payload_kg", "kg") or 0.0,
-        temperature_deviation=deviation,
-        excitation_level=fields.optional_number(level, unit) or 0.0,
-    )
-
-
-def _read_lines(group: "h5py.Group", where: str) -> tuple[FloatArray, ComplexArray, FloatArray]:
-    names = {"frequency_hz": _REAL, "response": _COMPLEX, "standard_deviation": _REAL}
-    columns = [column(group, name, where, types) for name, types in names.items()]
-    if len({one.size for one in columns}) != 1:  # before any of them takes memory
-        sizes = ", ".join(f"{one.size} in {name}" for name, one in zip(names, columns, strict=True))
-        raise RecordingFormatError(f"{where}: expected as many values in each dataset; got {sizes}")
-    frequency, deviation = (np.asarray(values_of(one), dtype=np.float64) for one in columns[::2])
-    response = np.asarray(values_of(columns[1]), dtype=np.complex128)
-    _require(np.isfinite(frequency) & (frequency > 0.0), frequency, "positive, finite frequencies [Hz]", where)
-    _require(np.diff(frequency, prepend=0.0) > 0.0, frequency, "rising frequencies [Hz]", where)
-    _require(np.isfinite(response), response, "a finite response", where)
-    _require(np.isfinite(deviation) & (deviation > 0.0), deviation, "positive, finite standard deviations", where)
-    return frequency, response, deviation
-
-
-def _require(fits: BoolArray, values: FloatArray | ComplexArray, expected: str, where: str) -> None:
-    """Refuse a column by its first value that does not fit."""
-    if not fits.all():
-        first = int(np.argmin(fits))
-        raise RecordingFormatError(f"{where}: expected {expected}; value {first + 1} of {fits.size} is {values[first]}")
-
-
-def _write_condition(group: "h5py.Group", measured: MeasuredResponse) -> None:
-    one = measured.observation
-    group["frequency_hz"] = one.frequency
-    group["response"] = one.response
-    group["standard_deviation"] = one.standard_deviation
-    conditions = one.conditions
-    stated = {
-        "input": str(one.excitation),
-        "output": str(one.response_point),
-        "response_unit": response_unit(one.excitation, one.response_point),
-        "position_mm": to_millimetres(conditions.position),
-        "preload_n": conditions.preload,
-        "payload_kg": conditions.payload_mass,
-        "temperature_c": measured.temperature,
-        "temperature_delta_c": conditions.temperature_deviation,
-        _LEVELS[excitation_unit(one.excitation)]: conditions.excitation_level or None,  # 0: small signals, no level
-        "resolution_hz": one.resolution or None,
-    }
-    group.attrs.update({name: value for name, value in stated.items() if value is not None})

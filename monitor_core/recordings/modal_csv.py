@@ -1,4 +1,4 @@
-"""Modal table, CSV: one row per measured natural frequency.
+"""Read and write a modal table, CSV: one row per measured natural frequency.
 
 Required columns ``position_mm,frequency_hz``; optional ones are listed in :data:`COLUMNS`, and an empty optional cell
 means *not stated*. Other columns are allowed and left out, except those that look like one of ours without its unit or

@@ -1,4 +1,4 @@
-"""Drive model as a TOML file: the family, its parameters by names with units, what a fit may adjust, added effects.
+"""Read and write a drive model, TOML: family, parameters with units, what a fit may adjust, added effects.
 
 .. code-block:: toml
 

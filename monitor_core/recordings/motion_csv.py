@@ -1,4 +1,4 @@
-"""Motion record, CSV: ``time_s,position_m,force_n`` (or ``torque_nm``) and optionally ``reference_m``.
+"""Read and write a motion record, CSV: ``time_s,position_m,force_n`` (or ``torque_nm``), optionally ``reference_m``.
 
 Sampling is uniform: the rate is that of the first and the last time, and no sample is missing between them.
 Other columns are allowed and left out. Decimals carry a point; the text is UTF-8.

@@ -1,4 +1,4 @@
-"""Recorded sessions, ``*.session.h5``: read window by window, write reproducibly.
+"""Read and write recorded sessions, ``*.session.h5``: window by window, the same bytes every time.
 
 Root attributes ``format`` = "preload-session", ``version`` = 1, ``axis_id``; optional ``description``, ``created``.
 Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes and their units are those of
@@ -6,7 +6,6 @@ Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes a
 are left alone. A window without ``measurement`` is a measurement of its own, named by its group.
 """
 
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +21,14 @@ from monitor_core.errors import InvalidWindowError, RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import refusing
-from monitor_core.recordings.elements.hdf5 import attributes, column, member, open_hdf5, values_of
+from monitor_core.recordings.elements.hdf5 import (
+    attributes,
+    column,
+    numbered_groups,
+    open_hdf5,
+    values_of,
+    write_attributes,
+)
 from monitor_core.recordings.elements.timestamps import format_instant
 from monitor_core.recordings.elements.units import metres, to_millimetres
 
@@ -41,7 +47,6 @@ _KNOWN_ATTRIBUTES = frozenset((
     "preload_n",
 ))  # fmt: skip
 _SAMPLES = ("float32", "float64")
-_WINDOW_NAME = re.compile(r"\d{6,}", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,18 +158,12 @@ def write_session(path: Path, session: Session) -> None:
 
 def _session_reader(file: "h5py.File", where: str) -> SessionReader:
     root = attributes(file, _KNOWN_ATTRIBUTES, f"{where} /")
-    root.exactly("format", FORMAT)
-    if (version := root.number("version", "-")) != VERSION:
-        raise RecordingFormatError(f"{where} /, version: expected {VERSION}; got {version:g}")
-    windows = member(file, "windows", "Group", f"{where} /windows")
-    measurement_of, starts = {}, []
-    for name in sorted(windows, key=lambda n: (len(n), n)):
-        place = f"{where} /windows/{name}"
-        if not _WINDOW_NAME.fullmatch(name):
-            raise RecordingFormatError(f"{place}: expected a group named by six digits; got {name!r}")
-        fields = attributes(member(windows, name, "Group", place), _KNOWN_ATTRIBUTES, place)
-        measurement_of[name] = fields.text("measurement") if "measurement" in fields else name
-        starts.append(fields.instant("started_at"))
+    root.require_format(FORMAT, VERSION)
+    windows, stated = numbered_groups(file, "windows", 6, _KNOWN_ATTRIBUTES, where)
+    measurement_of = {
+        name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()
+    }
+    starts = [fields.instant("started_at") for fields in stated.values()]
     axis_id = root.text("axis_id")
     _require_content(axis_id, starts, where)
     return SessionReader(
@@ -212,7 +211,7 @@ def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
             measurement=fields.text("measurement") if "measurement" in fields else name,
             excitation_quantity=quantity,
             excitation_source=fields.choice("excitation_source", ExcitationSource),
-            direction=fields.choice("direction", Direction) if "direction" in fields else Direction.BOTH,
+            direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
             position_span=_position_span(fields, trace),
             position_trace=None if trace is None else trace.astype(np.float64),
         )
@@ -252,4 +251,4 @@ def _write_window(group: "h5py.Group", window: Window) -> None:
         "temperature_c": conditions.temperature,
         "preload_n": conditions.preload,
     }
-    group.attrs.update({name: value for name, value in stated.items() if value is not None})
+    write_attributes(group, stated)

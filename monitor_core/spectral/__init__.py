@@ -1,4 +1,4 @@
-"""Spectra, frequency responses and coherence of windows (ISO 13374: DM, data manipulation)."""
+"""Compute spectra, frequency responses and coherence of windows (ISO 13374: DM, data manipulation)."""
 
 from monitor_core.spectral.coherence import (
     band_average,

@@ -1,4 +1,4 @@
-"""What an estimated coherence is worth: bias, significance, random errors, independent averages."""
+"""Judge an estimated coherence: its bias, significance, random errors and independent averages."""
 
 import numpy as np
 

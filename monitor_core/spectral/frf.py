@@ -1,4 +1,4 @@
-"""Frequency response and ordinary coherence from averaged spectra."""
+"""Estimate frequency response and ordinary coherence from averaged spectra."""
 
 from dataclasses import dataclass
 from typing import Literal, assert_never

@@ -1,4 +1,4 @@
-"""What Hann windows of a known excitation show of a response: a weighted sum of it beside each line."""
+"""Predict what Hann windows of a known excitation show of a response: a weighted sum over neighbouring lines."""
 
 import numpy as np
 import numpy.typing as npt

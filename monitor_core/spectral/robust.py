@@ -1,4 +1,4 @@
-"""A first look at windows that a few bad ones among them cannot spoil."""
+"""Compare windows with their median response, which a few bad windows cannot spoil."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Raw spectra of windows in a frequency band, and the Hann taper applied to them in the frequency domain."""
+"""Compute raw spectra of windows in a band, and apply the Hann taper in the frequency domain."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Trend and state of an axis: baseline, intervals, charts with stated run lengths, detector (ISO 13374: SD)."""
+"""Judge the trend and state of an axis: baseline, intervals, charts, detector (ISO 13374: SD)."""
 
 from monitor_core.trend.baseline import Baseline, Observation, learn_baseline
 from monitor_core.trend.design import DetectorDesign, DetectorSettings, LossDirection, design_detector

@@ -1,4 +1,4 @@
-"""What a healthy axis looks like: the baseline that later measurements are judged against."""
+"""Learn the baseline of a healthy axis, against which later measurements are judged."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Control charts as pure step functions: EWMA, CUSUM, Shewhart.
+"""Step control charts as pure functions: EWMA, CUSUM, Shewhart.
 
 Every chart takes the standardised residual of one measurement, counted **positive towards loss**, and its own previous
 value, and gives its new value. Limits and run lengths are in :mod:`monitor_core.trend.run_length`.

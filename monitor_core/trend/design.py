@@ -1,4 +1,4 @@
-"""From a wanted false-alarm rate to the limits of the charts, honest about the baseline being an estimate."""
+"""Choose the limits of the charts for a wanted false-alarm rate, given that the baseline is an estimate."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""From measurement to measurement: the state of an axis, unknown to alarm (ISO 13374: SD).
+"""Step the state of an axis from measurement to measurement, from unknown to alarm (ISO 13374: SD).
 
 The detector is one pure function, :func:`step`. It never learns a new baseline by itself: a person does, with
 :func:`reset`, or by a new calibration, which starts from a new :class:`monitor_core.trend.state.DetectorState`.

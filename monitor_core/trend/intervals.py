@@ -1,4 +1,4 @@
-"""Intervals of repeated readings: where the mean lies, where the next one will, where most of them do."""
+"""Compute intervals of repeated readings: of their mean, of the next reading, of the population."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
 
         \bar x \pm t^* \, s / \sqrt n
 
-    Eq. (10) of [1]_.
+    Eq. (10) of Nguyen et al. (2018).
 
     Parameters
     ----------
@@ -50,10 +50,6 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
     >>> readings = np.array([-1.0, 1.0] * 10) * math.sqrt(19.0)
     >>> round(confidence_interval_of_mean(readings).upper, 3)
     2.093
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     mean, scatter, n = _moments(readings)
     half = _student_t(n - 1, level) * scatter / math.sqrt(n)
@@ -206,7 +202,7 @@ def paper_rule(
 ) -> PaperRule:
     """Tell two preload levels apart as the paper does: their 95 % intervals of the mean must not overlap.
 
-    Section 4 and Fig. 8 of [1]_, with n = 20 readings in each group.
+    Section 4 and Fig. 8 of Nguyen et al. (2018), with n = 20 readings in each group.
 
     Parameters
     ----------
@@ -231,10 +227,6 @@ def paper_rule(
     -----
     This is what people see, not an alarm: the readings of a session share the scatter from day to day, so that groups
     of one and the same preload are told apart far more often than in 5 % of all cases.
-
-    References
-    ----------
-    .. [1] T. L. Nguyen et al., J. Korean Soc. Precis. Eng., 2018.
     """
     return PaperRule(
         confidence_interval_of_mean(baseline_readings, level), confidence_interval_of_mean(current_readings, level)

@@ -1,4 +1,4 @@
-"""How many measurements a chart runs before it signals, on average, and the limits that follow from it.
+"""Compute the average run length of control charts.
 
 All functions take the true distribution of the residual as the chart sees it, N(shift, scale²), counted positive
 towards loss. ``shift`` and ``scale`` may be arrays: on an *estimated* baseline even a healthy axis shows a shift and a

@@ -1,4 +1,4 @@
-"""What the detector remembers of an axis, and what it says about it."""
+"""Records of the detector: what it remembers of an axis, and what it reports."""
 
 import math
 from dataclasses import dataclass

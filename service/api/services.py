@@ -1,4 +1,4 @@
-"""What the routers work with: the operations of one application, and how a route gets them."""
+"""Give the routers the operations of one application."""
 
 from dataclasses import dataclass
 from typing import cast

@@ -109,7 +109,7 @@ def _wait_for_causes(client: Client, axis: str) -> None:
     until = time.monotonic() + LONGEST_WAIT_S
     while time.monotonic() < until:
         jobs = client.get("/v1/jobs", axis=axis)["jobs"]
-        if all(one["status"] not in ("queued", "running") for one in jobs):
+        if all(job["status"] not in ("queued", "running") for job in jobs):
             return
         time.sleep(0.2)
 

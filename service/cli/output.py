@@ -1,4 +1,4 @@
-"""How commands print: JSON for programs, tables for people, progress on standard error."""
+"""Print results: JSON for programs, tables for people, progress on standard error."""
 
 import json
 from collections.abc import Mapping, Sequence

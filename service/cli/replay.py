@@ -61,7 +61,7 @@ def post_session(reader: SessionReader, client: Client, axis: str, speed: float 
             windows_posted["windows_already_there"] += answer["already_there"]
             judged += answer["measurements"]
             progress.advance(task, len(windows))
-    return Posted(windows_posted, len(judged), Counter(one["reason"] for one in judged if one["refused"]))
+    return Posted(windows_posted, len(judged), Counter(outcome["reason"] for outcome in judged if outcome["refused"]))
 
 
 def _sentence(posted: Posted) -> str:

@@ -1,1 +1,1 @@
-"""Everything that is kept: tables, one repository per resource, raw waveforms. All SQL of the service is here."""
+"""Store everything that is kept: tables, one repository per resource, raw waveforms. All SQL of the service is here."""

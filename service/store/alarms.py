@@ -1,4 +1,4 @@
-"""Rows of alarms and their changes."""
+"""Query alarms and their changes."""
 
 from collections.abc import Sequence
 

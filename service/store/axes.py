@@ -1,4 +1,4 @@
-"""Rows of axes."""
+"""Query axes."""
 
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session

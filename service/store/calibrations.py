@@ -1,4 +1,4 @@
-"""Rows of calibrations and of which was in force when."""
+"""Query calibrations, and which was in force when."""
 
 from sqlalchemy import Connection, select
 from sqlalchemy.orm import Session

@@ -1,4 +1,4 @@
-"""The connection: SQLite in WAL mode by default, PostgreSQL by URL; migrations at start."""
+"""Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL; migrate at start."""
 
 import sqlite3
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a window's way through the service reads and writes: plain records, one statement each.
+"""Read and write what one posted window needs: plain records, one statement each.
 
 The other repositories work with mapped rows. Here, where every window passes, looking after mapped rows would take
 several times as long as the statements themselves. What a single window needs is prepared as well.

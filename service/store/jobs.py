@@ -1,4 +1,4 @@
-"""Rows of jobs."""
+"""Query jobs."""
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session

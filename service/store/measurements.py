@@ -1,4 +1,4 @@
-"""Rows of measurements and their windows."""
+"""Query measurements and their windows."""
 
 from datetime import datetime
 

@@ -1,4 +1,4 @@
-"""Statements that every window needs: SQLAlchemy writes them once for the database in use, then its driver runs them.
+"""Prepare the statements that every window needs: SQLAlchemy writes them once, then the driver runs them.
 
 SQLAlchemy's own way to run a statement takes several times as long as a small database takes to answer it. Errors are
 those of the driver, which :mod:`service.store.database` turns into the service's like those of SQLAlchemy.

@@ -1,4 +1,4 @@
-"""Reports of jobs as files: ``reports/<job>.html``, whole or not there at all."""
+"""Store the reports of jobs as files ``reports/<job>.html``, written whole or not at all."""
 
 from pathlib import Path
 

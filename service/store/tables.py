@@ -1,4 +1,4 @@
-"""Tables. Every column that holds a quantity carries its unit in its name."""
+"""Define the tables. Every column that holds a quantity carries its unit in its name."""
 
 from datetime import UTC, datetime
 from typing import Any

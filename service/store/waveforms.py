@@ -1,4 +1,4 @@
-"""Raw waveforms as files: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``; each window is checked by SHA-256 when read.
+"""Store raw waveforms: ``raw/YYYY/MM/DD/<axis>/<id>.windows.zst``; each window is checked by SHA-256 when read.
 
 A file takes the windows of an axis that arrive on one day, request after request: each adds a zstd frame around
 MessagePack, so that a file can be read without this program. A frame is on disk before the rows that name it are
@@ -17,12 +17,20 @@ from datetime import UTC, datetime
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Self
 
 import zstandard
 
 from monitor_core.recording import Window
 from service.errors import StorageError, WaveformDamagedError
+from service.store.waveform_files import (
+    give_back_cache,
+    make_folder,
+    read_frame,
+    storage_errors,
+    sync_folder,
+    write_all,
+)
 from service.store.window_format import content_sha256, pack_windows, size_of, unpack_windows
 
 #: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
@@ -71,7 +79,6 @@ class Writing:
         self._kept = True
 
     def __enter__(self) -> Self:
-        """Return this."""
         return self
 
     def __exit__(
@@ -120,15 +127,15 @@ class WaveformStore:
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system, which begins to write them."""
         content = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(pack_windows(windows))
-        with _storage_errors():
+        with storage_errors():
             path, file = self._open(axis_id, f"raw/{received_at.astimezone(UTC):%Y/%m/%d}/{axis_id}")
         offset = file.tell()
         places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
         frame = _Frame(axis_id, path, file, offset, places)
         try:
             with self._given_up_where_it_fails(frame):
-                _write_all(file, content)
-                _give_back_cache(file)
+                write_all(file, content)
+                give_back_cache(file)
         except StorageError:
             self.take_back(frame)
             raise
@@ -145,7 +152,7 @@ class WaveformStore:
                     return path, file
                 file.close()
         path = f"{folder}/{uuid.uuid4().hex}.windows.zst"
-        _make_folder(self._root / folder)
+        make_folder(self._root / folder)
         file = FileIO(f"{self._root}/{path}", "x")
         self._growing[axis_id] = path
         return path, file
@@ -154,14 +161,14 @@ class WaveformStore:
         """Wait until a frame is on disk."""
         with self._given_up_where_it_fails(frame):
             os.fsync(frame.file.fileno())
-            _give_back_cache(frame.file)
+            give_back_cache(frame.file)
             if not frame.offset:
-                _sync_folder((self._root / frame.path).parent)
+                sync_folder((self._root / frame.path).parent)
 
     @contextmanager
     def _given_up_where_it_fails(self, frame: "_Frame") -> Iterator[None]:
         try:
-            with _storage_errors():
+            with storage_errors():
                 yield
         except StorageError:
             self._growing.pop(frame.axis_id, None)  # nobody knows what the file holds from here on
@@ -199,30 +206,11 @@ class WaveformStore:
 
     def _read_frame(self, path: str, offset: int) -> Sequence[Window]:
         try:
-            with (self._root / path).open("rb") as file:
-                file.seek(offset)
-                return unpack_windows(_one_frame(file))
+            return unpack_windows(read_frame(self._root / path, offset))
         except OSError as error:
             raise WaveformDamagedError(f"the waveform file {path} cannot be read: {error.strerror}") from error
         except (zstandard.ZstdError, ValueError, KeyError, TypeError) as error:
             raise WaveformDamagedError(f"the waveform file {path} is damaged: {error}") from error
-
-
-def _one_frame(file: BinaryIO) -> bytes:
-    reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
-    while not reader.eof and (chunk := file.read(2**16)):
-        content += reader.decompress(chunk)
-    return bytes(content)
-
-
-@contextmanager
-def _storage_errors() -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise StorageError(
-            f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
-        ) from error
 
 
 def _checked(windows: Sequence[Window], place: WaveformPlace) -> Window:
@@ -270,34 +258,3 @@ class _RecentWindows:
         """Let the windows of a frame go."""
         with self._guard:
             self._bytes -= size_of(self._frames.pop(frame, ()))
-
-
-def _write_all(file: FileIO, content: bytes) -> None:
-    rest = memoryview(content)
-    while rest:
-        rest = rest[file.write(rest) :]
-
-
-def _give_back_cache(file: FileIO) -> None:
-    # Nobody reads a waveform soon after it was written (the store remembers it). The system begins to write what it is
-    # told will not be wanted, so that there is less to wait for later; and the next file takes the same pages of its
-    # cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
-    if hasattr(os, "posix_fadvise"):
-        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-
-
-def _make_folder(folder: Path) -> None:
-    if folder.is_dir():
-        return
-    _make_folder(folder.parent)
-    folder.mkdir(exist_ok=True)
-    _sync_folder(folder.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    # A new name is durable only when its folder is.
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

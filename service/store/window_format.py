@@ -1,4 +1,4 @@
-"""A window as bytes: MessagePack, so that it can be read without this program, and the hash of what it says."""
+"""Convert a window to bytes and back: MessagePack, readable without this program, with the hash of its content."""
 
 import hashlib
 from collections.abc import Iterable, Sequence

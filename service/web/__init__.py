@@ -1,1 +1,1 @@
-"""Server-rendered pages. Everything they load comes from this package; there is no build step."""
+"""Serve pages rendered on the server. Everything they load comes from this package; there is no build step."""

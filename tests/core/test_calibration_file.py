@@ -106,7 +106,7 @@ def _without(key: str) -> Callable[[dict[str, Any]], object]:
     [
         (lambda d: [d], "expected a JSON object; got list"),
         (lambda d: d | {"format": "preload-session"}, "format: expected 'preload-calibration'"),
-        (lambda d: d | {"version": 2}, "expected version 1; got 2"),
+        (lambda d: d | {"version": 2}, "version: expected 1; got 2"),
         (_without("coefficients"), "coefficients: expected a JSON object"),
         (lambda d: d | {"coefficients": d["coefficients"] | {"k3_s2_n13": "big"}}, "k3_s2_n13: expected a number"),
         (_without("reproducibility_hz"), "reproducibility_hz: expected a number"),

@@ -98,7 +98,9 @@ def test_damaged_files_are_read_or_refused(tmp_path, case):
 
 def _read_all(reader: str, folder: Path) -> None:
     module, _, function = reader.partition(".")
-    read = getattr(importlib.import_module(f"monitor_core.recordings.{module}"), function)
+    raw = module in ("npz", "mat", "tdms", "uff58", "csv_samples", "channel_map")
+    package = "monitor_core.recordings.raw" if raw else "monitor_core.recordings"
+    read = getattr(importlib.import_module(f"{package}.{module}"), function)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     outcome = {"read": 0, "refused": 0, "slowest_s": 0.0, "lines": 0}
     for path in sorted(folder.iterdir()):

@@ -327,7 +327,7 @@ WRONG_STRUCTURE = {
     "no condition": (
         lambda f: [f["conditions"].pop(n) for n in list(f["conditions"])], "at least one condition; got none",
     ),
-    "named otherwise": (lambda f: f["conditions"].move("0001", "second"), "at least four digits; got 'second'"),
+    "named otherwise": (lambda f: f["conditions"].move("0001", "second"), "at least 4 digits; got 'second'"),
     "a dataset for a condition": (
         lambda f: f["conditions"].create_dataset("0002", data=[1.0]), "0002: expected a group; got a dataset",
     ),

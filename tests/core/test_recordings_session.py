@@ -270,7 +270,7 @@ def _response(file, **dataset):
 WRONG_STRUCTURE = {
     "no windows group": (lambda f: f.pop("windows"), "/windows: expected a group; it is missing"),
     "no window": (lambda f: [f["windows"].pop(n) for n in list(f["windows"])], "at least one window; got none"),
-    "a window named otherwise": (lambda f: f["windows"].move("000001", "second"), "named by six digits; got 'second'"),
+    "a window named otherwise": (lambda f: f["windows"].move("000001", "second"), "at least 6 digits; got 'second'"),
     "a dataset for a window": (lambda f: f["windows"].create_dataset("000002", data=[1.0]), "a group; got a dataset"),
     "no response": (lambda f: f[SECOND].pop("response"), "000001/response: expected a dataset; it is missing"),
     "unequal lengths": (lambda f: _response(f, data=np.zeros(63)), "got shapes (64,) and (63,)"),

@@ -1,4 +1,4 @@
-"""The extended drive: one closed form for all families, to which effects that none of them has can be added."""
+"""The extended drive: one closed form for all families, to which effects can be added."""
 
 from monitor_core.models.extended.families import paper_motor_end, physics_of
 from monitor_core.models.extended.lines import PreparedLines, ResponseCase, prepare_lines

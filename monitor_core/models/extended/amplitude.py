@@ -1,4 +1,4 @@
-r"""Friction and hardening at a given excitation: the linear drive that comes closest.
+r"""Replace friction and a hardening nut by the linear drive that comes closest at a given excitation.
 
 For a Gaussian motion the force :math:`F_c\,\mathrm{sign}(v)` is best replaced by a damper and :math:`k(1 + \beta
 \delta^2)\delta` by a spring (least mean square error),
@@ -31,19 +31,18 @@ real part within 0 and 1 is taken. An excitation of one line, whose amplitude do
 """
 
 import contextlib
-import itertools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import Path, entire_parts
+from monitor_core.models.extended.closed_form import Path
 from monitor_core.models.extended.conditions import AxisStates
-from monitor_core.models.extended.excitations import Excitations
 from monitor_core.models.extended.lines import PreparedLines
 from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.rms_motion import Motion, motion_at, nut_spring
 
 _GAUSSIAN = np.sqrt(2.0 / np.pi)
 #: Newton's method: step of its difference quotients, longest step, and one whose square is nothing.
@@ -54,35 +53,6 @@ _ENERGIES = 3.0 + np.sqrt(3.0) * np.array([-1.0, 1.0])
 _WEIGHTS = 0.5 - np.array([-1.0, 1.0]) / np.sqrt(12.0)
 #: Of the continued fraction: off by 4e-7, 6e-4 and 2 % of the peak where a is 2, 5 and 10 times γ.
 _MOMENTS = 12
-
-#: Terms of f_00 + c f_10 + h f_01 + c h f_11, a function of damper and hardening, by the two powers.
-Bilinear = Mapping[tuple[int, int], NumberArray]
-#: The same between the knots: real and imaginary part are rows, shape (2, n_points).
-Pointwise = Mapping[tuple[int, int], FloatArray]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Motion:
-    """Velocity of the table and deflection of the nut as functions of damper c and hardening h, at the points.
-
-    Only terms and motions of effects that are there.
-    """
-
-    excitations: Excitations
-    level: FloatArray  # rms of each excitation, shape (n_excitations,)
-    characteristic: Pointwise
-    numerators: tuple[Pointwise, ...]  # of jωx where there is friction, of δ where the nut hardens
-
-    def rms(self, damping: FloatArray, hardening: FloatArray) -> FloatArray:
-        """Return σ_v [m/s] and σ_δ [m], a row for each numerator, shape (n_numerators, n_excitations)."""
-        factors = {
-            (i, j): (damping**i * hardening**j)[self.excitations.of_point] for i, j in self.characteristic if i or j
-        }
-        power = self.excitations.weight / _square(self.characteristic, factors)
-        squares = [
-            np.add.reduceat(power * _square(one, factors), self.excitations.first_point) for one in self.numerators
-        ]
-        return np.asarray(self.level * np.sqrt(squares))
 
 
 def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Path:
@@ -111,7 +81,7 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     friction, cubic = physics.added.guide_friction, physics.added.cubic_nut_stiffness
     if not (lines.excitations.size and (friction or cubic)):
         return path
-    motion = _motion(physics, lines, states)
+    motion = motion_at(physics, lines, states)
     if friction and not cubic:
         _require_sliding(motion, friction)
     energies, weights = (_ENERGIES, _WEIGHTS) if cubic else (np.array([2.0]), np.ones(1))
@@ -122,7 +92,7 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     table = path.table + 1j * lines.drive.omega * (weights @ damping)
     if not cubic:
         return replace(path, table=table)
-    spring = _spring(physics, lines.drive.omega, path.nut)
+    spring = nut_spring(physics, lines.drive.omega, path.nut)
     resonant = -table / (1.0 + path.beside_nut * table)  # stiffness of the nut at which all of the path gives way
     others = np.clip((path.beside_nut / path.compliance).real, 0.0, 1.0)
     seen = _averaged(hardening, (resonant - path.nut) / spring, others)
@@ -153,61 +123,7 @@ def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) 
     return np.asarray(seen / (1.0 - others * seen))
 
 
-def _motion(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> _Motion:
-    """Return the motion in the effects that are there: evaluated at the knots, carried to the points."""
-    excitations, added = lines.excitations, physics.added
-    characteristic, *motions = _functions(physics, excitations, states.at(excitations.case[excitations.of_knot]))
-    acting = bool(added.guide_friction), bool(added.cubic_nut_stiffness)
-    functions = [
-        {powers: _at_points(excitations, term) for powers, term in one.items() if np.all(np.array(powers) <= acting)}
-        for one in (characteristic, *itertools.compress(motions, acting))
-    ]
-    level = lines.conditions.excitation_level[excitations.case]
-    return _Motion(excitations, level, functions[0], tuple(functions[1:]))
-
-
-def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisStates) -> tuple[Bilinear, ...]:
-    r"""Return Δ, jωxΔ and δΔ at the knots.
-
-    With the letters of ``closed_form``, P = A T and C = 1/κ + Q/P,
-
-    .. math::
-
-        \Delta = \kappa P + Z (P + \kappa Q), \quad
-        x = \frac{\kappa u P}{\Delta},\; \delta = \frac{Z u P}{\Delta} \text{ per torque}, \quad
-        x = \frac{P + \kappa Q}{\Delta},\; \delta = \frac{P}{\Delta} \text{ per force}
-
-    where the damper adds jωc to Z and hardening adds hk to κ.
-    """
-    parts = entire_parts(physics, excitations.omega, states, excitations.ends)
-    p = parts.axial * parts.torsion
-    q = parts.axial_yield * parts.torsion + parts.turning * parts.axial + parts.bracket * p
-    damper, spring = 1j * excitations.omega, _spring(physics, excitations.omega, parts.nut)
-    by_torque, lever = excitations.by_torque, parts.torque_lever * parts.axial
-    behind_table = p + parts.nut * q
-    characteristic = {
-        (0, 0): parts.nut * p + parts.table * behind_table,
-        (1, 0): damper * behind_table,
-        (0, 1): spring * (p + parts.table * q),
-        (1, 1): damper * spring * q,
-    }
-    velocity = {
-        (0, 0): damper * np.where(by_torque, parts.nut * lever, behind_table),
-        (0, 1): damper * spring * np.where(by_torque, lever, q),
-    }
-    deflection = {
-        (0, 0): np.where(by_torque, parts.table * lever, p),
-        (1, 0): np.where(by_torque, damper * lever, 0.0),
-    }
-    return characteristic, velocity, deflection
-
-
-def _at_points(excitations: Excitations, at_knots: NumberArray) -> FloatArray:
-    """Return real and imaginary part between the knots, (2, n_points)."""
-    return np.array([excitations.interpolation @ part for part in (at_knots.real, at_knots.imag)])
-
-
-def _balanced(motion: _Motion, friction: float, cubic: float, energy: float) -> FloatArray:
+def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> FloatArray:
     """Return rows c and h that agree with their own motion, (2, n_excitations), by Newton's method on logarithms.
 
     ``energy`` is s of the amplitude that h is wanted at; at 2 it is that of the rms motion.
@@ -250,7 +166,7 @@ def _newton_step(function: Callable[[FloatArray], FloatArray], at: FloatArray) -
     return np.asarray(-np.linalg.solve(jacobian, here.T[..., None])[..., 0].T, dtype=np.float64)
 
 
-def _require_sliding(motion: _Motion, friction: float) -> None:
+def _require_sliding(motion: Motion, friction: float) -> None:
     """Refuse friction that the excitation cannot overcome: c σ_v never exceeds the rms force on a table held still."""
     held = replace(motion, characteristic={(0, 0): motion.characteristic[1, 0]})
     weakest = float(np.min(held.rms(*np.zeros((2, motion.level.size))))) / _GAUSSIAN
@@ -259,18 +175,3 @@ def _require_sliding(motion: _Motion, friction: float) -> None:
             f"guide_friction must lie below {weakest:g} N, beyond which it holds the table at the stated excitation; "
             f"got {friction:g} N"
         )
-
-
-def _spring(physics: AxisPhysics, omega: FloatArray, nut: NumberArray) -> NumberArray:
-    """Return what of the nut's κ is its spring, which hardens, with its loss; the rest is the damper. [N/m]."""
-    return np.asarray(nut - 1j * omega * physics.joints.nut_damping)
-
-
-def _square(function: Pointwise, factors: Mapping[tuple[int, int], FloatArray]) -> FloatArray:
-    """Return the square of the magnitude, (n_points,), given the products of powers."""
-    value = function[0, 0]
-    for powers, factor in factors.items():
-        if powers in function:
-            value = value + factor * function[powers]
-    square: FloatArray = np.sum(value * value, axis=0)
-    return square

@@ -1,4 +1,4 @@
-r"""The extended drive in closed form, every line for itself: no matrix is solved.
+r"""Evaluate the extended drive in closed form, each line by itself, without solving a matrix.
 
 The force F in the nut meets, one after the other, nut, bracket, screw in tension, and screw in torsion behind the lead.
 With the compliance C of all of them and the dynamic stiffness Z of the table,
@@ -8,14 +8,11 @@ With the compliance C of all of them and the dynamic stiffness Z of the table,
     C = \frac{1}{\kappa_n} + c_s + \frac{B}{A} + \frac{i^2 U}{T}, \qquad
     H_{table,force} = \frac{C}{1 + C Z}, \qquad H_{table,torque} = \frac{u}{1 + C Z}
 
-where u is the travel of the unloaded nut per unit of torque. Eqs. (1)–(24) of [1]_ written out, with a base under the
-bearings, and springs at the guides and at the rotor. A, B, T, U and Z have no poles: multiplied out, the drive has a
-characteristic function without poles, whose zeros are the poles of the drive. As mass or torsional compliance of the
-screw go to zero nothing in it becomes singular, so that a lumped drive is a distributed one with other numbers.
-
-References
-----------
-.. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
+where u is the travel of the unloaded nut per unit of torque. Eqs. (1)–(24) of Tian et al. written out, with a base
+under the bearings, and springs at the guides and at the rotor. A, B, T, U and Z have no poles: multiplied out, the
+drive has a characteristic function without poles, whose zeros are the poles of the drive. As mass or torsional
+compliance of the screw go to zero nothing in it becomes singular, so that a lumped drive is a distributed one with
+other numbers.
 """
 
 from dataclasses import dataclass

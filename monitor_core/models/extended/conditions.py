@@ -1,4 +1,4 @@
-"""What an axis is under each of many conditions: where its table stands, what moves, how stiff its nut is."""
+"""Compute the state of an axis under many conditions: position, moving mass, rigidity of the nut."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,12 +58,12 @@ class EndMasks:
 def condition_arrays(conditions: Sequence[DriveConditions]) -> ConditionArrays:
     """Put conditions side by side."""
     return ConditionArrays(
-        position=np.array([one.position for one in conditions]),
-        preload=np.array([one.preload or 0.0 for one in conditions]),
-        preload_stated=np.array([one.preload is not None for one in conditions], dtype=np.bool_),
-        payload_mass=np.array([one.payload_mass for one in conditions]),
-        temperature_deviation=np.array([one.temperature_deviation for one in conditions]),
-        excitation_level=np.array([one.excitation_level for one in conditions]),
+        position=np.array([stated.position for stated in conditions]),
+        preload=np.array([stated.preload or 0.0 for stated in conditions]),
+        preload_stated=np.array([stated.preload is not None for stated in conditions], dtype=np.bool_),
+        payload_mass=np.array([stated.payload_mass for stated in conditions]),
+        temperature_deviation=np.array([stated.temperature_deviation for stated in conditions]),
+        excitation_level=np.array([stated.excitation_level for stated in conditions]),
     )
 
 
@@ -71,19 +71,14 @@ def end_masks(motor_ends: Sequence[MotorEnd]) -> EndMasks:
     """Return the masks of motor ends."""
     return EndMasks(
         *(
-            np.array([end is one for end in motor_ends], dtype=np.float64)
-            for one in (MotorEnd.PRESCRIBED, MotorEnd.CLAMPED, MotorEnd.FREE)
+            np.array([end is kind for end in motor_ends], dtype=np.float64)
+            for kind in (MotorEnd.PRESCRIBED, MotorEnd.CLAMPED, MotorEnd.FREE)
         )
     )
 
 
 def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates:
     """Return position, moving mass and nut rigidity under all conditions.
-
-    Parameters
-    ----------
-    physics : AxisPhysics
-    conditions : ConditionArrays
 
     Raises
     ------
@@ -123,11 +118,6 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
 
     Eq. (1) of Nguyen et al. (2018) with the preload that exponent, temperature and lead make of the stated one. A nut
     without load rating has the stated rigidity; a preload that varies over the lead varies it as the cube root.
-
-    Parameters
-    ----------
-    physics : AxisPhysics
-    conditions : ConditionArrays
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What moves the drive in each measurement, on lines close enough for rms values of its motion.
+"""Lay out the excitation of each measurement on lines close enough for rms values of the motion.
 
 A resonance that rules the rms motion falls between the lines of a measured response. Excitations therefore have points
 of their own. On them the drive is interpolated between knots: what is interpolated has no poles, is therefore smooth
@@ -75,7 +75,7 @@ def excitations_of(setups: Sequence[Setup], bands: Sequence[tuple[float, float]]
     spans: list[tuple[float, float]] = []
     case: list[int] = []  # that first has each span
     reached: dict[Setup, int] = {}
-    for number in sorted(range(len(setups)), key=lambda one: bands[one]):
+    for number in sorted(range(len(setups)), key=lambda number: bands[number]):
         setup, (first, last) = setups[number], bands[number]
         if setup.conditions.excitation_level == 0.0:
             continue
@@ -94,16 +94,16 @@ def _on_grids(
 ) -> Excitations:
     knots = [_spread(*span, _KNOT_DISTANCE, fewest=_NEIGHBOURS) for span in spans]
     points = [_spread(*span, _POINT_DISTANCE, fewest=_NEIGHBOURS) for span in spans]
-    numbers, sizes = np.arange(len(spans)), [one.size for one in points]
-    of_knot = np.repeat(numbers, [one.size for one in knots])
-    by_torque = np.array([one.excitation is not ExcitationPoint.FORCE_AT_TABLE for one in setups], dtype=np.bool_)
+    numbers, sizes = np.arange(len(spans)), [grid.size for grid in points]
+    of_knot = np.repeat(numbers, [grid.size for grid in knots])
+    by_torque = np.array([setup.excitation is not ExcitationPoint.FORCE_AT_TABLE for setup in setups], dtype=np.bool_)
     matrices = [_interpolation(*pair) for pair in zip(knots, points, strict=True)]
     return Excitations(
         of_case=of_case,
         case=np.array(case, dtype=np.intp),
         of_knot=of_knot,
         omega=np.concatenate([np.zeros(0), *knots]),
-        ends=end_masks([one.motor_end for one in setups]).at(of_knot),
+        ends=end_masks([setup.motor_end for setup in setups]).at(of_knot),
         by_torque=by_torque[of_knot],
         interpolation=scipy.sparse.block_diag(matrices, format="csr") if matrices else None,
         of_point=np.repeat(numbers, sizes),
@@ -133,9 +133,9 @@ def _interpolation(knots: FloatArray, points: FloatArray) -> Any:  # noqa: ANN40
     first = np.clip(np.searchsorted(knots, points, side="right") - order // 2, 0, knots.size - order)
     near = first[:, None] + np.arange(order)
     at, weight = knots[near] ** 2, np.ones(near.shape)
-    for one in range(order):
+    for knot in range(order):
         for other in range(order):
-            if one != other:
-                weight[:, one] *= (points**2 - at[:, other]) / (at[:, one] - at[:, other])
+            if knot != other:
+                weight[:, knot] *= (points**2 - at[:, other]) / (at[:, knot] - at[:, other])
     shape = (points.size, knots.size)
     return scipy.sparse.csr_array((weight.ravel(), near.ravel(), np.arange(points.size + 1) * order), shape=shape)

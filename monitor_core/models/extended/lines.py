@@ -1,4 +1,4 @@
-"""Many responses as one flat array of lines, prepared once for thousands of evaluations."""
+"""Prepare many responses as one flat array of lines, once for thousands of evaluations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,21 +74,21 @@ def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
     """
     if not cases:
         raise OutsideValidityError("responses need at least one case; got none")
-    for one in cases:
-        _require_motor_end(one)
-    frequencies = [_require_rising(one.frequency) for one in cases]
-    case = np.repeat(np.arange(len(cases)), [one.size for one in frequencies])
-    by_torque = np.array([one.excitation is not ExcitationPoint.FORCE_AT_TABLE for one in cases])[case]
-    angle = np.array([one.response is ResponsePoint.ANGLE_AT_MOTOR for one in cases])[case]
-    acceleration = np.array([one.response.is_acceleration for one in cases])[case]
-    at_nut = np.array([one.response is ResponsePoint.ACCELERATION_AT_NUT for one in cases])[case]
-    setups = [Setup(one.conditions, one.excitation, one.motor_end) for one in cases]
+    for case in cases:
+        _require_motor_end(case)
+    frequencies = [_require_rising(case.frequency) for case in cases]
+    case_of_line = np.repeat(np.arange(len(cases)), [grid.size for grid in frequencies])
+    by_torque = np.array([case.excitation is not ExcitationPoint.FORCE_AT_TABLE for case in cases])[case_of_line]
+    angle = np.array([case.response is ResponsePoint.ANGLE_AT_MOTOR for case in cases])[case_of_line]
+    acceleration = np.array([case.response.is_acceleration for case in cases])[case_of_line]
+    at_nut = np.array([case.response is ResponsePoint.ACCELERATION_AT_NUT for case in cases])[case_of_line]
+    setups = [Setup(case.conditions, case.excitation, case.motor_end) for case in cases]
     omega = 2.0 * np.pi * np.concatenate(frequencies)
-    excitations = excitations_of(setups, [(2.0 * np.pi * one[0], 2.0 * np.pi * one[-1]) for one in frequencies])
-    drive, drive_line = _drive_lines(setups, excitations, case, omega)
+    excitations = excitations_of(setups, [(2.0 * np.pi * grid[0], 2.0 * np.pi * grid[-1]) for grid in frequencies])
+    drive, drive_line = _drive_lines(setups, excitations, case_of_line, omega)
     return PreparedLines(
-        conditions=condition_arrays([one.conditions for one in cases]),
-        case=case,
+        conditions=condition_arrays([case.conditions for case in cases]),
+        case=case_of_line,
         omega=omega,
         drive=drive,
         drive_line=drive_line,
@@ -108,10 +108,10 @@ def _drive_lines(
     """Return the distinct lines of what was excited together, and which of them each line is."""
     first: dict[tuple[Setup, int], int] = {}
     together = zip(setups, excitations.of_case.tolist(), strict=True)
-    of_case = np.array([first.setdefault(one, index) for index, one in enumerate(together)])
+    of_case = np.array([first.setdefault(setup, index) for index, setup in enumerate(together)])
     distinct, which = np.unique(np.column_stack([of_case[case], omega]), axis=0, return_inverse=True)
     of_line = distinct[:, 0].astype(np.intp)
-    ends = end_masks([one.motor_end for one in setups])
+    ends = end_masks([setup.motor_end for setup in setups])
     return DriveLines(of_line, distinct[:, 1], ends.at(of_line)), which.reshape(-1)
 
 

@@ -1,4 +1,4 @@
-"""The extended drive as a drive model: a published family and what is added to it."""
+"""Answer as a drive model: a published family and the effects added to it."""
 
 import math
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from monitor_core.models.extended.modes import drive_modes, has_rigid_body_mode,
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.extended.responses import responses
 from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.poles import circles_around
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -27,9 +28,6 @@ from monitor_core.models.protocol import (
     require_frequencies,
 )
 from monitor_core.response import FrequencyResponse
-
-#: Points on the circle around a pole; what the neighbours add falls with their power of the radius over the distance.
-_CIRCLE = 16
 
 #: What is added to responses, but is no property of a mode: see :class:`AddedPhysics`.
 _NOT_IN_MODES = (
@@ -119,9 +117,7 @@ class ExtendedModel:
         self, omega: FloatArray, conditions: DriveConditions, end: MotorEnd
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         r"""Return φ_a φ_b of table, motor end and both: means of :math:`(\omega_n^2 - \omega^2) H` around each pole."""
-        apart = np.diff(np.r_[0.0, omega, 2.0 * omega[-1:]])
-        radius = np.minimum(0.1 * np.minimum(apart[:-1], apart[1:]), 1e-3 * omega)
-        offset = radius[:, None] * np.exp(2j * math.pi * np.arange(_CIRCLE) / _CIRCLE)
+        offset = circles_around(omega)
         around = np.asarray(omega[:, None] + offset, dtype=np.complex128)
         line = np.zeros(around.size, dtype=np.intp)
         physics = with_damping(self.physics, 0.0)

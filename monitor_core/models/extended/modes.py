@@ -1,4 +1,4 @@
-r"""Natural frequencies and modes of the extended drive under many conditions at once, none missed and none twice.
+r"""Find all natural frequencies and modes of the extended drive under many conditions at once, each exactly once.
 
 Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension on
 its base, screw in torsion, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So
@@ -14,17 +14,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy.optimize.elementwise
 
-from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
+from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import EntireParts, characteristic, entire_parts, path_of
-from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
+from monitor_core.models.extended.closed_form import characteristic, path_of
+from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.pole_tracking import Drives, Index, follow_damping
+from monitor_core.models.parameters import scaled_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency
-
-Index = npt.NDArray[np.intp]
 
 #: Lines of the grid per half wave of the screw, and at least. Poles of one part must not lie closer than two lines.
 _PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
@@ -32,11 +31,6 @@ _PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
 _LOWEST = 1e-6
 #: A natural frequency is told from a pole of a part from this relative distance on.
 _APART = 1e-9
-#: Share of the damping that is let in at once: at the most, and before a pole is given up.
-_LARGEST_DEGREE, _SMALLEST_DEGREE = 0.5, 2.0**-14
-#: At once a pole may move by so much of its distance to the next one, and of its own magnitude.
-_FOLLOWED, _LARGEST_MOVE = 0.1, 0.05
-_NEWTON_STEPS = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,18 +40,6 @@ class DriveModes:
     condition: Index  # which one a mode belongs to; rising, and within it in order of frequency
     undamped_omega: FloatArray  # [rad/s]
     pole: ComplexArray  # s = jω at the zero of the characteristic function [1/s]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drives:
-    """The undamped or partly damped drive, ready to be asked at any frequency under any of the conditions."""
-
-    physics: AxisPhysics
-    states: AxisStates
-    ends: EndMasks
-
-    def parts(self, omega: NumberArray, condition: Index) -> EntireParts:
-        return entire_parts(self.physics, omega, self.states.at(condition), self.ends.at(condition))
 
 
 def natural_frequencies(
@@ -110,34 +92,25 @@ def drive_modes(
     if not (math.isfinite(highest_frequency) and highest_frequency > 0.0):
         raise OutsideValidityError(f"highest_frequency must be positive and finite; got {highest_frequency} Hz")
     states, ends = axis_states(physics, condition_arrays(conditions)), end_masks(motor_ends)
-    undamped = _Drives(with_damping(physics, 0.0), states, ends)
+    undamped = Drives(with_damping(physics, 0.0), states, ends)
     omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency)
     pole = omega.astype(np.complex128)
     if omega.size and with_damping(physics, 0.0) != physics:
-        pole = _damped(lambda share: _Drives(with_damping(physics, share), states, ends), pole, condition)
+        pole = follow_damping(lambda share: Drives(with_damping(physics, share), states, ends), pole, condition)
     return DriveModes(condition, omega, 1j * pole)
 
 
 def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
     """Return the axis with a share of each of its dampers and loss factors."""
-    joints, bodies, added = physics.joints, physics.bodies, physics.added
     return replace(
         physics,
-        joints=replace(
-            joints,
-            bearing_damping=share * joints.bearing_damping,
-            far_bearing_damping=share * joints.far_bearing_damping,
-            nut_damping=share * joints.nut_damping,
-            coupling_damping=share * joints.coupling_damping,
-            loss_factor=share * joints.loss_factor,
-            causal_loss_factor=share * joints.causal_loss_factor,
-        ),
-        bodies=replace(bodies, table_damping=share * bodies.table_damping, motor_damping=share * bodies.motor_damping),
-        added=replace(added, base_damping_ratio=share * added.base_damping_ratio),
+        joints=scaled_damping(physics.joints, share),
+        bodies=scaled_damping(physics.bodies, share),
+        added=replace(physics.added, base_damping_ratio=share * physics.added.base_damping_ratio),
     )
 
 
-def _undamped(drives: _Drives, highest: float) -> tuple[FloatArray, Index]:
+def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     """Return the undamped natural frequencies in rad/s and the condition of each, both in order."""
     poles, of_condition = _poles_of_parts(drives, highest)
     numbers = np.arange(drives.states.position.size)
@@ -168,13 +141,13 @@ def _undamped(drives: _Drives, highest: float) -> tuple[FloatArray, Index]:
     return roots[order], condition[order]
 
 
-def _sum_of_parts(drives: _Drives, omega: FloatArray, condition: Index) -> FloatArray:
+def _sum_of_parts(drives: Drives, omega: FloatArray, condition: Index) -> FloatArray:
     """Return R = C + 1/Z of the undamped drive. [m/N]."""
     path = path_of(drives.parts(omega, condition))
     return np.asarray(np.real(path.compliance + 1.0 / path.table))
 
 
-def _poles_of_parts(drives: _Drives, highest: float) -> tuple[FloatArray, Index]:
+def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     """Return where screw or table alone would resonate, in rad/s, and the condition of each."""
     screw, added = drives.physics.screw, drives.physics.added
     slowness = math.sqrt(screw.axial_mass_share * screw.mass_per_length / screw.axial_rigidity) + math.sqrt(
@@ -202,7 +175,7 @@ def _poles_of_parts(drives: _Drives, highest: float) -> tuple[FloatArray, Index]
     return np.concatenate(poles), np.concatenate(owners)
 
 
-def _part(drives: _Drives, name: str) -> Callable[[FloatArray, Index], FloatArray]:
+def _part(drives: Drives, name: str) -> Callable[[FloatArray, Index], FloatArray]:
     return lambda omega, condition: np.real(getattr(drives.parts(omega, condition), name))
 
 
@@ -214,51 +187,6 @@ def _zeros(
         function, (low, high), args=(which,), tolerances={"xrtol": 1e-15, "xatol": 0.0, "fatol": 0.0, "frtol": 0.0}
     )
     return np.asarray(found.x)
-
-
-def _damped(drives_with: Callable[[float], _Drives], omega: ComplexArray, condition: Index) -> ComplexArray:
-    """Follow the zeros from the undamped ones while damping grows, in steps so small that none takes another's place.
-
-    ``drives_with`` returns the drives with a share of their damping.
-    """
-    share, degree = 0.0, _LARGEST_DEGREE
-    while share < 1.0:
-        degree = min(degree, 1.0 - share)
-        after = _newton(drives_with(share + degree), omega, condition)
-        room = np.minimum(_room(omega, condition), _room(after, condition))
-        if np.all(np.abs(after - omega) <= room):  # not where it is nan
-            omega, share, degree = after, share + degree, min(2.0 * degree, _LARGEST_DEGREE)
-        elif degree > _SMALLEST_DEGREE:
-            degree *= 0.5
-        else:
-            lost = float(np.abs(omega[np.argmin(room - np.abs(after - omega))])) / (2.0 * math.pi)
-            raise OutsideValidityError(
-                f"the mode near {lost:.6g} Hz is damped so strongly that it ceases to oscillate or meets another one, "
-                f"at {share:.3%} of its damping; this model needs underdamped modes"
-            )
-    return omega
-
-
-def _room(omega: ComplexArray, condition: Index) -> FloatArray:
-    """Return how far each zero may move at once: of its distance to the next one, or to its mirror image, a part."""
-    apart = np.where(condition[:, None] == condition[None, :], np.abs(omega[:, None] - omega[None, :]), np.inf)
-    np.fill_diagonal(apart, 2.0 * omega.real)
-    return np.asarray(np.minimum(_FOLLOWED * np.min(apart, axis=1), _LARGEST_MOVE * np.abs(omega)))
-
-
-def _newton(drives: _Drives, start: ComplexArray, condition: Index) -> ComplexArray:
-    """Return the zeros of the characteristic function next to ``start``, by Newton's method on all; nan if none is."""
-    omega, three_times = start, np.tile(condition, 3)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a step that is too long may lead anywhere
-        for _ in range(_NEWTON_STEPS):
-            h = 1e-6 * np.abs(omega)
-            at = np.concatenate([omega, omega + h, omega - h])
-            here, above, below = np.split(characteristic(drives.parts(at, three_times)), 3)
-            step = here * 2.0 * h / (above - below)
-            omega = omega - step
-            if np.all(np.abs(step) < 1e-11 * np.abs(omega)):
-                return omega
-    return np.full_like(omega, np.nan)
 
 
 def _rigid(physics: AxisPhysics, motor_end: MotorEnd) -> tuple[NaturalFrequency, ...]:

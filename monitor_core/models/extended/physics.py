@@ -1,4 +1,4 @@
-"""What the extended drive is made of: one record of an axis for all families, each extra with its null value.
+"""Records of an axis for all families; every extra has a null value at which it is absent.
 
 What the families disagree about is a number here: how much of the screw's mass and inertia is spread along it, how much
 its torsion gives. What none of them has stands in :class:`AddedPhysics` and is absent at its default.
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.parameters import transmission_ratio
+from monitor_core.models.published.receptance.parameters import JointParameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,21 +47,15 @@ class ScrewPhysics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointPhysics:
-    """Springs and dampers between screw, table, motor and ground."""
+class JointPhysics(JointParameters):
+    """Springs and dampers between screw, table, motor and ground.
 
-    bearing_stiffness: float  # [N/m]
-    nut_stiffness: float  # rigidity; K of the catalogue with a load rating [N/m]
-    coupling_stiffness: float  # [N·m/rad]
-    dynamic_load_rating: float | None = None  # C_d; with it the nut follows the preload [N]
+    With a load rating ``nut_stiffness`` is the K of the catalogue; the loss factors are of all springs of this record.
+    """
+
     far_bearing_stiffness: float = 0.0  # [N/m]
-    bracket_stiffness: float = math.inf  # in series with the nut [N/m]
-    bearing_damping: float = 0.0  # [N·s/m]
-    far_bearing_damping: float = 0.0  # [N·s/m]
-    nut_damping: float = 0.0  # beside the nut alone [N·s/m]
-    coupling_damping: float = 0.0  # [N·m·s/rad]
-    loss_factor: float = 0.0  # of all springs of this record [-]
-    causal_loss_factor: float = 0.0  # of the same springs, beside it, with the stiffening that goes with it [-]
+    dynamic_load_rating: float | None = None  # C_d; with it the nut follows the preload [N]
+    causal_loss_factor: float = 0.0  # beside the loss factor, with the stiffening that goes with it [-]
 
     def __post_init__(self) -> None:
         _require_positive(self, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")

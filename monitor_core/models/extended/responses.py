@@ -1,4 +1,4 @@
-"""Responses of the extended drive on prepared lines."""
+"""Compute the responses of the extended drive on prepared lines."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""From a drive model to a recorded session: moves of the table, modes that answer them, friction, sensors."""
+"""Generate recorded sessions from a drive model: moves of the table, modes, friction, sensors."""
 
 from monitor_core.models.generator.moves import RampMoves
 from monitor_core.models.generator.scan import GuideFriction

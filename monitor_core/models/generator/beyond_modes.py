@@ -1,4 +1,4 @@
-"""What modal superposition leaves out of a response: damping between modes, hysteresis, statics of higher modes."""
+"""Add to a response what modal superposition leaves out: damping between modes, hysteresis, higher modes."""
 
 import numpy as np
 import scipy.fft

@@ -1,4 +1,4 @@
-"""Commanded moves of a simulated session: short ramps to and fro, like impacts, no two alike."""
+"""Draw the commanded moves of a simulated session: short ramps to and fro, no two alike."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Modes in time: all windows of all conditions advance together, one matrix product a step, friction implicit.
+"""Integrate the modes in time, all windows of all conditions together: one matrix product a step, friction implicit.
 
 Between two samples the torque is a straight line, without the delay of half a step that a staircase has; the modes are
 propagated exactly under it (first-order hold). Friction is constant over a step and found implicitly (backward Euler),
@@ -131,23 +131,26 @@ def advance_modes(modes: Sequence[NormalModes], reference: Reference, friction: 
     OutsideValidityError
         If modes do not contain the motion of the rigid drive.
     """
-    one = _propagator(modes, step)
-    n_states = one.states_per_friction.shape[1]
+    propagator = _propagator(modes, step)
+    n_states = propagator.states_per_friction.shape[1]
     rigid_rate = n_states // 2
-    wanted, wanted_rate = reference.travel / one.rigid_displacement, reference.speed / one.rigid_displacement
-    forward = _feed_forward(reference, friction, one)
+    wanted, wanted_rate = (
+        reference.travel / propagator.rigid_displacement,
+        reference.speed / propagator.rigid_displacement,
+    )
+    forward = _feed_forward(reference, friction, propagator)
     n_samples, n_conditions, n_windows = (forward.shape[0] - 1, *forward.shape[1:])
     motion = Motion(*(np.empty((n_samples, n_conditions, n_windows)) for _ in range(5)))
     corners = np.zeros((n_samples + 2, n_conditions, n_windows))  # of the torque, from one step before the window
     load = np.zeros((n_conditions, n_states + 2, n_windows))
     states, now, after = load[:, :n_states], load[:, n_states], load[:, n_states + 1]
     free = np.empty((n_conditions, n_states + 3, n_windows))
-    speed_gain, acceleration_gain = one.speed_per_friction, one.acceleration_per_friction
+    speed_gain, acceleration_gain = propagator.speed_per_friction, propagator.acceleration_per_friction
     force, deflection = np.zeros((n_conditions, n_windows)), np.zeros((n_conditions, n_windows))
     for k in range(n_samples):
         lag, rate_lag = wanted[k] - states[:, 0], wanted_rate[k] - states[:, rigid_rate]
-        after[...] = forward[k + 1] + (SERVO_OMEGA**2 * lag + 2.0 * SERVO_OMEGA * rate_lag) / one.rigid_angle
-        np.matmul(one.matrix, load, out=free)
+        after[...] = forward[k + 1] + (SERVO_OMEGA**2 * lag + 2.0 * SERVO_OMEGA * rate_lag) / propagator.rigid_angle
+        np.matmul(propagator.matrix, load, out=free)
         free_speed = free[:, n_states]
         before = force
         speed, force, deflection = friction.step(free_speed, speed_gain, deflection, step)
@@ -156,7 +159,7 @@ def advance_modes(modes: Sequence[NormalModes], reference: Reference, friction: 
         motion.travel[k] = free[:, n_states + 2]
         motion.table_speed[k] = speed
         motion.friction_force[k] = force
-        np.multiply(one.states_per_friction, force[:, None, :], out=states)
+        np.multiply(propagator.states_per_friction, force[:, None, :], out=states)
         states += free[:, :n_states]
         now[...] = corners[k + 2] = after
     # A polygon with these corners has sinc²(f/f_s) of their spectrum; what it has above half the rate is its images,
@@ -165,11 +168,11 @@ def advance_modes(modes: Sequence[NormalModes], reference: Reference, friction: 
     return motion
 
 
-def _feed_forward(reference: Reference, friction: GuideFriction, one: _Propagator) -> FloatArray:
+def _feed_forward(reference: Reference, friction: GuideFriction, propagator: _Propagator) -> FloatArray:
     """Return the torque that moves the rigid drive; shape (n_samples + 1, n_conditions, n_windows)."""
     resistance = friction.coulomb * np.sign(reference.speed) + friction.viscous * reference.speed
-    modal_force = reference.acceleration / one.rigid_displacement + one.rigid_displacement * resistance
-    torque: FloatArray = modal_force / one.rigid_angle
+    modal_force = reference.acceleration / propagator.rigid_displacement + propagator.rigid_displacement * resistance
+    torque: FloatArray = modal_force / propagator.rigid_angle
     return torque
 
 

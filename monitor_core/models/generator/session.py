@@ -1,4 +1,4 @@
-"""From a drive model to a recorded session: torque at the motor end, acceleration and position of the table."""
+"""Simulate a recorded session of a drive model: torque at the motor end, acceleration and position of the table."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""A rigid axis in motion: the motor force that mass and friction need, and how a controller records it."""
+"""Predict the motor force of a rigid axis in motion from its mass and friction, as a controller records it."""
 
 from monitor_core.models.motion.kinematics import Kinematics, cutoff_frequency, kinematics_of
 from monitor_core.models.motion.model import FAMILY, MotionModel, MotionParameters

@@ -1,4 +1,4 @@
-"""Velocity and acceleration of an axis from its measured position."""
+"""Derive velocity and acceleration of an axis from its measured position."""
 
 from dataclasses import dataclass
 

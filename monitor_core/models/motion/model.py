@@ -1,4 +1,4 @@
-"""The model of a rigid axis in motion, as a file declares it."""
+"""Model of a rigid axis in motion, as a file declares it."""
 
 from dataclasses import dataclass
 from typing import Self

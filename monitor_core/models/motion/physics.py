@@ -1,4 +1,4 @@
-"""What a rigid axis in motion is made of, and the motor force that its motion needs."""
+"""Compute the motor force that the motion of a rigid axis needs."""
 
 import math
 from dataclasses import dataclass, fields
@@ -47,11 +47,6 @@ def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
     is the force that the motion needs: the model of [1]_ with friction that depends on the direction, and with Tustin's
     low-speed term, see [2]_. Recorded is :math:`(1 + \varepsilon) F(t + \tau) + F_0`, since a force that acts a
     delay later is in the record before the motion it makes.
-
-    Parameters
-    ----------
-    physics : MotionPhysics
-    motion : Kinematics
 
     Returns
     -------

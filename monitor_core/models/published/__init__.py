@@ -1,1 +1,1 @@
-"""The papers' own forms of the drive model: the reference of errata and tests."""
+"""The papers' own forms of the drive models: reference of ``docs/equations.md``, ``docs/errata.md`` and the tests."""

@@ -1,4 +1,4 @@
-"""Springs that lose energy: complex stiffness, springs in series, and the viscous damper that stands for them in time.
+"""Compute springs that lose energy: complex stiffness, springs in series, the equivalent viscous damper.
 
 A loss factor belongs to the frequency domain. With a complex stiffness the equations of motion have, besides the
 decaying solution that oscillates with ω > 0, one with ω < 0 that grows: they must not be integrated in time.
@@ -19,7 +19,7 @@ def complex_stiffness(stiffness: float, loss_factor: float) -> complex:
 
     .. math:: \hat k = k (1 + j \eta)
 
-    Section 3 of [1]_, for positive frequencies.
+    Section 3 of Sun et al. (2022), for positive frequencies.
 
     Parameters
     ----------
@@ -27,10 +27,6 @@ def complex_stiffness(stiffness: float, loss_factor: float) -> complex:
         k; infinite for a joint that does not give, and then does not lose energy either. [N/m] or [N·m/rad]
     loss_factor : float
         η. [-]
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     return complex(math.inf, 0.0) if math.isinf(stiffness) else stiffness * complex(1.0, loss_factor)
 
@@ -40,7 +36,7 @@ def series_stiffness(*stiffnesses: complex) -> complex:
 
     .. math:: \hat k = \left[ \sum_i \frac{1}{\hat k_i} \right]^{-1} = k (1 + j \eta_e)
 
-    Eqs. (5) and (14) of [1]_.
+    Eqs. (5) and (14) of Sun et al. (2022).
 
     Parameters
     ----------
@@ -58,10 +54,6 @@ def series_stiffness(*stiffnesses: complex) -> complex:
 
     >>> series_stiffness(complex_stiffness(2.0, 0.1), complex_stiffness(2.0, 0.1), complex_stiffness(math.inf, 0.1))
     (1+0.1j)
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     finite = [k for k in map(complex, stiffnesses) if cmath.isfinite(k)]
     if not finite or 0.0 in finite:

@@ -2,40 +2,22 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from monitor_core.arrays import ComplexArray, FloatArray
-from monitor_core.models.bracket import beyond_contacts
+from monitor_core.arrays import ComplexArray
+from monitor_core.models.ball_screw import BallScrew
+from monitor_core.models.bracket import BeyondContacts, beyond_contacts
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters, transmission_ratio
-from monitor_core.models.protocol import (
-    DriveConditions,
-    ExcitationPoint,
-    MotorEnd,
-    NaturalFrequency,
-    NormalModes,
-    ResponsePoint,
-    motor_end_of,
-    require_position,
-)
+from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.protocol import DriveConditions, MotorEnd, require_position
 from monitor_core.models.published.damping import complex_stiffness, equivalent_viscous_damping, series_stiffness
-from monitor_core.models.published.second_order import (
-    DriveEquations,
-    SecondOrderSystem,
-    drive_natural_frequencies,
-    drive_normal_modes,
-    drive_response,
-    transfer_matrix,
-    undamped_modes,
-)
-from monitor_core.models.rod import axial_rigidity, torsional_rigidity
-from monitor_core.response import FrequencyResponse
+from monitor_core.models.published.second_order import SecondOrderSystem, transfer_matrix, undamped_modes
+from monitor_core.models.published.small_drive import DriveEquations, SmallDrive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HybridParameters(DriveParameters):
+class HybridParameters(BallScrew, DriveParameters):
     """Table 1 of the paper, read right.
 
     The polar area moment of the screw follows from its diameter: the J_s of Table 1 is neither that nor the inertia of
@@ -61,31 +43,6 @@ class HybridParameters(DriveParameters):
     motor_damping: float = 0.0  # c_m [N·m·s/rad]
     table_damping: float = 0.0  # c_t [N·s/m]
 
-    @property
-    def transmission_ratio(self) -> float:
-        """Travel per angle, r_g = P_t/2π [m/rad]."""
-        return transmission_ratio(self.screw_lead)
-
-    @property
-    def axial_rigidity(self) -> float:
-        """E_s A_s [N]."""
-        return axial_rigidity(self.youngs_modulus, self.screw_diameter)
-
-    @property
-    def torsional_rigidity(self) -> float:
-        """G_s J_s with the polar area moment πd⁴/32 [N·m²]."""
-        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
-
-    @property
-    def mass_per_length(self) -> float:
-        """ρ_s A_s [kg/m]."""
-        return axial_rigidity(self.density, self.screw_diameter)
-
-    @property
-    def inertia_per_length(self) -> float:
-        """ρ_s J_s with the polar area moment [kg·m]."""
-        return torsional_rigidity(self.density, self.screw_diameter)
-
 
 def equivalent_stiffness(
     parameters: HybridParameters, conditions: DriveConditions, *, loss_factor: float = 0.0, coupling: bool = True
@@ -97,7 +54,7 @@ def equivalent_stiffness(
         \hat k (1 + j\eta_e) = \left[ \frac{1}{k_b (1 + j\eta)} + \frac{x_c}{E_s A_s} + \frac{2}{k_n (1 + j\eta)}
         + r_g^2 \left( \frac{1}{k_c (1 + j\eta)} + \frac{x_c}{G_s J_s} \right) \right]^{-1}
 
-    Eq. (14) of [1]_, which is Eq. (5) without loss factor; a bracket is one more joint in the chain.
+    Eq. (14) of Sun et al. (2022), which is Eq. (5) without loss factor; a bracket is one more joint in the chain.
 
     Parameters
     ----------
@@ -114,10 +71,6 @@ def equivalent_stiffness(
     ------
     OutsideValidityError
         If the position is not on the screw, or preload and dynamic load rating do not go together.
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     p, x = parameters, require_position(conditions.position, parameters.screw_length)
     nut = nut_rigidity(p.nut_stiffness, conditions.preload, p.dynamic_load_rating)
@@ -158,7 +111,7 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
         J_{22} &= \rho_s J_s l_s \, a^2 \left[ \frac{\xi}{3} \left( 1 + \frac{k_2}{k_c} + \frac{k_2^2}{k_c^2} \right)
                + (1 - \xi) \right]
 
-    Eqs. (6)–(11) of [1]_, the third corrected.
+    Eqs. (6)–(11) of Sun et al. (2022), the third corrected.
 
     Parameters
     ----------
@@ -177,10 +130,6 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
     -----
     Eq. (10) prints −2x_c/(3l_s) where −b/3 is right, and k/k_c where it must be k/k_2 in the last bracket: J_12 would
     be 7.7 % too low on the paper's axis. The kinetic energy of the statically deformed screw gives what stands here.
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     p, x = parameters, conditions.position
     k = equivalent_stiffness(p, conditions, coupling=coupling).real
@@ -199,7 +148,7 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
 
 
 @dataclass(frozen=True, slots=True)
-class HybridModel:
+class HybridModel(SmallDrive):
     r"""The drive of Sun et al. (2022) in the coordinates :math:`q = (x_m, x_t)`, :math:`x_m = r_g \theta_m`.
 
     .. math::
@@ -223,6 +172,7 @@ class HybridModel:
     its end. The mass matrix is that of the undamped static shape.
     """
 
+    paper_motor_end = MotorEnd.FREE
     parameters: HybridParameters
 
     def equations(self, conditions: DriveConditions, motor_end: MotorEnd = MotorEnd.FREE) -> DriveEquations:
@@ -282,32 +232,13 @@ class HybridModel:
         system = SecondOrderSystem(undamped.mass, undamped.damping + viscous, undamped.stiffness)
         return DriveEquations(system, equations.angle_at_motor, equations.displacement_at_table)
 
-    def frequency_response(
-        self,
-        frequency: FloatArray,
-        conditions: DriveConditions,
-        *,
-        excitation: ExcitationPoint,
-        response: ResponsePoint,
-    ) -> FrequencyResponse:
-        """Return the response per unit excitation; a force at the table finds the motor end free."""
-        equations = self.equations(conditions, motor_end_of(excitation, otherwise=MotorEnd.FREE))
+    def beyond_contacts(self, s: ComplexArray, conditions: DriveConditions) -> BeyondContacts:
+        """Return what the contacts of the nut carry: the table alone, behind the bracket."""
         p = self.parameters
-        beyond = partial(
-            beyond_contacts,
+        return beyond_contacts(
+            s,
             table_mass=p.table_mass + conditions.payload_mass,
             table_damping=p.table_damping,
             bracket_stiffness=p.bracket_stiffness,
             loss_factor=p.loss_factor,
         )
-        return drive_response(equations, frequency, excitation, response, beyond)
-
-    def natural_frequencies(
-        self, conditions: DriveConditions, motor_end: MotorEnd | None = None
-    ) -> tuple[NaturalFrequency, ...]:
-        """Return 0 and the elastic mode; with a clamped motor end the latter alone."""
-        return drive_natural_frequencies(self.equations(conditions, motor_end or MotorEnd.FREE))
-
-    def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
-        """Return the undamped modes."""
-        return drive_normal_modes(self.equations(conditions, motor_end or MotorEnd.FREE))

@@ -1,24 +1,13 @@
-"""Systems of few degrees of freedom, M q̈ + C q̇ + K q = f: response, poles and modes, and a drive written as one."""
+"""Solve systems of few degrees of freedom, M q̈ + C q̇ + K q = f: response, undamped modes and poles."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from monitor_core.arrays import ComplexArray, FloatArray, NumberArray, read_only, read_only_complex
+from monitor_core.arrays import ComplexArray, FloatArray, read_only, read_only_complex
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.bracket import BeyondContacts, nut_from_table
-from monitor_core.models.protocol import (
-    ExcitationPoint,
-    NaturalFrequency,
-    NormalModes,
-    ResponsePoint,
-    quantity_of,
-    require_frequencies,
-)
-from monitor_core.response import FrequencyResponse
 
 #: A mode whose springs cancel to this share of what each of them stores is one of the rigid body.
 _RIGID = 1e-10
@@ -46,7 +35,7 @@ def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
 
     .. math:: \mathbf G(s) = (\mathbf M s^2 + \mathbf C s + \mathbf K)^{-1}
 
-    Eq. (13) of [1]_.
+    Eq. (13) of Sun et al. (2022).
 
     Parameters
     ----------
@@ -63,10 +52,6 @@ def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
     ------
     OutsideValidityError
         If the stiffness is complex and an s is not in the upper half plane: k(1 + jη) stands for ω > 0 only.
-
-    References
-    ----------
-    .. [1] X. Sun et al., J. Phys.: Conf. Ser. 2383 (2022) 012040.
     """
     s = np.asarray(s, dtype=np.complex128)
     if np.any(system.stiffness.imag) and not np.all(s.imag > 0.0):
@@ -109,11 +94,11 @@ def poles(system: SecondOrderSystem) -> ComplexArray:
     OutsideValidityError
         If an elastic mode is damped beyond critical.
     """
-    _, _, found = _modes_and_poles(system)
+    _, _, found = modes_and_poles(system)
     return found[np.argsort(np.abs(found), kind="stable")]
 
 
-def _modes_and_poles(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray, ComplexArray]:
+def modes_and_poles(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Return ω and shapes of :func:`undamped_modes`, and of each mode its pole; see :func:`poles`.
 
     Neither magnitude nor frequency tells whose a pole is, as damping shifts close modes past each other. Its own
@@ -136,85 +121,3 @@ def _modes_and_poles(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray,
     consists_of /= np.sum(consists_of, axis=0)
     _, pole_of_mode = scipy.optimize.linear_sum_assignment(consists_of[n_rigid:], maximize=True)
     return omega, shapes, np.concatenate([np.zeros(n_rigid), roots[elastic[pole_of_mode]]])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DriveEquations:
-    """A drive as a small system, and the two points at which it is driven and watched.
-
-    The row that picks a displacement is also the column by which a force on it acts (virtual work); so reciprocity
-    is built in.
-    """
-
-    system: SecondOrderSystem
-    angle_at_motor: FloatArray  # shape (n,): angle = row · q [rad per coordinate]; zeros where it is clamped
-    displacement_at_table: FloatArray  # shape (n,): displacement = row · q [m per coordinate]
-
-    def __post_init__(self) -> None:
-        for name in ("angle_at_motor", "displacement_at_table"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-            if getattr(self, name).shape != self.system.mass.shape[:1]:
-                raise OutsideValidityError(f"{name} must have one number for each of the coordinates")
-
-
-def drive_response(
-    equations: DriveEquations,
-    frequency: FloatArray,
-    excitation: ExcitationPoint,
-    response: ResponsePoint,
-    beyond: Callable[[ComplexArray], BeyondContacts] | None = None,
-) -> FrequencyResponse:
-    """Return a frequency response of a drive, shape (n_frequencies,).
-
-    Parameters
-    ----------
-    equations : DriveEquations
-    frequency : ndarray, shape (n_frequencies,)
-        Above zero. [Hz]
-    excitation, response : ExcitationPoint, ResponsePoint
-    beyond : callable, optional
-        What the contacts of the nut carry, from jω; without it the nut is one with the table.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a frequency is not positive, or the angle of a clamped motor end is asked for.
-    """
-    frequency = require_frequencies(frequency)
-    if response is ResponsePoint.ANGLE_AT_MOTOR and not np.any(equations.angle_at_motor):
-        raise OutsideValidityError("the motor end is clamped for this excitation and has no angle; excite by a torque")
-    omega = 2.0 * np.pi * frequency
-    s = np.asarray(1j * omega, dtype=np.complex128)
-    of_table = response is not ResponsePoint.ANGLE_AT_MOTOR
-    row = equations.displacement_at_table if of_table else equations.angle_at_motor
-    to_row = row @ transfer_matrix(equations.system, s)
-    per_force: NumberArray = to_row @ equations.displacement_at_table
-    per_torque: NumberArray = to_row @ equations.angle_at_motor
-    if response is ResponsePoint.ACCELERATION_AT_NUT and beyond is not None:
-        per_force, per_torque = nut_from_table(per_force, per_torque, beyond(s))
-    chosen = per_force if excitation is ExcitationPoint.FORCE_AT_TABLE else per_torque
-    receptance = np.asarray(chosen, dtype=np.complex128)
-    if response.is_acceleration:
-        receptance = -(omega**2) * receptance
-    return FrequencyResponse(frequency, receptance, quantity_of(excitation, response))
-
-
-def drive_natural_frequencies(equations: DriveEquations) -> tuple[NaturalFrequency, ...]:
-    """Return the poles of a drive as natural frequencies and damping ratios, rigid-body mode first."""
-    return tuple(_natural_frequency(complex(s)) for s in poles(equations.system))
-
-
-def drive_normal_modes(equations: DriveEquations) -> NormalModes:
-    """Return the undamped modes of a drive, each with the damping ratio of its pole."""
-    omega, shapes, own = _modes_and_poles(equations.system)
-    return NormalModes(
-        omega / (2.0 * np.pi),
-        np.array([_natural_frequency(complex(s)).damping_ratio for s in own]),
-        equations.angle_at_motor @ shapes,
-        equations.displacement_at_table @ shapes,
-    )
-
-
-def _natural_frequency(pole: complex) -> NaturalFrequency:
-    magnitude = abs(pole)
-    return NaturalFrequency(magnitude / (2.0 * np.pi), (0.0 - pole.real) / magnitude if pole else 0.0)

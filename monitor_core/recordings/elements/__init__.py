@@ -1,1 +1,1 @@
-"""What files are made of: checked files, named fields, instants, units, HDF5 members."""
+"""Parts of files: checked files, named fields, instants, units, HDF5 members."""

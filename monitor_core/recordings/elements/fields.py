@@ -1,4 +1,4 @@
-"""Named values of one place in a file (HDF5 attributes, a TOML table), each read with its type and unit."""
+"""Read named values of one place in a file (HDF5 attributes, a TOML table), each with its type and unit."""
 
 import math
 from collections.abc import Mapping
@@ -55,6 +55,13 @@ class Fields:
         """Return a finite number, or None where nothing is stated."""
         return self.number(name, unit) if name in self.values else None
 
+    def not_negative(self, name: str, unit: str) -> float:
+        """Return a number that is zero or above."""
+        value = self.number(name, unit)
+        if value < 0.0:
+            raise RecordingFormatError(f"{self._place(name)}: must not be negative; got {value} {unit}")
+        return value
+
     def positive(self, name: str, unit: str) -> float:
         """Return a number above zero."""
         value = self.number(name, unit)
@@ -87,11 +94,21 @@ class Fields:
             words = " or ".join(repr(str(word)) for word in kind)
             raise RecordingFormatError(f"{self._place(name)}: expected {words}; got {text!r}") from None
 
+    def optional_choice(self, name: str, kind: type[Choice]) -> Choice | None:
+        """Return one of the words of an enumeration, or None where nothing is stated."""
+        return self.choice(name, kind) if name in self.values else None
+
     def exactly(self, name: str, expected: str) -> None:
         """Refuse anything but one fixed text."""
         text = self.text(name)
         if text != expected:
             raise RecordingFormatError(f"{self._place(name)}: expected {expected!r}; got {text!r}")
+
+    def require_format(self, name: str, version: int) -> None:
+        """Refuse another format, or another version of it."""
+        self.exactly("format", name)
+        if (got := self.number("version", "-")) != version:
+            raise RecordingFormatError(f"{self._place('version')}: expected {version}; got {got:g}")
 
     def table(self, name: str) -> "Fields":
         """Return the fields of a table inside this one."""

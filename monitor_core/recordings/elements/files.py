@@ -1,4 +1,4 @@
-"""What every reader does first: look at the file before trusting it, and speak with one voice when it does not fit."""
+"""Check a file before it is read, and turn errors of file libraries into one sentence."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

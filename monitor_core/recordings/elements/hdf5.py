@@ -1,10 +1,11 @@
-"""What the readers of HDF5 files share: a file is opened, and its parts taken, only when they are what they should be.
+"""Open HDF5 files and take parts of them, each checked before it is read.
 
 Links that lead out of the file, virtual datasets and external storage are refused: a recording is one file. Numbers
 that were announced and never written are refused too, since HDF5 answers zeros for them.
 """
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,6 +69,43 @@ def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group
     if not isinstance(found, getattr(h5py, kind)):
         raise RecordingFormatError(f"{place}: expected a {kind.lower()}; got a {type(found).__name__.lower()}")
     return found
+
+
+def numbered_groups(
+    file: "h5py.File", folder: str, digits: int, known: frozenset[str], where: str
+) -> tuple["h5py.Group", dict[str, Fields]]:
+    """Return a folder whose groups are named by numbers, and the known attributes of each of them, in order.
+
+    Parameters
+    ----------
+    file : h5py.File
+    folder : str
+        Name of the folder in the file.
+    digits : int
+        Fewest digits of a name.
+    known : frozenset of str
+        Attributes to read.
+    where : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    RecordingFormatError
+        If the folder is missing, or something in it is no group or not named by a number.
+    """
+    found = member(file, folder, "Group", f"{where} /{folder}")
+    fields = {}
+    for name in sorted(found, key=lambda name: (len(name), name)):
+        place = f"{where} /{folder}/{name}"
+        if not re.fullmatch(rf"\d{{{digits},}}", name, re.ASCII):
+            raise RecordingFormatError(f"{place}: expected a group named by at least {digits} digits; got {name!r}")
+        fields[name] = attributes(member(found, name, "Group", place), known, place)
+    return found, fields
+
+
+def write_attributes(group: "h5py.Group", stated: Mapping[str, object]) -> None:
+    """Write attributes; None means: not stated."""
+    group.attrs.update({name: value for name, value in stated.items() if value is not None})
 
 
 def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -> "h5py.Dataset":

@@ -1,4 +1,4 @@
-"""Guard in front of the HDF5 library: texts of variable length in a damaged file make it crash or loop for ever.
+"""Guard the HDF5 library against damaged texts of variable length, which make it crash or loop for ever.
 
 Such texts lie in *global heap collections* (HDF5 File Format Specification 3.0, section III.E): a header of 16 bytes
 (``GCOL``, version 1, three zeros, size of the collection) and objects that follow each other, each with a header of 16

@@ -1,4 +1,4 @@
-"""Unit of a frequency response in a file: implied by what was excited and what answers; compared, never converted."""
+"""Name the unit of a frequency response: excitation and response imply it; it is compared, never converted."""
 
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 

@@ -1,4 +1,4 @@
-"""Instants in files: RFC 3339 with a zone, never without."""
+"""Read and write instants: RFC 3339 with a zone, never without."""
 
 import re
 from datetime import UTC, datetime, timedelta

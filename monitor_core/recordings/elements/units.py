@@ -1,4 +1,4 @@
-"""Units that may stand in a file or a channel map, and the one factor each has to SI. No unit is ever assumed."""
+"""Convert the units of a file or a channel map to SI, each by one factor. No unit is ever assumed."""
 
 from decimal import Decimal
 from enum import StrEnum

@@ -1,1 +1,1 @@
-"""Raw files of other programs: named channels, and a map that makes windows of them."""
+"""Read raw files of other programs: named channels, and a map that makes windows of them."""

@@ -1,4 +1,4 @@
-"""Channel map (TOML): which channel of a raw file is what, in which unit, and what the file itself does not say.
+"""Read a channel map (TOML): which channel is what, in which unit, and what the raw file does not say.
 
 .. code-block:: toml
 
@@ -186,8 +186,8 @@ def _window(fields: Fields, *, has_position: bool) -> WindowFacts:
         temperature=fields.optional_number("temperature_c", "°C"),
         preload=fields.optional_number("preload_n", "N"),
         measurement=fields.text("measurement") if "measurement" in fields else None,
-        direction=fields.choice("direction", Direction) if "direction" in fields else Direction.BOTH,
+        direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
         samples_per_window=fields.count("samples_per_window") if "samples_per_window" in fields else None,
-        windows_in=fields.choice("windows_in", WindowsIn) if "windows_in" in fields else None,
+        windows_in=fields.optional_choice("windows_in", WindowsIn),
         window_interval=fields.positive("window_interval_s", "s") if "window_interval_s" in fields else None,
     )

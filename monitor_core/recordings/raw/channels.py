@@ -1,4 +1,4 @@
-"""What a raw file holds before a channel map says what it means: named channels."""
+"""Record of a raw file before a channel map gives it a meaning: named channels."""
 
 from dataclasses import dataclass
 from datetime import datetime

@@ -1,4 +1,4 @@
-"""Samples as text columns: ``*.csv``, ``*.txt``, ``*.tsv``.
+"""Read samples from text columns: ``*.csv``, ``*.txt``, ``*.tsv``.
 
 The separator is the first of tab, semicolon and comma that the first line contains (blanks, if none). A first line of
 numbers alone means that there is no header: the columns are then named "1", "2", …. Decimals carry a point: a decimal

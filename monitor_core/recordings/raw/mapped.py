@@ -1,4 +1,4 @@
-"""From a raw file and its channel map to a session: the only place where channels become windows."""
+"""Convert a raw file and its channel map to a session: the only place where channels become windows."""
 
 from collections.abc import Callable
 from datetime import datetime, timedelta

@@ -1,4 +1,4 @@
-"""MATLAB files, ``*.mat`` of version 4 to 7.2: every array of real numbers is a channel of its name.
+"""Read MATLAB files, ``*.mat`` of version 4 to 7.2: every array of real numbers is a channel of its name.
 
 Version 5 to 7.2 is read here, by the layout of *MAT-File Format* (The MathWorks): a header of 128 bytes, then elements,
 each a tag (type, number of bytes) and its bytes. ``scipy.io.loadmat`` reads the same, but trusts the type codes: with

@@ -1,4 +1,4 @@
-"""NumPy archives, ``*.npz``: every array of real numbers is a channel of its name. Nothing is unpickled."""
+"""Read NumPy archives, ``*.npz``: every array of real numbers is a channel of its name. Nothing is unpickled."""
 
 import zipfile
 from pathlib import Path

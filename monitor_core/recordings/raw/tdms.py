@@ -1,4 +1,4 @@
-"""TDMS files of LabVIEW and DAQmx, through npTDMS (extra ``tdms``): channels are named ``group/channel``."""
+"""Read TDMS files of LabVIEW and DAQmx through npTDMS (extra ``tdms``): channels are named ``group/channel``."""
 
 import struct
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Universal files, data set 58 in text or binary (58b), through pyuff (extra ``uff``): time histories only.
+"""Read universal files, data set 58 in text or binary (58b), through pyuff (extra ``uff``): time histories only.
 
 A data set 58 may also be a spectrum or an FRF: those are no recordings and are left out. Channels carry the first
 identification line of their data set; where these lines are empty or not distinct, they are numbered "1", "2", ….

@@ -1,1 +1,1 @@
-"""What every route shares: bodies, limits, error documents, the description of the API."""
+"""Serve what every route shares: bodies, limits, error documents, the description of the API."""

@@ -1,4 +1,4 @@
-"""Request bodies in JSON or MessagePack, and samples in three encodings."""
+"""Read request bodies in JSON or MessagePack, and samples in three encodings."""
 
 import base64
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""What is refused before anything of it is read: bodies that are too large, and more work than can wait."""
+"""Refuse bodies that are too large, and more work than can wait, before anything is read."""
 
 from http import HTTPStatus
 

@@ -1,4 +1,4 @@
-"""What is noted of every request, whatever becomes of it."""
+"""Count and log every request, whatever becomes of it."""
 
 import logging
 import time

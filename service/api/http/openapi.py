@@ -1,4 +1,4 @@
-"""The description of the API: FastAPI's own, with the models of bodies that a route reads by itself."""
+"""Describe the API: FastAPI's own schema, with the models of bodies that a route reads by itself."""
 
 from typing import Any
 

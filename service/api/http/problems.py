@@ -1,4 +1,4 @@
-"""RFC 9457: every error answers ``application/problem+json`` with a stable type."""
+"""Answer every error as ``application/problem+json`` (RFC 9457) with a stable type."""
 
 from http import HTTPStatus
 from typing import Any

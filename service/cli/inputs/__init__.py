@@ -1,1 +1,1 @@
-"""What commands read: sessions, modal tables, drive models."""
+"""Read what commands take: sessions, modal tables, drive models."""

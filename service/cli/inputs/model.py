@@ -1,4 +1,4 @@
-"""What ``modes`` and ``simulate`` share: a drive model from a file, and options that take several numbers."""
+"""Read a drive model from a file, and options that take several numbers, for ``modes`` and ``simulate``."""
 
 from collections.abc import Iterator
 from pathlib import Path

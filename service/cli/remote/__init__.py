@@ -1,1 +1,1 @@
-"""A service to talk to: a client over HTTP, and one inside this process."""
+"""Reach a service: through a client over HTTP, or inside this process."""

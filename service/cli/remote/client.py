@@ -1,4 +1,4 @@
-"""A small HTTP client of the service's own API, for ``preload replay`` and ``preload demo``."""
+"""Call the service's own API over HTTP, for ``preload replay`` and ``preload demo``."""
 
 from collections.abc import Sequence
 from types import TracebackType

@@ -1,4 +1,4 @@
-"""A service inside this process, for ``preload demo`` and the tests: real HTTP on a free loopback port."""
+"""Run a service inside this process, for ``preload demo`` and the tests: real HTTP on a free loopback port."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Tian's drive with its rods discretised: where all poles are, closely enough for the exact model to find them.
+"""Locate all poles of Tian's drive by discretising its rods, closely enough to start the exact search.
 
 Each of the two pieces of screw is one element whose shape functions are the two straight lines of its ends and the
 integrals of Legendre polynomials. Their error falls exponentially with the degree, so a small eigenvalue problem finds
@@ -49,14 +49,7 @@ class DiscreteDrive:
 
 
 def discretise(parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd) -> DiscreteDrive:
-    """Assemble the drive.
-
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    conditions : DriveConditions
-    motor_end : MotorEnd
-    """
+    """Assemble the matrices of the drive at a position, with a motor end."""
     joints = parameters.joints(conditions)
     # degrees of freedom: axial screw, torsional screw (each: near end, nut, far end, bubbles), table, rotor
     table, rotor = 2 * _N_SCREW, 2 * _N_SCREW + 1
@@ -123,23 +116,13 @@ def _screw(parameters: ReceptanceParameters, position: float) -> tuple[FloatArra
 
 
 def undamped_frequencies(drive: DiscreteDrive) -> FloatArray:
-    """Return the undamped natural frequencies of the elastic modes in rising order. [rad/s].
-
-    Parameters
-    ----------
-    drive : DiscreteDrive
-    """
+    """Return the undamped natural frequencies of the elastic modes in rising order [rad/s]."""
     square: FloatArray = scipy.linalg.eigh(drive.screw_stiffness + drive.joint_stiffness, drive.mass, eigvals_only=True)
     return np.asarray(np.sqrt(np.abs(square[1:] if drive.free else square)))
 
 
 def oscillating_poles(drive: DiscreteDrive) -> ComplexArray:
-    """Return the poles of the elastic modes that oscillate, Im s > 0, in order of |s|. [1/s].
-
-    Parameters
-    ----------
-    drive : DiscreteDrive
-    """
+    """Return the poles of the elastic modes that oscillate, Im s > 0, in order of |s| [1/s]."""
     square, shapes = scipy.linalg.eigh(drive.screw_stiffness + drive.joint_stiffness, drive.mass)
     elastic = slice(1 if drive.free else 0, None)
     n, n_elastic = square.size, square[elastic].size
@@ -180,7 +163,7 @@ def _with_nut_deflection(
 
 
 def _nut_and_bracket(joints: JointParameters) -> float:
-    """Stiffness of nut and bracket in series. [N/m]."""
+    """Stiffness of nut and bracket in series [N/m]."""
     return 1.0 / (1.0 / joints.nut_stiffness + 1.0 / joints.bracket_stiffness)
 
 

@@ -1,4 +1,4 @@
-"""Receptance coupling: the response of an assembly from the responses of its substructures.
+"""Couple receptances: the response of an assembly from the responses of its substructures.
 
 Array level; any leading axes (frequency, position, draw) are carried along. Points are indices into the last two axes
 of a receptance, which holds the response at the row's point to a force (or torque) at the column's point.
@@ -20,7 +20,7 @@ def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> C
 
         h_J = \frac{1}{k + j \omega c}
 
-    Eqs. (6) and (8) of [1]_.
+    Eqs. (6) and (8) of Tian et al.
 
     Parameters
     ----------
@@ -44,10 +44,6 @@ def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> C
     Notes
     -----
     As printed, Eqs. (6) and (8) are the reciprocal of a receptance, see docs/errata.md.
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     if stiffness == 0.0 and damping == 0.0:
         raise OutsideValidityError("a joint must have stiffness or damping; got 0 N/m and 0 N·s/m, leave it out")
@@ -69,8 +65,8 @@ def couple_receptances(
         \mathbf H = \begin{bmatrix} \mathbf H_A & 0 \\ 0 & \mathbf H_B \end{bmatrix}
         - \mathbf v \left[ h_{A,aa} + h_{B,bb} + h_J \right]^{-1} \mathbf w^T
 
-    with v and w the columns and rows of a and, negative, b. Eqs. (4), (13), (17), (23) and (24) of [1]_ with h_J = 0,
-    rigid coupling. What holds in the joint is the force that closes the gap between both points.
+    with v and w the columns and rows of a and, negative, b. Eqs. (4), (13), (17), (23) and (24) of Tian et al. with h_J
+    = 0, rigid coupling. What holds in the joint is the force that closes the gap between both points.
 
     Parameters
     ----------
@@ -99,10 +95,6 @@ def couple_receptances(
 
     >>> couple_receptances([[-1.0]], [[-1.0]], (0, 0), keep=[0]).item()
     (-0.5+0j)
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     h_a, h_b = _receptance(receptance_a, "A"), _receptance(receptance_b, "B")
     n_a, n_b = h_a.shape[-1], h_b.shape[-1]
@@ -128,7 +120,7 @@ def ground_receptance(
 
         \mathbf H = \mathbf H_A - \mathbf h_{\cdot a} \left[ h_{aa} + h_J \right]^{-1} \mathbf h_{a \cdot}
 
-    Eqs. (5), (7) and (9) of [1]_.
+    Eqs. (5), (7) and (9) of Tian et al.
 
     Parameters
     ----------
@@ -149,10 +141,6 @@ def ground_receptance(
     ------
     OutsideValidityError
         If the receptance is not square, a point does not exist, or the leading axes do not match.
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     h = _receptance(receptance, "A")
     a, kept = _point(point, h.shape[-1], "A"), _kept(keep, h.shape[-1])

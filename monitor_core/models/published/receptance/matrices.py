@@ -1,4 +1,4 @@
-"""Tian's drive as the paper builds it: three substructures whose receptances are coupled, Eqs. (1)-(24).
+"""Build Tian's drive as the paper does: couple the receptances of three substructures, Eqs. (1)-(24).
 
 The closed form of ``closed_form`` says the same in a fiftieth of the time; this is
 what it is compared with, and where the responses of the screw inside the nut are.
@@ -20,7 +20,7 @@ def drive_receptance(
     conditions: DriveConditions,
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> ComplexArray:
-    """Couple the axial, the torsional and the worktable substructure, Eqs. (23) and (24) of [1]_.
+    """Couple the axial, the torsional and the worktable substructure, Eqs. (23) and (24) of Tian et al.
 
     Parameters
     ----------
@@ -39,10 +39,6 @@ def drive_receptance(
     ------
     OutsideValidityError
         If the position is not on the screw, or the piece inside the nut has no mass or no inertia.
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     joints = parameters.joints(conditions)
     worktable = worktable_receptance(parameters, joints, omega, conditions.payload_mass)
@@ -146,7 +142,7 @@ def nut_pattern(transmission_ratio: float) -> FloatArray:
 
         \mathbf K_W = k_n \, \mathbf v \mathbf v^T, \qquad \mathbf v = (1, -1, -i_b)
 
-    from the energy ½ k_n (x_b − x_s − i_b θ)²: Eqs. (19) and (20) of [1]_ without their misprint.
+    from the energy ½ k_n (x_b − x_s − i_b θ)²: Eqs. (19) and (20) of Tian et al. without their misprint.
 
     Parameters
     ----------
@@ -160,10 +156,6 @@ def nut_pattern(transmission_ratio: float) -> FloatArray:
     Notes
     -----
     The paper prints −i_b k_n between table and axial screw, where −k_n is right, see docs/errata.md.
-
-    References
-    ----------
-    .. [1] F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System.
     """
     deflection = np.array([1.0, -1.0, -transmission_ratio])
     return np.outer(deflection, deflection)

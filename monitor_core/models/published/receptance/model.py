@@ -88,11 +88,6 @@ class ReceptanceModel:
     ) -> tuple[NaturalFrequency, ...]:
         """Return the first eight poles, rigid-body mode included; ``None`` is the paper's freely turning rotor.
 
-        Parameters
-        ----------
-        conditions : DriveConditions
-        motor_end : MotorEnd, optional
-
         Raises
         ------
         OutsideValidityError
@@ -102,11 +97,6 @@ class ReceptanceModel:
 
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
         """Return the first eight undamped modes, rigid-body mode included.
-
-        Parameters
-        ----------
-        conditions : DriveConditions
-        motor_end : MotorEnd, optional
 
         Raises
         ------

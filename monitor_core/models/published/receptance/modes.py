@@ -1,16 +1,17 @@
-"""Poles and normal modes of Tian's drive: the zeros of its characteristic function, none missed and none twice.
+"""Find the poles and normal modes of Tian's drive: all zeros of its characteristic function, each exactly once.
 
 The discretised drive of ``chain`` says where they are; Newton's method on the exact
 function, which has no poles of its own, says it to rounding.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.parameters import scaled_damping
+from monitor_core.models.poles import zeros_near
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency, NormalModes
 from monitor_core.models.published.receptance.chain import discretise, oscillating_poles, undamped_frequencies
 from monitor_core.models.published.receptance.closed_form import EntireResponses, entire_responses, position_terms
@@ -28,12 +29,6 @@ def natural_frequencies(
     parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd
 ) -> tuple[NaturalFrequency, ...]:
     """Return the first poles of the exact drive in order of frequency; those that do not oscillate are left out.
-
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    conditions : DriveConditions
-    motor_end : MotorEnd
 
     Returns
     -------
@@ -54,7 +49,7 @@ def natural_frequencies(
     if np.any(np.abs(omega - start) > _LARGEST_MOVE * np.abs(start)) or _coincide(omega):
         raise OutsideValidityError("the poles of this drive cannot be told apart")
     omega = omega[np.argsort(np.abs(omega))]
-    elastic = tuple(NaturalFrequency(float(abs(one)) / (2.0 * np.pi), float(one.imag / abs(one))) for one in omega)
+    elastic = tuple(NaturalFrequency(float(abs(pole)) / (2.0 * np.pi), float(pole.imag / abs(pole))) for pole in omega)
     return (NaturalFrequency(0.0, 0.0), *elastic) if drive.free else elastic
 
 
@@ -69,18 +64,12 @@ def normal_modes(parameters: ReceptanceParameters, conditions: DriveConditions, 
 
     The signs are such that the motor end turns forward.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    conditions : DriveConditions
-    motor_end : MotorEnd
-
     Raises
     ------
     OutsideValidityError
         If a mode is damped so strongly that it does not oscillate.
     """
-    undamped = _scaled_damping(parameters, 0.0)
+    undamped = scaled_damping(parameters, 0.0)
     drive = discretise(undamped, conditions, motor_end)
     start = undamped_frequencies(drive)[: N_MODES - drive.free]
     omega = _refine(_characteristic(undamped, conditions, motor_end), start.astype(np.complex128)).real
@@ -119,26 +108,13 @@ def _damping_ratios(
     """Follow each undamped mode to its pole while the damping grows."""
     omega = undamped_omega.astype(np.complex128)
     for share in np.linspace(0.0, 1.0, _DAMPING_STEPS + 1)[1:]:
-        damped = _scaled_damping(parameters, float(share))
+        damped = scaled_damping(parameters, float(share))
         omega = _refine(_characteristic(damped, conditions, motor_end), omega)
     if np.any(omega.real <= 1e-3 * np.abs(omega)) or _coincide(omega):
         raise OutsideValidityError(
             "a mode is damped so strongly that it does not oscillate; modal superposition does not hold for this drive"
         )
     return np.asarray(omega.imag / np.abs(omega))
-
-
-def _scaled_damping(parameters: ReceptanceParameters, share: float) -> ReceptanceParameters:
-    return replace(
-        parameters,
-        bearing_damping=share * parameters.bearing_damping,
-        far_bearing_damping=share * parameters.far_bearing_damping,
-        nut_damping=share * parameters.nut_damping,
-        coupling_damping=share * parameters.coupling_damping,
-        table_damping=share * parameters.table_damping,
-        motor_damping=share * parameters.motor_damping,
-        loss_factor=share * parameters.loss_factor,
-    )
 
 
 def _turning_inertia(parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd) -> float:
@@ -167,18 +143,13 @@ def _characteristic(
 
 
 def _refine(function: Callable[[ComplexArray], ComplexArray], start: ComplexArray) -> ComplexArray:
-    """Newton's method on all zeros at once."""
-    omega = start
-    for _ in range(30):
-        h = 1e-6 * np.abs(omega)
-        here, above, below = np.split(function(np.concatenate([omega, omega + h, omega - h])), 3)
-        step = here * 2.0 * h / (above - below)
-        omega = omega - step
-        if np.all(np.abs(step) < 1e-11 * np.abs(omega)):
-            return omega
-    raise OutsideValidityError(
-        "a pole of this drive could not be found; a mode is damped so strongly that it does not oscillate"
-    )
+    """Return the exact poles next to those of the discretised drive."""
+    omega = zeros_near(function, start)
+    if np.any(np.isnan(omega)):
+        raise OutsideValidityError(
+            "a pole of this drive could not be found; a mode is damped so strongly that it does not oscillate"
+        )
+    return omega
 
 
 def _coincide(omega: ComplexArray) -> bool:

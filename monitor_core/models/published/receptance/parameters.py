@@ -1,12 +1,12 @@
-"""Parameters of Tian's drive, and those of them that are joints."""
+"""Parameters of Tian's drive, and the joints among them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
+from monitor_core.models.ball_screw import BallScrew
 from monitor_core.models.nut import nut_rigidity
-from monitor_core.models.parameters import DriveParameters, transmission_ratio
+from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveConditions
-from monitor_core.models.rod import axial_rigidity, torsional_rigidity
 
 #: Joint parameters in the order of Eq. (25), as the rows of a gradient.
 JOINT_NAMES = (
@@ -35,7 +35,7 @@ class JointParameters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReceptanceParameters(DriveParameters):
+class ReceptanceParameters(BallScrew, DriveParameters):
     """Parameters of Tian's drive: Table A, Table 3 and what the axis may have beside them.
 
     Symbols of the paper: segments A and B are the screw on either side of the nut, F the rigid piece inside the nut,
@@ -69,41 +69,12 @@ class ReceptanceParameters(DriveParameters):
     motor_damping: float = 0.0  # to ground [N·m·s/rad]
     loss_factor: float = 0.0  # of the joints' springs [-]
 
-    @property
-    def axial_rigidity(self) -> float:
-        """E S. [N]."""
-        return axial_rigidity(self.youngs_modulus, self.screw_diameter)
-
-    @property
-    def torsional_rigidity(self) -> float:
-        """G J with J = π d⁴/32, Eq. (12). [N·m²]."""
-        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
-
-    @property
-    def transmission_ratio(self) -> float:
-        """i_b = h/2π, Eq. (21). [m/rad]."""
-        return transmission_ratio(self.screw_lead)
-
-    @property
-    def rotor_inertia(self) -> float:
-        """What turns on the motor's side of the coupling. [kg·m²]."""
-        return self.motor_inertia + self.coupling_inertia
-
     def moving_mass(self, payload_mass: float) -> float:
         """Return what moves with the table under a payload. [kg]."""
         return self.table_mass + self.nut_mass + payload_mass
 
     def joints(self, conditions: DriveConditions) -> JointParameters:
         """Return the joints under the conditions: the nut's rigidity follows the preload where a rating is stated."""
-        return JointParameters(
-            bearing_stiffness=self.bearing_stiffness,
-            far_bearing_stiffness=self.far_bearing_stiffness,
-            nut_stiffness=nut_rigidity(self.nut_stiffness, conditions.preload, self.dynamic_load_rating),
-            coupling_stiffness=self.coupling_stiffness,
-            bearing_damping=self.bearing_damping,
-            far_bearing_damping=self.far_bearing_damping,
-            nut_damping=self.nut_damping,
-            coupling_damping=self.coupling_damping,
-            bracket_stiffness=self.bracket_stiffness,
-            loss_factor=self.loss_factor,
-        )
+        same = {item.name: getattr(self, item.name) for item in fields(JointParameters)}
+        nut = nut_rigidity(self.nut_stiffness, conditions.preload, self.dynamic_load_rating)
+        return JointParameters(**same | {"nut_stiffness": nut})

@@ -1,4 +1,4 @@
-"""From the parameters of an axis and the sections of its lines to what the time stepping multiplies with."""
+"""Discretise a drive for time stepping, from its parameters and the sections of its lines."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Sections and time steps of the two lines, so that a wave needs a whole number of steps for each.
+"""Choose sections and time steps of the two lines, so that a wave needs a whole number of steps for each.
 
 Torsional and axial waves run at different speeds. The paper lets the axial line take several steps in one torsional
 step; with the same step for both lines, and different numbers of sections, nothing has to be held in between.
@@ -63,7 +63,8 @@ def synchronised_grid(parameters: TransmissionLineParameters, time_step: float, 
 
         m = \lfloor l / (u_t t_t) \rfloor, \qquad m_a = n_t m, \qquad t_a = t_t / n_a
 
-    Eqs. (40), (41), (44), (50) and (51) of [1]_. Torsional values are held during the axial steps.
+    Eqs. (40), (41), (44), (50) and (51) of Moreno-Castaneda et al. (2005). Torsional values are held during the axial
+    steps.
 
     Parameters
     ----------
@@ -91,7 +92,8 @@ def synchronised_grid(parameters: TransmissionLineParameters, time_step: float, 
 
     Examples
     --------
-    Eqs. (50) and (51) of [1]_, the paper's shaft at 1 µs: 421 and 2105 sections (the rest of the axis is no matter).
+    Eqs. (50) and (51) of Moreno-Castaneda et al. (2005), the paper's shaft at 1 µs: 421 and 2105 sections (the rest of
+    the axis is no matter).
 
     >>> shaft = TransmissionLineParameters(
     ...     screw_length=1.346, screw_diameter=0.040, screw_minor_diameter=0.0341, shear_modulus=80e9,
@@ -101,10 +103,6 @@ def synchronised_grid(parameters: TransmissionLineParameters, time_step: float, 
     >>> grid = synchronised_grid(shaft, 1e-6)
     >>> grid.torsional_sections, grid.axial_sections
     (421, 2105)
-
-    References
-    ----------
-    .. [1] V. Y. Moreno-Castaneda et al., LAMDAMAP 2005.
     """
     if not (math.isfinite(time_step) and time_step > 0.0):
         raise OutsideValidityError(f"time_step must be positive; got {time_step} s")

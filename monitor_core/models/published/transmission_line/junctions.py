@@ -1,4 +1,4 @@
-"""What happens at the ends of the lines and at the nut, in one step.
+"""Compute one step of the junctions: the bearings, the nut, the table and the motor.
 
 Force and torque are the voltage of the paper, velocity the current; B arrives at a junction with the screw coordinate,
 A against it. Springs, masses and inertias are trapezoidal stubs, which store and return energy without loss: with half

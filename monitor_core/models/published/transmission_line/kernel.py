@@ -1,4 +1,4 @@
-"""Time stepping of the lines in rings: nothing is shifted, so a step costs the same however many sections there are.
+"""Step waves through the lines, kept in rings: nothing is shifted, so the cost does not grow with the sections.
 
 With m sections the wave that arrives at node j at step k is slot (j − k) mod m of the right-going ring and slot
 (j + k) mod m of the left-going one. What leaves one end takes the slot of what has arrived at the other; the nut edits

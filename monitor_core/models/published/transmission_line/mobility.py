@@ -1,4 +1,4 @@
-r"""The discretised drive in the z-domain: exactly what the time stepping does, at one complex frequency.
+r"""Evaluate the discretised drive in the z-domain: exactly what the time stepping does, at one complex frequency.
 
 With :math:`z = e^{s \Delta t}` a line of m sections is a delay of m steps, and a trapezoidal stub sees the frequency
 
@@ -114,12 +114,12 @@ class DiscreteDrive:
     def at_motor_end(self, sigma: ComplexArray, damping: float = 1.0) -> AtMotorEnd:
         """Return what rotor and coupling are to the torsional line; ``damping`` scales all dampers."""
         p = self.parameters
-        none, one = np.zeros_like(sigma), np.ones_like(sigma)
+        zeros, ones = np.zeros_like(sigma), np.ones_like(sigma)
         if self.motor_end is MotorEnd.PRESCRIBED:
-            return AtMotorEnd(none, one, none, one)
+            return AtMotorEnd(zeros, ones, zeros, ones)
         coupling = np.asarray(p.coupling_stiffness / sigma + damping * p.coupling_damping)
         if self.motor_end is MotorEnd.CLAMPED:
-            return AtMotorEnd(coupling, none, none, one)
+            return AtMotorEnd(coupling, zeros, zeros, ones)
         rotor = p.rotor_inertia * sigma + damping * p.motor_damping
         common = 1.0 + rotor / coupling
         return AtMotorEnd(*(np.asarray(x) for x in (rotor / common, 1.0 / common, 1.0 / (coupling + rotor), common)))

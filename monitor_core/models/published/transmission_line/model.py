@@ -28,20 +28,16 @@ from monitor_core.response import FrequencyResponse
 
 @dataclass(frozen=True, slots=True)
 class TransmissionLineModel:
-    """The discretised drive of [1]_, with bearings to ground and one time step for both lines.
+    """The discretised drive of Moreno-Castaneda et al. (2005): bearings to ground, one time step for both lines.
 
     What it answers is exact for the discretised drive: the same as a run of ``simulate_drive`` on ``grid`` would give.
     Poles are given up to the fourth half-wave of the free screw in torsion.
 
     Notes
     -----
-    Eqs. (22)–(32) of [1]_ as printed put the stiffness of a bearing between two pieces of the screw, not between the
-    screw and ground; here it is to ground. Table mass, nut and motor are not in the paper and are trapezoidal stubs.
-    There is no loss factor, which has no counterpart in time.
-
-    References
-    ----------
-    .. [1] V. Y. Moreno-Castaneda et al., LAMDAMAP 2005.
+    Eqs. (22)–(32) of Moreno-Castaneda et al. (2005) as printed put the stiffness of a bearing between two pieces of the
+    screw, not between the screw and ground; here it is to ground. Table mass, nut and motor are not in the paper and
+    are trapezoidal stubs. There is no loss factor, which has no counterpart in time.
     """
 
     parameters: TransmissionLineParameters

@@ -1,4 +1,4 @@
-r"""Poles and modes of the discretised drive.
+r"""Find the poles and modes of the discretised drive.
 
 Without damping the loop mobility is jB(ω), and B rises between its poles (Foster's reactance theorem). So there is
 exactly one natural frequency between two neighbouring poles of the lines alone, and these follow from a phase that
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.poles import circles_around
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, NaturalFrequency, NormalModes, ResponsePoint
 from monitor_core.models.published.transmission_line.mobility import DiscreteDrive, Line, loop_mobility, response_at
 
@@ -27,8 +28,6 @@ _LARGEST_DEGREE, _SMALLEST_DEGREE = 2.0**-3, 2.0**-20
 #: At once a pole may move by so much of its distance to the nearest other one; one that changes paths moves by all.
 _FOLLOWED = 0.1
 _SECANTS = 50
-#: Points on the circle around a pole; what the neighbours add falls with their power of the radius over the distance.
-_CIRCLE = 16
 _TORQUE, _FORCE = ExcitationPoint.TORQUE_AT_MOTOR, ExcitationPoint.FORCE_AT_TABLE
 _MOTOR, _TABLE = ResponsePoint.ANGLE_AT_MOTOR, ResponsePoint.DISPLACEMENT_AT_TABLE
 
@@ -61,13 +60,8 @@ def normal_modes(drive: DiscreteDrive) -> NormalModes:
 def _residue(
     drive: DiscreteDrive, omega: FloatArray, excitation: ExcitationPoint, response: ResponsePoint
 ) -> FloatArray:
-    r"""Return φ_a φ_b of the receptance Σ φ_a φ_b/(ω_n² + s²), its mean over a circle around each pole.
-
-    On the circle nothing is divided by nearly zero, whether the mode moves the nut or not.
-    """
-    apart = np.diff(np.concatenate([[0.0], omega, [2.0 * omega[-1]]]))
-    radius = np.minimum(0.1 * np.minimum(apart[:-1], apart[1:]), 1e-3 * omega)
-    offset = radius[:, None] * np.exp(2j * math.pi * np.arange(_CIRCLE) / _CIRCLE)
+    r"""Return φ_a φ_b of the receptance Σ φ_a φ_b/(ω_n² + s²), its mean over a circle around each pole."""
+    offset = circles_around(omega)
     s = 1j * omega[:, None] + offset
     receptance = response_at(drive, s.ravel(), excitation, response, damping=0.0).reshape(s.shape)
     return np.asarray(np.mean(receptance * offset * (s + 1j * omega[:, None]), axis=1).real)

@@ -1,4 +1,4 @@
-"""The drive in time: given torque and table force, and a nut that moves while the waves travel."""
+"""Simulate the drive in time under a given torque and table force, with a nut that moves while waves travel."""
 
 from collections.abc import MutableSequence
 from dataclasses import dataclass

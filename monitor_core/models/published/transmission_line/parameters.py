@@ -1,23 +1,19 @@
-"""What a transmission-line model needs to know of an axis, and what follows from it for the lines."""
+"""Parameters of a transmission-line model, and the wave speeds that follow from them."""
 
 import math
 from dataclasses import dataclass
 
-from monitor_core.models.parameters import DriveParameters, transmission_ratio
-from monitor_core.models.rod import axial_rigidity, torsional_rigidity
+from monitor_core.models.ball_screw import BallScrew
+from monitor_core.models.parameters import DriveParameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TransmissionLineParameters(DriveParameters):
+class TransmissionLineParameters(BallScrew, DriveParameters):
     """Axis of a transmission-line model.
 
-    The shaft twists with ``screw_diameter`` and stretches with ``screw_minor_diameter``: the figures of [1]_ follow
-    from 40 mm in torsion and 34.1 mm axially. There is no loss factor: it has no counterpart in the time domain, for
-    which this family is made; damping is viscous.
-
-    References
-    ----------
-    .. [1] V. Y. Moreno-Castaneda et al., LAMDAMAP 2005.
+    The shaft twists with ``screw_diameter`` and stretches with ``screw_minor_diameter``: the figures of
+    Moreno-Castaneda et al. (2005) follow from 40 mm in torsion and 34.1 mm axially. There is no loss factor: it has no
+    counterpart in the time domain, for which this family is made; damping is viscous.
     """
 
     table_mass: float
@@ -44,24 +40,9 @@ class TransmissionLineParameters(DriveParameters):
     motor_damping: float = 0.0
 
     @property
-    def transmission_ratio(self) -> float:
-        """Travel per radian in metres."""
-        return transmission_ratio(self.screw_lead)
-
-    @property
-    def rotor_inertia(self) -> float:
-        """Inertia that turns with the motor, in kg·m²."""
-        return self.motor_inertia + self.coupling_inertia
-
-    @property
-    def torsional_rigidity(self) -> float:
-        """GJ, J = πd⁴/32 with the outer diameter, in N·m²."""
-        return torsional_rigidity(self.shear_modulus, self.screw_diameter)
-
-    @property
-    def axial_rigidity(self) -> float:
-        """EA with the diameter that carries the load, in newtons."""
-        return axial_rigidity(self.youngs_modulus, self.screw_minor_diameter)
+    def stretched_diameter(self) -> float:
+        """Diameter that carries the load, in metres."""
+        return self.screw_minor_diameter
 
     @property
     def torsional_speed(self) -> float:

@@ -1,18 +1,60 @@
-"""Persistent sines in the residual of a fit: found by a significance test."""
+"""Read the residual of a fit: the noise of each line, and sines that persist in every window."""
 
 import numpy as np
+import scipy.optimize
 import scipy.stats
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.modal.model import FitLines
+from monitor_core.modal.fit_lines import FitLines
+from monitor_core.modal.model import pole_factor
 from monitor_core.modal.variable_projection import Solution
 
+_ITERATIONS = 4
+#: Least share of the mean level: a line must not count for more than a thousand average ones.
+_FLOOR = 1e-3
 #: Probability that a clean band is said to hold a tone.
 _FALSE_ALARM_PROBABILITY = 1e-3
 _LINES_APART = 1.5
 #: Of a tone's power over its neighbours'. With more than about a dozen windows this rise, not the significance level,
 #: decides: the level then lies below three times the noise.
 _LEAST_RISE = 3.0
+
+
+def noise_weight(lines: FitLines, solution: Solution) -> FloatArray:
+    r"""Return one over the standard deviation of the noise at each line, up to a common factor.
+
+    .. math:: \sigma^2(f) = \sigma_0^2 + \sum_i \sigma_i^2\, \frac{\min |A_i|^2}{|A_i(f)|^2}
+
+    The first part is the accelerometer's. The others are forces that nobody measures, such as friction: they reach the
+    sensor through the mode, so their noise has its shape; on an axis with friction they are nearly all of it. Fitted to
+    the residual's mean power over windows, whose standard deviation is proportional to itself (maximum likelihood of
+    the gamma distribution by repeated non-negative least squares).
+
+    Parameters
+    ----------
+    lines : FitLines
+        Lines of the fit band.
+    solution : Solution
+        Fit whose residual tells the noise.
+
+    Returns
+    -------
+    ndarray, shape (n_frequencies,)
+        Weights, 1 at the least noisy line.
+    """
+    power = np.mean(np.abs(solution.projection.residual) ** 2, axis=0) / lines.weight**2
+    floor = _FLOOR * float(power.mean())
+    shapes = [np.ones_like(power)]
+    for natural_frequency, damping_ratio in solution.modes:
+        shape = 1.0 / np.abs(pole_factor(lines.frequency, natural_frequency, damping_ratio)) ** 2
+        shapes.append(shape / shape.max())
+    columns = np.column_stack(shapes)
+    level = np.full_like(power, power.mean())
+    for _ in range(_ITERATIONS):
+        share, _ = scipy.optimize.nnls(columns / level[:, None], power / level)
+        level = np.maximum(columns @ share, floor)
+    weight: FloatArray = np.sqrt(level.min() / level)
+    return weight
 
 
 def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
