@@ -3,7 +3,7 @@
 >>> import monitor_core as mc
 >>> from monitor_core import recordings
 
-``mc.calibrate``, ``mc.estimate_preload``, ``mc.identify``, ``mc.explain`` and others are pure functions on frozen records;
+``mc.calibrate``, ``mc.identify``, ``mc.explain`` and the others are pure functions on frozen records;
 ``recordings`` reads and writes files. No clock, environment, log, web or database. The names below
 are imported from their modules when they are first used.
 """
