@@ -7,7 +7,8 @@ import numpy as np
 
 from monitor_core.identification.advice import next_positions
 from monitor_core.identification.cases import Case, PeakCase, ResponseCase
-from monitor_core.identification.identifiability import CoordinateJudgement, Verdict
+from monitor_core.identification.directions import Verdict
+from monitor_core.identification.identifiability import CoordinateJudgement
 from monitor_core.identification.identified_joints import (
     FitQuality,
     FurtherPosition,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.identification.cases import PredictionError
-from monitor_core.identification.identifiability import Verdict
+from monitor_core.identification.directions import Verdict
 from monitor_core.identification.sensitivity import Detectability
 from monitor_core.preload import Calibration
 from monitor_core.uncertainty import Estimate, Interval

@@ -9,7 +9,7 @@ from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.accelerometer import PlacedAccelerometer, place_accelerometer
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.solver.global_search import MapFunction
+from monitor_core.fitting.solver.population import MapFunction
 from monitor_core.identification.advice import modes_to_monitor
 from monitor_core.identification.answer import (
     further_positions,

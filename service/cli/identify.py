@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.solver.global_search import MapFunction
+from monitor_core.fitting.solver.population import MapFunction
 from monitor_core.identification import IdentifiedJoint, IdentifiedJoints, IdentifyOptions, PredictionRequest
 from monitor_core.identification import identify as identify_joints
 from monitor_core.recording import ExcitationSource
