@@ -192,7 +192,7 @@ def _responses(path: Path, band_hz: tuple[float, float] | None) -> tuple[Frequen
     """Return the responses of one machine."""
     measured, _ = _measured(path, band_hz, None)
     several = () if isinstance(measured, MotionRecord) else measured
-    responses = tuple(one for one in several if isinstance(one, FrequencyResponseObservation))
+    responses = tuple(observation for observation in several if isinstance(observation, FrequencyResponseObservation))
     if not responses:
         raise RecordingFormatError(f"--healthy {path.name}: expected a set of frequency responses or a session")
     return responses
@@ -211,7 +211,7 @@ def _print(explanation: Explanation) -> None:
         click.echo(sentence)
     places = explanation.localisation[:_MOST_PLACES]
     if places:
-        rows = [(one.where, f"{quantity(one.size, 'sigma')}", str(one.kind)) for one in places]
+        rows = [(misfit.where, quantity(misfit.size, "sigma"), str(misfit.kind)) for misfit in places]
         print_table(misfits_heading(explanation.outcome), ("where", "misfit, rms", "looks like"), rows)
     if explanation.effects:
         print_table(
@@ -239,7 +239,7 @@ def _print(explanation: Explanation) -> None:
         print_table(
             candidates_heading(explanation.outcome),
             ("effect", "ΔBIC", "place", "would be seen from"),
-            [(one.key, evidence(one.delta_bic), place(one), seen_from(one)) for one in candidates],
+            [(tried.key, evidence(tried.delta_bic), place(tried), seen_from(tried)) for tried in candidates],
         )
         click.echo(threshold(explanation))
     if more:

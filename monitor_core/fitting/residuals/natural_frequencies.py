@@ -49,9 +49,9 @@ class NaturalFrequencyProblem:
 
     def __post_init__(self) -> None:
         places: dict[DriveConditions, list[int]] = {}
-        for k, one in enumerate(self.peaks):
-            places.setdefault(one.observation.conditions, []).append(k)
-        object.__setattr__(self, "_places", tuple((one, tuple(members)) for one, members in places.items()))
+        for k, peak in enumerate(self.peaks):
+            places.setdefault(peak.observation.conditions, []).append(k)
+        object.__setattr__(self, "_places", tuple((place, tuple(members)) for place, members in places.items()))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ class NaturalFrequencyProblem:
     @property
     def frequency(self) -> FloatArray:
         """Measured, shape (n_peaks,) [Hz]."""
-        return np.array([one.observation.frequency for one in self.peaks])
+        return np.array([peak.observation.frequency for peak in self.peaks])
 
     def predict(self, coordinates: FloatArray) -> FloatArray:
         """Return the model's natural frequency for each measured one, shape (n_peaks,) [Hz].
@@ -108,7 +108,7 @@ class NaturalFrequencyProblem:
         return slopes.T * self._weight()[:, None]
 
     def _weight(self) -> FloatArray:
-        return np.array([1.0 / relative_frequency_uncertainty(one.observation) for one in self.peaks])
+        return np.array([1.0 / relative_frequency_uncertainty(peak.observation) for peak in self.peaks])
 
 
 def natural_frequency_problem(
@@ -174,28 +174,28 @@ def assign_by_frequency(
         If a peak is farther than ``largest_shift`` from every mode, or two under one condition belong to one mode.
     """
     modes = np.zeros(len(observations), dtype=np.int_)
-    for conditions in dict.fromkeys(one.conditions for one in observations):
-        here = [k for k, one in enumerate(observations) if one.conditions == conditions]
+    for conditions in dict.fromkeys(observation.conditions for observation in observations):
+        here = [k for k, observation in enumerate(observations) if observation.conditions == conditions]
         elastic = _elastic_frequencies(model, conditions, motor_end)
         modes[here] = _nearest_modes([observations[k] for k in here], elastic, largest_shift)
-    return tuple(AssignedPeak(one, int(mode)) for one, mode in zip(observations, modes, strict=True))
+    return tuple(AssignedPeak(observation, int(mode)) for observation, mode in zip(observations, modes, strict=True))
 
 
 def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, largest_shift: float) -> IndexArray:
     """Return the mode of each peak under one condition, counted from 1, shape (n_peaks,)."""
-    away = np.abs(np.log(np.array([[one.frequency] for one in here]) / elastic))
-    for one, distance in zip(here, away, strict=True):
+    away = np.abs(np.log(np.array([[peak.frequency] for peak in here]) / elastic))
+    for peak, distance in zip(here, away, strict=True):
         if distance.min() > math.log1p(largest_shift):
             raise NotIdentifiableError(
                 f"a peak must lie within a factor of {1.0 + largest_shift:g} of an elastic mode of the model; "
-                f"{one.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
+                f"{peak.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
             )
     rows, columns = linear_sum_assignment(away**2)
     placed = dict(zip(rows.tolist(), columns.tolist(), strict=True))
-    for k, one in enumerate(here):
+    for k, peak in enumerate(here):
         if k not in placed or away[k, placed[k]] > math.log1p(largest_shift):
             raise NotIdentifiableError(
-                f"a mode has one peak under a condition; {one.name} and another there belong to that at "
+                f"a mode has one peak under a condition; {peak.name} and another there belong to that at "
                 f"{elastic[away[k].argmin()]:.0f} Hz; average repeated readings, leave out what is no mode"
             )
     return np.array([placed[k] + 1 for k in range(len(here))])
@@ -204,4 +204,4 @@ def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, larges
 def _elastic_frequencies(model: DriveModel, conditions: DriveConditions, motor_end: MotorEnd | None) -> FloatArray:
     """Return the natural frequencies above zero, rising, shape (n_modes,) [Hz]."""
     found = model.natural_frequencies(conditions, motor_end)
-    return np.array([one.frequency for one in found if one.frequency > 0.0])
+    return np.array([mode.frequency for mode in found if mode.frequency > 0.0])

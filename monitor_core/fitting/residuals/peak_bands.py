@@ -28,9 +28,9 @@ def mode_bands(peaks: Sequence[AssignedPeak], *, margin: float = 0.35) -> dict[i
         If two modes change places along the screw, so that no band holds one of them alone.
     """
     extent: dict[int, tuple[float, float]] = {}
-    for one in peaks:
-        low, high = extent.get(one.mode, (math.inf, 0.0))
-        extent[one.mode] = (min(low, one.observation.frequency), max(high, one.observation.frequency))
+    for peak in peaks:
+        low, high = extent.get(peak.mode, (math.inf, 0.0))
+        extent[peak.mode] = (min(low, peak.observation.frequency), max(high, peak.observation.frequency))
     bands = {}
     for mode, (low, high) in extent.items():
         below = [other for _, other in extent.values() if other < low]

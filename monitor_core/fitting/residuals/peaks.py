@@ -170,29 +170,30 @@ def peak_problem(
     """
     _require_enough(peaks, minimum_positions, len(drive.free) if minimum_data is None else minimum_data)
     bands = dict(bands) if bands is not None else mode_bands(peaks)
-    for one in peaks:
-        band = bands.get(one.mode)
+    for peak in peaks:
+        band = bands.get(peak.mode)
         if band is None:
-            raise OutsideValidityError(f"every mode needs a band; mode {one.mode} has none")
-        if not band.lower < one.observation.frequency < band.upper:
+            raise OutsideValidityError(f"every mode needs a band; mode {peak.mode} has none")
+        if not band.lower < peak.observation.frequency < band.upper:
             raise OutsideValidityError(
-                f"{one.observation.name} must lie in the band of mode {one.mode}, {band.lower:g} to {band.upper:g} Hz"
+                f"{peak.observation.name} must lie in the band of mode {peak.mode}, {band.lower:g} to {band.upper:g} Hz"
             )
-    observations = [one.observation for one in peaks]
-    with_amplitude = np.array([k for k, one in enumerate(observations) if one.amplitude is not None], dtype=np.int_)
+    observations = [peak.observation for peak in peaks]
+    read = [observation.amplitude is not None for observation in observations]
+    with_amplitude = np.array(np.flatnonzero(read), dtype=np.int_)
     weigh = weighting is Weighting.UNCERTAINTY
     return PeakProblem(
         drive,
         tuple(peaks),
         bands,
-        np.array([one.frequency for one in observations]),
-        np.array([1.0 / relative_frequency_uncertainty(one) if weigh else 1.0 for one in observations]),
-        np.array([one.amplitude for one in observations if one.amplitude is not None]),
+        np.array([observation.frequency for observation in observations]),
+        np.array([1.0 / relative_frequency_uncertainty(observation) if weigh else 1.0 for observation in observations]),
+        np.array([observation.amplitude for observation in observations if observation.amplitude is not None]),
         np.array(
             [
-                1.0 / relative_amplitude_uncertainty(one) if weigh else 1.0
-                for one in observations
-                if one.amplitude is not None
+                1.0 / relative_amplitude_uncertainty(observation) if weigh else 1.0
+                for observation in observations
+                if observation.amplitude is not None
             ]
         ),
         with_amplitude,
@@ -212,12 +213,12 @@ def paper_objective(problem: PeakProblem, coordinates: FloatArray) -> float:
 
 
 def _require_enough(peaks: Sequence[AssignedPeak], minimum_positions: int, minimum_data: int) -> None:
-    n_positions = len({one.observation.conditions.position for one in peaks})
+    n_positions = len({peak.observation.conditions.position for peak in peaks})
     if n_positions < minimum_positions:
         raise NotIdentifiableError(
             f"joints must be identified from peaks at {minimum_positions} positions at least; got {n_positions}"
         )
-    n_data = len(peaks) + sum(one.observation.amplitude is not None for one in peaks)
+    n_data = len(peaks) + sum(peak.observation.amplitude is not None for peak in peaks)
     if n_data < minimum_data:
         raise NotIdentifiableError(
             f"the free joints need {minimum_data} frequencies and amplitudes at least; got {n_data}; measure at more "
@@ -230,8 +231,8 @@ def _grouped(
 ) -> tuple[_Group, ...]:
     """Put peaks under one preload together: they have one set of joints, and one call serves them all."""
     by_preload: dict[float | None, list[int]] = {}
-    for k, one in enumerate(peaks):
-        by_preload.setdefault(one.observation.conditions.preload, []).append(k)
+    for k, peak in enumerate(peaks):
+        by_preload.setdefault(peak.observation.conditions.preload, []).append(k)
     groups = []
     for members in by_preload.values():
         places = [Place(peaks[k].observation.conditions, bands[peaks[k].mode]) for k in members]

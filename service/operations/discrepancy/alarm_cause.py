@@ -185,7 +185,8 @@ def _baseline(alarm: AlarmRow) -> tuple[datetime, datetime]:
 
 def _usual_temperature(reference: Sequence[ModalMeasurement], recent: Sequence[ModalMeasurement]) -> float | None:
     """Return that of the reference; None unless every measurement states its own."""
-    stated = [temperature for one in (*reference, *recent) if (temperature := one.conditions.temperature) is not None]
+    temperatures = [modal.conditions.temperature for modal in (*reference, *recent)]
+    stated = [temperature for temperature in temperatures if temperature is not None]
     if not reference or len(stated) < len(reference) + len(recent):
         return None
     return float(np.mean(stated[: len(reference)]))
