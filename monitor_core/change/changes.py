@@ -1,4 +1,4 @@
-"""What may have changed in an axis since its reference was taken: the causes, and what each does."""
+"""List what may have changed in an axis since its reference was taken: the causes, and what each does."""
 
 import math
 from collections.abc import Callable
@@ -52,8 +52,8 @@ _SPREAD_OF_GAIN = 0.05
 _SPREAD_OF_WARMING = 10.0  # [K]
 #: Joints soften with temperature as steel does, more or less.
 _WARMING_KNOWN_TO = 0.15
-#: Temperatures that windows state beyond this have changed. [K]
-_TOLD = 1.0
+#: A change of the temperature that windows report is one beyond this. [K]
+_REPORTED = 1.0
 
 
 def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change, ...]:
@@ -75,7 +75,7 @@ def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change
         Change(Cause.SENSOR, SENSOR_GAIN, _SPREAD_OF_GAIN, _gain),
         Change(Cause.BEARING, since_then(BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the fixed bearing")),
         Change(Cause.BEARING, since_then(FAR_BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the far bearing")),
-        _temperature_change(axis.warming_told),
+        _temperature_change(axis.reported_warming),
     ]
     if preload is not None:
         size = EffectParameter("preload_n", "N", lower=-_MOST_LOST * preload, upper=preload, scale=0.1 * preload)
@@ -84,17 +84,19 @@ def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change
     return tuple(change for change in changes if change.effect.applies(at_reference))
 
 
-def is_told(warming: float) -> bool:
-    """Tell whether windows state a change of the temperature, in kelvins."""
-    return abs(warming) > _TOLD
+def is_reported(warming: float) -> bool:
+    """Tell whether windows report a change of the temperature, in kelvins."""
+    return abs(warming) > _REPORTED
 
 
-def _temperature_change(told: float) -> Change:
-    """Return the change of temperature: what the windows tell, as well as coefficients are known, or any."""
+def _temperature_change(reported: float) -> Change:
+    """Return the change of temperature: as the windows report it, as well as coefficients are known, or any."""
     spread = _SPREAD_OF_WARMING
-    if is_told(told):
-        spread = math.hypot(_TOLD, _WARMING_KNOWN_TO * told)
-    return Change(Cause.TEMPERATURE, since_then(WARMING), spread, _temperature, usual=told, known_to=_WARMING_KNOWN_TO)
+    if is_reported(reported):
+        spread = math.hypot(_REPORTED, _WARMING_KNOWN_TO * reported)
+    return Change(
+        Cause.TEMPERATURE, since_then(WARMING), spread, _temperature, usual=reported, known_to=_WARMING_KNOWN_TO
+    )
 
 
 def _preload(size: float, half_width: float) -> str:

@@ -1,4 +1,4 @@
-"""The report of an explanation: JSON for programs, Markdown and a page of HTML for people, and the model."""
+"""Write the report of an explanation: JSON for programs, Markdown and a page of HTML for people, and the model."""
 
 import json
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""How far a fit is from the data, and what can be relied upon at that distance.
+"""Judge how far a fit is from the data, and what can be relied upon at that distance.
 
-By its gap, in floors of the data: at 1 nothing is left to find, below ``_ONE_MINIMUM`` a fit has not ended in a false
-minimum, beyond ``_FAR`` nothing makes up by chance for what is missing. And by its misfits: where they are small the
-model is nearly linear in what may be added, and looks (``scan``) foretell what refits find.
+The gap is measured in noise floors: at 1 nothing is left to find, below ``_ONE_MINIMUM`` a fit has not ended in a false
+minimum, beyond ``_FAR`` nothing makes up by chance for what is missing. Where misfits are small the model is nearly
+linear in what may be added, and screening foretells what refits find.
 """
 
 from typing import TypeVar
@@ -24,7 +24,7 @@ def gap(fitted: Fitted[Physics]) -> float:
 
 
 def is_near(fitted: Fitted[Physics]) -> bool:
-    """Tell whether looks foretell what refits find."""
+    """Tell whether screening foretells what refits find."""
     return float(np.quantile(np.abs(fitted.misfit[fitted.fitted]), _ALMOST_ALL)) < _SMALL_MISFIT
 
 
@@ -33,8 +33,8 @@ def is_far(fitted: Fitted[Physics]) -> bool:
     return gap(fitted) > _FAR
 
 
-def looks_mislead(fitted: Fitted[Physics]) -> bool:
-    """Tell whether looks promise much less than refits gain: of frequencies of modes, far from the data."""
+def screening_misleads(fitted: Fitted[Physics]) -> bool:
+    """Tell whether screening predicts much less than refits gain: for frequencies of modes, far from the data."""
     return not has_lines(fitted.comparison.layout) and is_far(fitted)
 
 

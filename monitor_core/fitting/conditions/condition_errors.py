@@ -1,4 +1,4 @@
-r"""Errors of settings, which every value of a setting shares, and what is left when they are accounted for.
+r"""Account for condition errors: errors of a setting that all its values share.
 
 With the misfit in its standard deviations, r, and its change T by the standard normal errors of its setting, the
 covariance within a setting is :math:`V = I + T^T T`. Multiplied by :math:`V^{-1/2}` the residuals are independent and

@@ -1,4 +1,4 @@
-"""Conditions of measurements as the workflow sees them: names, errors of settings, what is held out."""
+"""Describe the conditions of measurements: names, tolerances, what is held out, what varies."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -59,14 +59,16 @@ def default_folds(conditions: Iterable[DriveConditions]) -> tuple[frozenset[Driv
     and leaves out each of at least four preloads in turn; with fewer than that nothing is held out.
     """
     distinct = list(dict.fromkeys(conditions))
-    positions = sorted({one.position for one in distinct})
+    positions = sorted({setting.position for setting in distinct})
     if len(positions) >= _FEWEST_TO_HOLD_OUT:
         inner = {positions[1], positions[-2]}
-        held_out = {one for one in distinct if one.position in inner}
-        return (frozenset(held_out | _last_of_each_variation(one for one in distinct if one not in held_out)),)
-    preloads = sorted({one.preload for one in distinct if one.preload is not None})
+        held_out = {setting for setting in distinct if setting.position in inner}
+        return (
+            frozenset(held_out | _last_of_each_variation(setting for setting in distinct if setting not in held_out)),
+        )
+    preloads = sorted({setting.preload for setting in distinct if setting.preload is not None})
     if len(preloads) >= _FEWEST_TO_LEAVE_OUT_IN_TURN:
-        return tuple(frozenset(one for one in distinct if one.preload == preload) for preload in preloads)
+        return tuple(frozenset(setting for setting in distinct if setting.preload == preload) for preload in preloads)
     return ()
 
 
@@ -78,14 +80,14 @@ def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveC
     remaining = list(conditions)
     last: set[DriveConditions] = set()
     for name in ("payload_mass", "temperature_deviation", "excitation_level"):
-        counts = Counter(getattr(one, name) for one in remaining)
+        counts = Counter(getattr(setting, name) for setting in remaining)
         usual = counts.most_common(1)[0][0] if counts else None
         several = sorted(value for value, count in counts.items() if count >= _FEWEST_OF_A_VARIATION)
         if name == "temperature_deviation":  # one that drifts comes by every kelvin: the coldest and the warmest tell
             several = [*several[:1], *several[-1:]]
         for value in several:
             if value != usual:
-                last.add([one for one in remaining if getattr(one, name) == value][-1])
+                last.add([setting for setting in remaining if getattr(setting, name) == value][-1])
     return last
 
 
@@ -111,4 +113,4 @@ def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
     if missing != {ConditionAxis.FREQUENCY} or own is None:
         return not missing
     stays = [layout.frequency[layout.channel == channel] for channel in modes_that_stay(layout)]
-    return any(own.lower <= float(np.nanmean(one)) <= own.upper for one in stays)
+    return any(own.lower <= float(np.nanmean(frequency)) <= own.upper for frequency in stays)

@@ -1,7 +1,7 @@
-r"""What the finite windows of an estimate do to a frequency response: it spreads over the lines beside.
+r"""Model how the finite windows of an estimate spread a frequency response over neighbouring lines.
 
-Of windows whose excitation is at hand :func:`monitor_core.spectral.line_spread` says it. Without them, H1 of a random
-excitation that is flat around a line, averaged over segments under a window w, is in expectation
+Where the excitation of the windows is at hand, :func:`monitor_core.spectral.line_spread` computes it. Otherwise H1 of a
+random excitation that is flat around a line, averaged over segments under a window w, is in expectation
 
 .. math:: \bar H(f) = \frac{\int |W(\nu)|^2 H(f - \nu)\,d\nu}{\int |W(\nu)|^2\,d\nu}
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX
 from monitor_core.effects.effect import Effect
@@ -61,9 +61,9 @@ class _Compared(Generic[Physics]):
 
     def explain(self, progress: Callable[[str], None] | None) -> tuple[Explanation, str]:
         """Return the answer with the augmented model; with the one that was given where the cause is unknown."""
-        found = explain(self.comparison, self.subject, self.candidates, progress=progress)
+        found = explain_comparison(self.comparison, self.subject, self.candidates, progress=progress)
         exact = _taken_as_exact(self.given) if found.outcome is not Outcome.NONE else ()
-        found = replace(found, taken_as=(*self.taken_as, *exact))
+        found = replace(found, assumptions=(*self.taken_as, *exact))
         if found.outcome is Outcome.UNKNOWN:
             return found, model_file_text(self.given)
         return found, model_file_text(augmented_model(self.baseline, found, self.table))

@@ -1,4 +1,4 @@
-"""Which values of a motion record are compared: a low-passed, slower copy of it, without its ends and standstill."""
+"""Choose the values of a motion record to compare: a low-passed, slower copy without its ends and standstill."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ _ORDER, _RIPPLE, _BAND = 8, 0.05, 0.4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSampling:
-    """From samples as recorded to values that are compared."""
+    """How recorded samples become the values that are compared."""
 
     sample_rate: float  # [Hz]
     cutoff: float  # up to which the kinematics are those of the axis [Hz]
@@ -87,8 +87,8 @@ def sampling_of(motion: Kinematics) -> MotionSampling:
     if np.count_nonzero(moves) < _FEWEST_VALUES:
         needed, got = _FEWEST_VALUES * step, np.count_nonzero(moves) * step
         raise OutsideValidityError(
-            f"a motion to be compared must last at least {needed / rate:g} s beside {n_end / rate:g} s at each end and "
-            f"standstill; got {got / rate:g} s"
+            f"a motion to be compared must last at least {needed / rate:g} s besides {n_end / rate:g} s at each end "
+            f"and standstill; got {got / rate:g} s"
         )
     filtering = signal.cheby1(_ORDER, _RIPPLE, _BAND * rate / step, output="sos", fs=rate)
     return MotionSampling(rate, cutoff, n, n_end, step, np.flatnonzero(moves), filtering)

@@ -1,4 +1,4 @@
-"""The strokes of a motion: from one reversal to the next."""
+"""Cut a motion into strokes, each from one reversal to the next."""
 
 from collections.abc import Sequence
 
