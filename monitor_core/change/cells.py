@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
-
-ComplexValues = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.intp]
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 5.0
@@ -29,7 +26,7 @@ class Side:
     """All responses of one time; a cell has the mean of its lines, weighted by their noise."""
 
     lines: PreparedLines
-    measured: ComplexValues  # ln Y, shape (n_lines,)
+    measured: ComplexArray  # ln Y, shape (n_lines,)
     variance_of_line: FloatArray  # of real and of imaginary part, shape (n_lines,)
     position_of_case: Indices  # shape (n_cases,)
     band: Indices  # of each line: its frequency over the width of the bands, rounded, shape (n_lines,)
@@ -39,7 +36,7 @@ class Side:
         """Which position each line belongs to, shape (n_lines,)."""
         return self.position_of_case[self.lines.case]
 
-    def misfit(self, axis: AxisPhysics) -> ComplexValues:
+    def misfit(self, axis: AxisPhysics) -> ComplexArray:
         """Return ln H − ln Y of every line, phases within ±π, shape (n_lines,)."""
         return with_phase_within_half_a_turn(np.log(responses(axis, self.lines)) - self.measured)
 
@@ -52,12 +49,33 @@ class CellMeans:
     weight: FloatArray  # of each line in its cell, summing to one, shape (n_lines,)
     variance: FloatArray  # of the means, shape (n_cells,)
 
-    def __call__(self, of_lines: ComplexValues) -> ComplexValues:
+    def __call__(self, of_lines: ComplexArray) -> ComplexArray:
         """Return the mean of each cell, shape (n_cells,)."""
         used, n_cells = self.cell >= 0, self.variance.size
         cell, weighted = self.cell[used], (self.weight * of_lines)[used]
         real = np.bincount(cell, weights=weighted.real, minlength=n_cells)
         return np.asarray(real + 1j * np.bincount(cell, weights=weighted.imag, minlength=n_cells))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SideInCells:
+    """All responses of one time, as means over cells."""
+
+    side: Side
+    means: CellMeans
+
+    @property
+    def measured(self) -> ComplexArray:
+        """Mean of ln Y of each cell, shape (n_cells,)."""
+        return self.means(self.side.measured)
+
+    def misfit(self, axis: AxisPhysics) -> ComplexArray:
+        """Return the mean of ln H − ln Y of each cell, shape (n_cells,)."""
+        return self.means(self.side.misfit(axis))
+
+    def measurements_per_position(self, n_positions: int) -> FloatArray:
+        """Return how many measurements each position has, at least 1."""
+        return np.maximum(np.bincount(self.side.position_of_case, minlength=n_positions), 1.0)
 
 
 def positions_of(positions: FloatArray) -> FloatArray:
@@ -123,7 +141,7 @@ def common_cells(side: Side, other: Side) -> Indices:
     return np.array(both, dtype=np.intp).reshape(-1, 2)
 
 
-def cell_means(side: Side, cells: Indices) -> CellMeans:
+def in_cells(side: Side, cells: Indices) -> SideInCells:
     """Prepare the means of one side over cells."""
     index = {tuple(key): number for number, key in enumerate(cells.tolist())}
     keys = np.column_stack([side.position_of_line, side.band]).tolist()
@@ -132,9 +150,4 @@ def cell_means(side: Side, cells: Indices) -> CellMeans:
     precision = 1.0 / side.variance_of_line
     total = np.bincount(cell[used], weights=precision[used], minlength=len(index))
     weight = np.where(used, precision / total[np.maximum(cell, 0)], 0.0)
-    return CellMeans(cell, weight, 1.0 / total)
-
-
-def measurements_per_position(side: Side, n_positions: int) -> FloatArray:
-    """Return how many measurements each position has."""
-    return np.bincount(side.position_of_case, minlength=n_positions).astype(np.float64)
+    return SideInCells(side, CellMeans(cell, weight, 1.0 / total))

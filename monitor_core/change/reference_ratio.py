@@ -1,4 +1,4 @@
-r"""Ratio of current to reference response per position and band; the model-form error cancels.
+r"""Compare the ratio of current to reference response per position and band; the model-form error cancels.
 
 With the misfit :math:`\rho = \ln H - \ln Y` of model over measurement, what is compared in a cell is
 
@@ -22,17 +22,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.change.cell_errors import CELL_ERRORS, ChangeTolerances, moved
 from monitor_core.change.cells import (
-    CellMeans,
-    ComplexValues,
-    Indices,
     Side,
-    cell_means,
+    SideInCells,
     cells_of,
     common_cells,
-    measurements_per_position,
+    in_cells,
     positions_of,
     side_of,
     spacings,
@@ -41,11 +38,12 @@ from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import AsMeasured, GapInSigma, Layout, Panel, Setting, amplitude_panels
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.clear_lines import with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics
 
-_STEP = 0.1  # of a standard deviation, for the errors of the settings
+_STEP = 0.1  # of a standard deviation, for the condition errors
 #: Share of the cells of wide bands that narrow ones must keep.
 _ENOUGH_LINES = 0.5
 #: With fewer, a comparison tells nothing of what differs over positions.
@@ -60,10 +58,8 @@ class ReferenceRatio(AsMeasured, GapInSigma):
     """
 
     layout: Layout
-    then: Side
-    then_means: CellMeans
-    now: Side | None  # None: the reference against the model
-    now_means: CellMeans | None
+    then: SideInCells
+    now: SideInCells | None  # None: the reference against the model
     order: Indices  # from real parts of all cells, then imaginary parts, to the order of the values, (n_values,)
     spread: FloatArray  # deviation of the mean of a position over that of one measurement, shape (n_positions,) [-]
     tolerances: ChangeTolerances
@@ -75,9 +71,9 @@ class ReferenceRatio(AsMeasured, GapInSigma):
 
     def misfit(self, physics: ThenAndNow) -> FloatArray:
         """Return Re and Im of the misfit of every cell, shape (n_values,)."""
-        misfit = _of_reference(self.then, self.then_means, physics.then)
-        if self.now is not None and self.now_means is not None:
-            misfit = self.now_means(self.now.misfit(physics.now)) + physics.log_gain - misfit
+        misfit = _of_reference(self.then, physics.then)
+        if self.now is not None:
+            misfit = self.now.misfit(physics.now) + physics.log_gain - misfit
         return self._values(misfit)
 
     def condition_errors(self, physics: ThenAndNow, misfit: FloatArray) -> FloatArray:
@@ -95,9 +91,9 @@ class ReferenceRatio(AsMeasured, GapInSigma):
 
     def shifted(self, errors: FloatArray) -> "ReferenceRatio":
         """Return the comparison with the errors of all positions taken into account, shape (n_positions, n_errors)."""
-        side = self.then if self.now is None else self.now
-        side = moved(side, errors * self.spread[:, None], self.tolerances)
-        return replace(self, then=side) if self.now is None else replace(self, now=side)
+        shown = self.then if self.now is None else self.now
+        shown = replace(shown, side=moved(shown.side, errors * self.spread[:, None], self.tolerances))
+        return replace(self, then=shown) if self.now is None else replace(self, now=shown)
 
     def panels(self, models: Mapping[str, ThenAndNow]) -> tuple[Panel, ...]:
         """Return the amplitude now over that of the reference at every position, measured and modelled."""
@@ -115,21 +111,19 @@ class ReferenceRatio(AsMeasured, GapInSigma):
 
     def measured_change(self) -> FloatArray:
         """Return Re and Im of ln(Y_now/Y_then), of ln Y where there is one time only, shape (n_values,)."""
-        measured = self.then_means(self.then.measured)
-        if self.now is not None and self.now_means is not None:
-            measured = self.now_means(self.now.measured) - measured
-        return self._values(measured)
+        then = self.then.measured
+        return self._values(then if self.now is None else self.now.measured - then)
 
-    def _values(self, of_cells: ComplexValues) -> FloatArray:
+    def _values(self, of_cells: ComplexArray) -> FloatArray:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
         wrapped = with_phase_within_half_a_turn(of_cells)
         return np.concatenate([wrapped.real, wrapped.imag])[self.order]
 
 
 @lru_cache(maxsize=2)
-def _of_reference(then: Side, means: CellMeans, axis: AxisPhysics) -> ComplexValues:
+def _of_reference(then: SideInCells, axis: AxisPhysics) -> ComplexArray:
     """Return the misfit of every cell at the time of the reference, which all changes share, shape (n_cells,)."""
-    misfit = means(then.misfit(axis))
+    misfit = then.misfit(axis)
     misfit.setflags(write=False)
     return misfit
 
@@ -149,21 +143,16 @@ def compare_reference(
     NotIdentifiableError
         If no line stands above its noise.
     """
-    positions = _positions(reference)
-    width = max(spacings(reference))
-    then = side_of(reference, positions, width)
-    cells = cells_of(then)
-    means = cell_means(then, cells)
-    deviation = np.sqrt(means.variance + tolerances.form**2)
-    spread = 1.0 / np.sqrt(np.maximum(measurements_per_position(then, positions.size), 1.0))
+    positions, width = _positions(reference), max(spacings(reference))
+    side = side_of(reference, positions, width)
+    cells = cells_of(side)
+    then = in_cells(side, cells)
     return ReferenceRatio(
-        layout=_layout(positions, cells, deviation, width),
+        layout=_layout(positions, cells, np.sqrt(then.means.variance + tolerances.form**2), width),
         then=then,
-        then_means=means,
         now=None,
-        now_means=None,
         order=_order(cells),
-        spread=spread,
+        spread=1.0 / np.sqrt(then.measurements_per_position(positions.size)),
         tolerances=tolerances,
     )
 
@@ -189,18 +178,15 @@ def compare_times(
     at_both_times = np.unique(_in_common(reference, recent, positions)[2][:, 0])
     _require_positions(at_both_times.size)
     positions = positions[at_both_times]
-    then, now, cells, width = _in_common(reference, recent, positions)
-    then_means, now_means = cell_means(then, cells), cell_means(now, cells)
-    change = np.abs(now_means(now.measured) - then_means(then.measured))
-    variance = then_means.variance + now_means.variance + tolerances.relative**2
-    deviation = np.sqrt(variance + (tolerances.share_of_change * change) ** 2)
-    counts = [np.maximum(measurements_per_position(side, positions.size), 1.0) for side in (then, now)]
+    before, after, cells, width = _in_common(reference, recent, positions)
+    then, now = in_cells(before, cells), in_cells(after, cells)
+    change = np.abs(now.measured - then.measured)
+    variance = then.means.variance + now.means.variance + tolerances.relative**2
+    counts = [side.measurements_per_position(positions.size) for side in (then, now)]
     return ReferenceRatio(
-        layout=_layout(positions, cells, deviation, width),
+        layout=_layout(positions, cells, np.sqrt(variance + (tolerances.share_of_change * change) ** 2), width),
         then=then,
-        then_means=then_means,
         now=now,
-        now_means=now_means,
         order=_order(cells),
         spread=np.sqrt(1.0 / counts[0] + 1.0 / counts[1]),
         tolerances=tolerances,

@@ -1,1 +1,1 @@
-"""Where simulation and measurement part: comparison, the effects that may be missing, and the decision which one is."""
+"""Find what a model lacks: where it differs from measurements, which effects may be missing, and which effect is."""

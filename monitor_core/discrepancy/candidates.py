@@ -2,17 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
 
 from monitor_core.discrepancy.explanation import Candidate
 from monitor_core.discrepancy.screening.screened import Screened
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.hold_out import gain
-
-Physics = TypeVar("Physics")
 
 
 def candidates_not_found(

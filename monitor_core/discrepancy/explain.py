@@ -4,13 +4,21 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.discrepancy.candidates import candidates_not_found
-from monitor_core.discrepancy.explanation import Explanation, Gap, Misfit, MisfitMap, Outcome
-from monitor_core.discrepancy.found_effects import found_effect, gap_pair, steps_of
+from monitor_core.discrepancy.explanation import (
+    Explanation,
+    FoundEffect,
+    FoundParameter,
+    Gap,
+    GapPair,
+    Misfit,
+    MisfitMap,
+    Outcome,
+    Step,
+)
 from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
 from monitor_core.discrepancy.localisation.misfit_map import misfit_map, varied_conditions_of_maps
 from monitor_core.discrepancy.localisation.signatures import signatures
@@ -18,6 +26,7 @@ from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.search import find_steps, judge_found, leave_out
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.discrepancy.verdict.advice import next_measurement
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     explained_share,
@@ -27,14 +36,14 @@ from monitor_core.discrepancy.verdict.outcome import (
 )
 from monitor_core.discrepancy.verdict.representatives import classes_with_fit
 from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, Panel
 from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.evidence import EvidenceScale
+from monitor_core.fitting.hold_out import gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
-
-Physics = TypeVar("Physics")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +94,7 @@ def explain_comparison(
     final = at_mode(final)
     found = replace(found, final=final)
     remainder = remainder_of(final)
-    gap = Gap(comparison.unit, comparison.noise_floor, gap_pair(found.baseline), gap_pair(final))
+    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     left = remainder.is_left(settings.outcome)
     outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
@@ -99,11 +108,11 @@ def explain_comparison(
     }
     return Explanation(
         outcome=outcome,
-        effects=tuple(found_effect(group, final, scale) for group in classes),
+        effects=tuple(_found_effect(group, final, scale) for group in classes),
         localisation=_misfits(found.baseline, candidates, scatter),
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,
-        steps=steps_of(found, classes),
+        steps=_steps(found, classes),
         candidates=candidates_not_found(found, candidates, classes),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
@@ -119,11 +128,58 @@ def explain_comparison(
     )
 
 
+def _found_effect(group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale) -> FoundEffect:
+    """Return the representative of a class with its parameters and remarks, as the augmented model states it."""
+    member = group.representative
+    parameters = found_parameters(member, stated, scale)
+    remarks = [f"the same finding as {key}" for key in group.aliases]
+    remarks += [
+        f"a stand-in for something else: {name} = {_value(parameter)} is beyond its plausible range"
+        for name, parameter in parameters.items()
+        if not parameter.plausible
+    ]
+    remarks += [
+        f"{name} = {_value(parameter)} is at an end of the range that is searched"
+        for name, parameter in parameters.items()
+        if parameter.at_end
+    ]
+    return FoundEffect(
+        key=member.effect.key,
+        name=member.effect.name,
+        physics=member.effect.physics,
+        parameters=parameters,
+        equivalent_to=group.others,
+        delta_bic=member.delta_bic,
+        held_out_log_likelihood_gain=group.held_out_gain,
+        remarks=tuple(remarks),
+    )
+
+
+def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
+    """Return what was added in each step, by the representatives of their classes, and what it left."""
+    pairs = zip(found.accepted, classes, strict=True)
+    named = {accepted.effect.key: group.representative.effect.key for accepted, group in pairs}
+    steps = []
+    for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False):
+        added = [effect.key for effect in later.hypothesis.effects if effect.key not in earlier.hypothesis.keys]
+        left = found.final if later is found.steps[-1] else later
+        steps.append(Step(" + ".join(named.get(key, key) for key in added), _gap_pair(left)))
+    return tuple(steps)
+
+
+def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
+    """Return the gap of a fit on the values it saw and on those it did not."""
+    return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
+
+
+def _value(parameter: FoundParameter) -> str:
+    return f"{parameter.estimate.value:.3g}" + ("" if parameter.unit == "-" else f" {parameter.unit}")
+
+
 def _misfits(
     fitted: Fitted[Physics], candidates: Sequence[Effect[Physics]], scatter: HealthyScatter
 ) -> tuple[Misfit, ...]:
-    present = {effect.key for effect in fitted.hypothesis.effects}
-    physics = fitted.physics()
+    present, physics = fitted.hypothesis.keys, fitted.physics()
     others = [effect for effect in candidates if effect.key not in present and effect.applies(physics)]
     return localise(fitted.comparison.layout, fitted.standardised, signatures(fitted, others), scatter)
 

@@ -13,17 +13,15 @@ a first-order autoregression).
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.fitting.comparison import Comparison, Layout
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-Physics = TypeVar("Physics")
-
-#: The noise budget is what a decrease of χ² is measured with, at the least: residuals below it may hang together.
+#: A decrease of χ² is measured with the noise budget at the least: residuals below it may be correlated.
 _LEAST_SCALE = 1.0
 _HIGHEST_CORRELATION = 0.9
 #: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).

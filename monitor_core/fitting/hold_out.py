@@ -1,18 +1,16 @@
-"""Judge a fit on the values that it did not see, and tell whether it leaves more than scatter."""
+"""Judge a fit on the values that it did not see, and whether it leaves more than scatter."""
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from scipy.stats import chi2
 
 from monitor_core.arrays import BoolArray
+from monitor_core.effects.effect import Physics
 from monitor_core.fitting.comparison import Comparison, Layout
 from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, HeldOut
-
-Physics = TypeVar("Physics")
 
 #: Gap in floors. Healthy cases stay within 1 % of one floor where the form error was learnt.
 REMAINDER = 1.08

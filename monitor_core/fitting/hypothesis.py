@@ -3,16 +3,14 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.described_axis import DescribedAxis
-
-Physics = TypeVar("Physics")
 
 #: How far beyond its plausible range the size of an effect is sought, in widths of that range: an effect
 #: that is found there is a stand-in for something else, which is worth knowing.
@@ -44,6 +42,11 @@ class Hypothesis(Generic[Physics]):
     def unknowns(self) -> tuple[tuple[Effect[Physics], EffectParameter], ...]:
         """The parameters of the effects, in order."""
         return tuple((effect, parameter) for effect in self.effects for parameter in effect.parameters)
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """The keys of the effects."""
+        return frozenset(effect.key for effect in self.effects)
 
     @property
     def n_uncertain(self) -> int:

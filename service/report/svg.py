@@ -1,4 +1,4 @@
-"""Drawing without a script: elements that escape whatever is put into them, scales, ticks."""
+"""Draw SVG without a script: elements that escape whatever is put into them, scales, ticks."""
 
 import math
 from collections.abc import Sequence

@@ -84,7 +84,7 @@ def asides(explanation: Explanation) -> tuple[str, ...]:
 
 
 def nothing_held_out(explanation: Explanation) -> bool:
-    """Tell whether the data allowed none to be held out."""
+    """Return whether the data allowed none to be held out."""
     return math.isnan(explanation.gap.after.held_out)
 
 

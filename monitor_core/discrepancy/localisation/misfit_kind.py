@@ -124,7 +124,7 @@ def kind_of(
 
 
 def take_out(residuals: FloatArray, found: KindFound, of: BoolArray) -> FloatArray:
-    """Return the residuals without what the kind explains of the chosen values beside its companions."""
+    """Return the residuals without what the kind explains of the chosen values besides its companions."""
     rows = np.vstack([found.rows, found.companions])
     amounts = _amounts(rows, residuals, of)
     return residuals - amounts[: found.rows.shape[0]] @ found.rows
@@ -154,7 +154,7 @@ def _amounts(rows: FloatArray, residuals: FloatArray, of: BoolArray) -> FloatArr
 def _select(
     residuals: FloatArray, signatures: Sequence[Signature], compared: BoolArray
 ) -> list[tuple[Signature, MisfitKind]]:
-    """Choose signatures one after the other while the BIC asks for them, each with the kind that may be stated."""
+    """Choose signatures one after the other while the BIC supports them, each with the kind that may be stated."""
     values = residuals[compared]
     total, n = float(values @ values), values.size
     chosen: list[tuple[Signature, MisfitKind]] = []
@@ -200,7 +200,7 @@ def _share(before: FloatArray, after: FloatArray, place: BoolArray) -> float:
 
 
 def _is_extra_mode(layout: Layout, residuals: FloatArray, signatures: Sequence[Signature], place: BoolArray) -> bool:
-    """Tell whether a misfit is narrow, at one frequency at every position, and not where the model has a mode.
+    """Return whether a misfit is narrow, at one frequency at every position, and not where the model has a mode.
 
     Where the model has its own modes is where its dampings are seen; a misfit there is more likely theirs.
     """

@@ -42,7 +42,7 @@ def narrow(groupings: Sequence[Grouping], squares: FloatArray, of: BoolArray) ->
 
 
 def within(groupings: Sequence[Grouping], chosen: Mapping[int, Sequence[int]], of: BoolArray) -> BoolArray:
-    """Tell which of some values are in the chosen groups of every grouping, shape (n_values,)."""
+    """Return which of some values are in the chosen groups of every grouping, shape (n_values,)."""
     place = of.copy()
     for index, groups in chosen.items():
         place &= groupings[index].holds(groups)

@@ -4,15 +4,11 @@ With Q an orthonormal basis of the derivatives and priors of a fit, of residuals
 left after a linear refit.
 """
 
-from typing import TypeVar
-
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 class Projection:

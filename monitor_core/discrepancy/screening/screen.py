@@ -12,7 +12,7 @@ with the residuals r of the fit, r' with the effect, and Q an orthonormal basis 
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 
@@ -22,14 +22,12 @@ from monitor_core.discrepancy.screening.screened import N_STARTS, Screened
 from monitor_core.discrepancy.screening.sizes import measured_band, resonances, signed_sizes
 from monitor_core.discrepancy.screening.tolerance import screen_without_tolerance
 from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.hypothesis import Hypothesis, is_size, searched_coordinates
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.jacobian import derivative
-
-Physics = TypeVar("Physics")
 
 _FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, the most promising size may lead into a false minimum
 

@@ -1,12 +1,10 @@
-"""What the screening of an effect predicts."""
+"""Record what the screening of an effect predicts."""
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic
 
 from monitor_core.arrays import FloatArray
-from monitor_core.effects.effect import Effect
-
-Physics = TypeVar("Physics")
+from monitor_core.effects.effect import Effect, Physics
 
 N_STARTS = 2  # kept of all sizes and shapes that were tried
 

@@ -1,21 +1,18 @@
 """Choose the sizes, ratios and frequencies at which an effect is tried."""
 
 from collections.abc import Iterator
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.hypothesis import searched_coordinates
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-Physics = TypeVar("Physics")
-
 #: Sizes in scales of the parameter.
 _SIZES = (0.1, 0.4, 1.5, 6.0, 25.0, 100.0)
-#: Natural frequencies tell of a mode only from nearby, and go with the root of a stiffness: closer sizes.
+#: Natural frequencies show a mode only from nearby, and go with the root of a stiffness: closer sizes.
 _SIZES_FOR_MODES = tuple(0.1 * 2.0**n for n in range(11))
 #: Steps of ln ratio: each brings a mode into the reach of its measured frequency.
 _RATIO_STEP = 0.5

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
 
 import numpy as np
 
@@ -10,12 +9,10 @@ from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.screening.projection import Projection
 from monitor_core.discrepancy.screening.screened import N_STARTS, Screened
 from monitor_core.discrepancy.screening.sizes import signed_ratios
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 _RIDGE = 10.0  # of χ², between one minimum and another
 _FINER_STEPS = (0.25, 0.125)  # of ln ratio, about the best: a coarse step may miss a narrow minimum

@@ -1,7 +1,6 @@
 """Judge the effects of the final fit: the evidence for each, and the alternatives that would do in its place."""
 
 from collections.abc import Collection, Iterator
-from typing import TypeVar
 
 from monitor_core.discrepancy.search.distance import is_far, screening_misleads
 from monitor_core.discrepancy.search.found import Accepted, Rival
@@ -9,12 +8,10 @@ from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.substitution import substitute_effect
 from monitor_core.discrepancy.search.textbook import is_at_textbook_value
 from monitor_core.discrepancy.search.workspace import Workspace
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic
 from monitor_core.fitting.hold_out import gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 def judge_effect(

@@ -1,14 +1,12 @@
 """Record what a search found: effects that were accepted, their rivals, and the fits that led there."""
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic
 
 from monitor_core.discrepancy.screening.screened import Screened
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,6 @@
 """Refit the effects that screening finds promising, each from its best start."""
 
 from collections.abc import Iterator
-from typing import TypeVar
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.screening.screened import Screened
@@ -15,11 +14,9 @@ from monitor_core.discrepancy.search.distance import (
 from monitor_core.discrepancy.search.found import Rival
 from monitor_core.discrepancy.search.substitution import substitute_parameter
 from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace, identity, lowest_cost
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 def rivals_at(workspace: Workspace[Physics], current: Fitted[Physics]) -> tuple[Rival[Physics], ...]:

@@ -7,7 +7,6 @@
 """
 
 from collections.abc import Sequence
-from typing import TypeVar
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
 from monitor_core.discrepancy.search.distance import gap
@@ -15,13 +14,11 @@ from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
-from monitor_core.discrepancy.search.workspace import Workspace, effect_keys
-from monitor_core.effects.effect import Effect
+from monitor_core.discrepancy.search.workspace import Workspace
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 def find_steps(workspace: Workspace[Physics]) -> tuple[Fitted[Physics], ...]:
@@ -51,7 +48,7 @@ def leave_out(
 ) -> tuple[Fitted[Physics], ...]:
     """Return the fits of a search that ends without one of its effects."""
     final = workspace.without(steps[-1], effect)
-    return _leading_to(final, [step for step in steps if effect_keys(step) < effect_keys(final)])
+    return _leading_to(final, [step for step in steps if step.hypothesis.keys < final.hypothesis.keys])
 
 
 def judge_found(workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]]) -> Found[Physics]:
@@ -90,4 +87,4 @@ def _other_first_steps(
 
 def _leading_to(final: Fitted[Physics], earlier: Sequence[Fitted[Physics]]) -> tuple[Fitted[Physics], ...]:
     """Return fits with the final fit at their end, which replaces a fit of the same effects."""
-    return (*(fitted for fitted in earlier if effect_keys(fitted) != effect_keys(final)), final)
+    return (*(fitted for fitted in earlier if fitted.hypothesis.keys != final.hypothesis.keys), final)

@@ -2,16 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
 
 from monitor_core.discrepancy.search.refits import rivals_at
-from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace, effect_keys
-from monitor_core.effects.effect import Effect
+from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import expected_gain, gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 def add_stepwise(
@@ -30,9 +27,9 @@ def add_stepwise(
             current = again  # the effect had only led out of a false minimum
             taken[-1:] = [again] if taken else []
             continue
-        before = effect_keys(current)
+        before = current.hypothesis.keys
         current = prune(workspace, better, better.hypothesis.effects[:-1])
-        if effect_keys(current) <= before:
+        if current.hypothesis.keys <= before:
             break
         workspace.remember(current)
         taken.append(current)
@@ -53,7 +50,7 @@ def prune(
 def holds(
     workspace: Workspace[Physics], without: Fitted[Physics], fuller: Fitted[Physics], scale: EvidenceScale
 ) -> bool:
-    """Tell whether an effect that helps where it was fitted helps where it was not."""
+    """Return whether an effect that helps where it was fitted helps where it was not."""
     before, after = without.held_out, fuller.held_out
     if before is None or after is None:
         return True

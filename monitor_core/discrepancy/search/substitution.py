@@ -7,18 +7,15 @@ others may do as well that screening from far away has missed.
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.screening.projection import Projection
-from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import is_size, searched_coordinates
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 #: Standard deviations: a parameter so far from what is stated may stand in for an effect.
 _PULLED = 3.0

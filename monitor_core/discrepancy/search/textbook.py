@@ -1,15 +1,12 @@
 """Add physics that the family of a model leaves out, at its textbook values."""
 
 from itertools import combinations
-from typing import TypeVar
 
 from monitor_core.discrepancy.search.workspace import Workspace
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 _TEXTBOOK = 0.2  # of the scale of a parameter: a value so near its textbook value is that
 
@@ -35,7 +32,7 @@ def add_textbook_physics(workspace: Workspace[Physics], baseline: Fitted[Physics
 
 
 def is_at_textbook_value(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
-    """Tell whether a fit has an effect at its textbook values."""
+    """Return whether a fit has an effect at its textbook values."""
     values = fitted.hypothesis.values(fitted.coordinates)[effect.key]
     return effect.textbook is not None and all(
         abs(values[parameter.name] - effect.textbook[parameter.name]) < _TEXTBOOK * abs(parameter.scale)

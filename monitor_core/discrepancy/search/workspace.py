@@ -3,13 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import Generic
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.discrepancy.screening.screened import Screened
 from monitor_core.discrepancy.search.found import Rival
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.settings import is_testable
@@ -18,8 +18,6 @@ from monitor_core.fitting.evidence import VERY_STRONG
 from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
-
-Physics = TypeVar("Physics")
 
 #: Of the cost: fits that differ by less ended in the same minimum.
 SAME_MINIMUM = 1e-4
@@ -55,7 +53,7 @@ class Workspace(Generic[Physics]):
     progress: Callable[[str], None] = lambda _sentence: None
     #: By the keys of their effects.
     best_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
-    #: By :func:`identity` of the fit that they start from, each asked once only.
+    #: By :func:`identity` of the fit that they start from; each is refitted once only.
     rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
     _screened: dict[bytes, tuple[Screened[Physics], ...]] = field(default_factory=dict, init=False)
 
@@ -72,7 +70,7 @@ class Workspace(Generic[Physics]):
 
     def remember(self, fitted: Fitted[Physics]) -> None:
         """Keep a fit if it is the best of its effects."""
-        keys = effect_keys(fitted)
+        keys = fitted.hypothesis.keys
         if keys not in self.best_fits or fitted.cost < self.best_fits[keys].cost:
             self.best_fits[keys] = fitted
 
@@ -88,10 +86,9 @@ class Workspace(Generic[Physics]):
         known by then: the evidence would otherwise be that of a false minimum.
         """
         hypothesis = fitted.hypothesis.without(effect.key)
-        keys = frozenset(kept.key for kept in hypothesis.effects)
         from_fuller = self.try_fit(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
-        best = lowest_cost(self.best_fits.get(keys), from_fuller)
-        plain = lowest_cost(*(known for those, known in self.best_fits.items() if those < keys))
+        best = lowest_cost(self.best_fits.get(hypothesis.keys), from_fuller)
+        plain = lowest_cost(*(known for those, known in self.best_fits.items() if those < hypothesis.keys))
         if plain is not None and (best is None or plain.cost < best.cost):
             start = hypothesis.carried_over(plain.hypothesis, plain.coordinates)
             best = lowest_cost(best, self.try_fit(hypothesis, start))
@@ -101,7 +98,7 @@ class Workspace(Generic[Physics]):
 
     def remaining(self, fitted: Fitted[Physics]) -> tuple[Effect[Physics], ...]:
         """Return the candidates that could still be added."""
-        present = effect_keys(fitted)
+        present = fitted.hypothesis.keys
         physics, layout = fitted.physics(), self.comparison.layout
         return tuple(
             effect
@@ -128,13 +125,8 @@ class Workspace(Generic[Physics]):
         return max(least, VERY_STRONG + 2.0 * math.log(max(len(self.remaining(without)), 1)))
 
 
-def effect_keys(fitted: Fitted[Physics]) -> frozenset[str]:
-    """Return the keys of the effects of a fit."""
-    return frozenset(effect.key for effect in fitted.hypothesis.effects)
-
-
 def identity(fitted: Fitted[Physics]) -> bytes:
-    """Return what tells a fit from others of the same search: the order of its effects, and its coordinates."""
+    """Return the order of the effects and the coordinates of a fit, which identify it within a search."""
     keys = ",".join(effect.key for effect in fitted.hypothesis.effects)
     return keys.encode() + fitted.coordinates.tobytes()
 

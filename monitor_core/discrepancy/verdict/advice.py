@@ -1,20 +1,17 @@
 """Advise what to measure next: what would distinguish effects that look alike, and show those not seen yet."""
 
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
-from monitor_core.effects.effect import ConditionAxis, Effect
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.settings import is_testable, varied_conditions
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 #: With fewer positions many effects differ by a level alone.
 _ENOUGH_POSITIONS = 5

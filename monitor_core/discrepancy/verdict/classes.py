@@ -3,7 +3,7 @@
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 
@@ -12,22 +12,20 @@ from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.verdict.foreign_modes import foreign_modes
 from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, least_difference
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.uncertainty import Estimate
 
-Physics = TypeVar("Physics")
-
 #: Effects that leave the same residuals are aliases: the same finding under two names.
 _SAME_COST = 0.5
 _SAME_RESIDUALS = 0.02  # rms difference, in standard deviations
 _AT_THE_END = 1e-3  # of the range of a parameter that is not sought beyond it: there the search lacked room
 
-#: By so much of itself may be off what an effect does, though nothing is left that tells; but no more than such a share
-#: of the values can hide.
+#: The formula of an effect may be off by such a share of what it does, though nothing that is left shows it; but only
+#: such a share of the values can hide.
 _SHAPE_ERROR = 0.05
 _HIDDEN = 0.01
 #: Where something is left the model lacks more: then a smaller share of the gain of BIC distinguishes no effects.
@@ -154,7 +152,7 @@ def _member(
 
 
 def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> bool:
-    """Tell whether an unknown lies within its plausible range, and not at an end that the data want it to leave."""
+    """Return whether an unknown lies within its plausible range, and not at an end that the data want it to leave."""
     effect, parameter = fitted.hypothesis.unknowns[index]
     value = fitted.hypothesis.values(fitted.coordinates)[effect.key][parameter.name]
     if parameter.beyond or not _at_an_end(effect, parameter, value):
@@ -168,7 +166,7 @@ def _is_plausible(fitted: Fitted[Physics], index: int, scale: EvidenceScale) -> 
 
 
 def _at_an_end(effect: Effect[Physics], parameter: EffectParameter, value: float) -> bool:
-    """Tell whether a parameter not sought beyond its range stands at an end of it; at a textbook value it may."""
+    """Return whether a parameter not sought beyond its range stands at an end of it; at a textbook value it may."""
     known = effect.textbook is not None and abs(value - effect.textbook[parameter.name]) < _AT_THE_END
     if (parameter.beyond and parameter is effect.parameters[0]) or known:
         return False

@@ -1,15 +1,12 @@
 """Find effects that natural frequencies alone cannot exclude: modes that the drive has no part in."""
 
 from collections.abc import Sequence
-from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.groups import modes_that_stay
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 #: A frequency that is off by more, in ln f, is of a mode that the model has not.
 _ANOTHER_MODE = 0.25
@@ -39,7 +36,7 @@ def foreign_modes(without: Fitted[Physics], effects: Sequence[Effect[Physics]]) 
 
 
 def _may_hide_at(effect: Effect[Physics], frequency: float, without: Fitted[Physics]) -> bool:
-    """Tell whether an effect resonates at a frequency and moves no other: nothing that was measured tells of it."""
+    """Return whether an effect resonates at a frequency and moves no other, so that no measurement shows it."""
     resonance = effect.frequency
     if resonance is None or not resonance.lower <= frequency <= resonance.upper:
         return False

@@ -2,29 +2,26 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.hold_out import JudgedGap, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeSettings:
     """When something is left. The figures are set on simulated machines, see benchmarks/hidden_effects."""
 
-    #: Where something is left, what was found must explain this share of the misfit, or it may stand for the true
-    #: effect as well.
+    #: Where something is left, what was found must explain this share of the misfit; otherwise it may only stand in for
+    #: the true effect.
     least_share: float = 0.95
     #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
     pulls: float = 3.0
-    #: Of what is left: an effect that explains less, beside others, may be a part of it in disguise.
+    #: Of what is left: an effect that explains less, besides others, may be a part of it in disguise.
     least_of_remainder: float = 0.25
 
 
@@ -51,11 +48,11 @@ class Remainder:
     misfit: float  # beyond that of healthy axes, of residuals and of pulls, in χ²
 
     def is_pulled(self, settings: OutcomeSettings) -> bool:
-        """Tell whether condition errors scatter more than their tolerances allow."""
+        """Return whether condition errors scatter more than their tolerances allow."""
         return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
 
     def is_left(self, settings: OutcomeSettings) -> bool:
-        """Tell whether anything is left that a healthy axis would not leave."""
+        """Return whether anything is left that a healthy axis would not leave."""
         return self.gap.exceeds_healthy or self.is_pulled(settings)
 
 

@@ -1,15 +1,12 @@
 """Group each accepted effect with its indistinguishable alternatives; refit with the representatives."""
 
 from collections.abc import Sequence
-from typing import TypeVar
 
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
-
-Physics = TypeVar("Physics")
 
 
 def classes_with_fit(
@@ -42,7 +39,7 @@ def _with_representative(
     if member.effect.key == accepted.key:
         return final
     hypothesis = final.hypothesis.without(accepted.key).with_effect(member.effect)
-    if {effect.key for effect in hypothesis.effects} == {effect.key for effect in member.fitted.hypothesis.effects}:
+    if hypothesis.keys == member.fitted.hypothesis.keys:
         return member.fitted
     start = hypothesis.carried_over(final.hypothesis, final.coordinates)
     own = hypothesis.carried_over(member.fitted.hypothesis, member.fitted.coordinates)

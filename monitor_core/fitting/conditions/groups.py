@@ -65,7 +65,7 @@ class Grouping:
         return self.axis is not None and self.axis not in _WITHOUT_ORDER
 
     def holds(self, groups: Sequence[int]) -> BoolArray:
-        """Tell which values are in one of the groups, shape (n_values,)."""
+        """Return which values are in one of the groups, shape (n_values,)."""
         return np.isin(self.group, groups)
 
     def words(self, groups: Sequence[int]) -> str:
@@ -118,7 +118,7 @@ def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
 
 
 def has_lines(layout: Layout) -> bool:
-    """Tell whether the values are lines of responses rather than natural frequencies or forces."""
+    """Return whether the values are lines of responses rather than natural frequencies or forces."""
     series = series_of(layout)[np.isfinite(layout.frequency)]
     return bool(series.size) and bool(np.median(np.unique_counts(series).counts) >= _FEWEST_LINES)
 

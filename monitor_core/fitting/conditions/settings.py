@@ -3,16 +3,13 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.effects.effect import ConditionAxis, Effect
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.groups import has_lines, modes_that_stay
 from monitor_core.models.protocol import DriveConditions
-
-Physics = TypeVar("Physics")
 
 #: With fewer positions or preloads than this every one is needed for the fit.
 _FEWEST_TO_HOLD_OUT = 5
@@ -52,7 +49,7 @@ def setting_of(conditions: DriveConditions) -> Setting:
 
 
 def default_folds(conditions: Iterable[DriveConditions]) -> tuple[frozenset[DriveConditions], ...]:
-    """Return what to hold out where nobody says: two inner positions of five or more, else each preload in turn.
+    """Return what to hold out by default: two inner positions of five or more, else each preload in turn.
 
     With five positions or more a model is judged where it was not fitted, and of payloads, temperatures and levels that
     were varied the last measurement each is held out, too. A table of few positions cannot spare one,
@@ -75,7 +72,7 @@ def default_folds(conditions: Iterable[DriveConditions]) -> tuple[frozenset[Driv
 def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveConditions]:
     """Return the last of several conditions that differ from most in one payload, temperature or level.
 
-    Without them nothing held out would tell of an effect that only such a variation shows.
+    Without them nothing held out would respond to an effect that only such a variation shows.
     """
     remaining = list(conditions)
     last: set[DriveConditions] = set()
@@ -83,7 +80,7 @@ def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveC
         counts = Counter(getattr(setting, name) for setting in remaining)
         usual = counts.most_common(1)[0][0] if counts else None
         several = sorted(value for value, count in counts.items() if count >= _FEWEST_OF_A_VARIATION)
-        if name == "temperature_deviation":  # one that drifts comes by every kelvin: the coldest and the warmest tell
+        if name == "temperature_deviation":  # many where it drifts: the coldest and the warmest
             several = [*several[:1], *several[-1:]]
         for value in several:
             if value != usual:
@@ -104,7 +101,7 @@ def varied_conditions(layout: Layout) -> frozenset[ConditionAxis]:
 
 
 def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
-    """Tell whether the data vary what an effect needs to be seen as such.
+    """Return whether the data vary what an effect needs to be seen as such.
 
     What has a frequency of its own shows in a natural frequency, too, if one stays where it is.
     """

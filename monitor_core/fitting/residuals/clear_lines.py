@@ -16,14 +16,14 @@ from monitor_core.response import LineSpread
 
 
 def clear_lines(observation: FrequencyResponseObservation, least_signal_to_noise: float) -> BoolArray:
-    """Tell which lines stand so many times above their noise, shape (n_lines,)."""
+    """Return which lines stand so many times above their noise, shape (n_lines,)."""
     return np.asarray(np.abs(observation.response) >= least_signal_to_noise * observation.standard_deviation)
 
 
 def case_of(
     observation: FrequencyResponseObservation, chosen: BoolArray, otherwise_held: MotorEnd = MotorEnd.FREE
 ) -> ResponseCase:
-    """Return what a model is asked for the chosen lines of a response; a force at the table leaves the motor held."""
+    """Return the case that a model computes for the chosen lines; a force at the table leaves the motor end held."""
     motor_end = motor_end_of(observation.excitation, otherwise_held)
     return ResponseCase(
         observation.frequency[chosen],

@@ -60,12 +60,12 @@ class ModesComparison(AsMeasured):
 
     @property
     def damping(self) -> BoolArray:
-        """Tell which values are damping ratios, shape (n_values,)."""
+        """Return which values are damping ratios, shape (n_values,)."""
         return np.asarray(self.frequency_of != np.arange(self.measured.size))
 
     @property
     def _single_order(self) -> bool:
-        """Tell whether all frequencies are of one mode, to which then the nearest one is assigned however far it is."""
+        """Return whether all frequencies are of one mode: then the nearest is assigned, however far it is."""
         return np.unique(self.layout.channel[~self.damping]).size == 1
 
     def misfit(self, physics: AxisPhysics) -> FloatArray:
@@ -144,7 +144,7 @@ class ModesComparison(AsMeasured):
             return np.where(self.damping, self.measured * (1.0 + misfit), np.exp(self.measured + misfit))
 
     def _misfits(self, physics: AxisPhysics, *conditions: Sequence[DriveConditions]) -> FloatArray:
-        """Return the misfit under several conditions of each setting, all asked at once, shape (n_asked, n_values)."""
+        """Return the misfit under several conditions of each setting, at once, shape (n_conditions, n_values)."""
         highest = _HIGHEST * float(np.exp(np.max(self.measured[~self.damping])))
         # without damping where none was measured: axes that differ in nothing else are then equal
         damped = physics if np.any(self.damping) else with_damping(physics, 0.0)
@@ -222,7 +222,7 @@ def compare_modes(
     )
 
 
-@lru_cache(maxsize=64)  # a search asks for one axis again, and for axes that differ in damping alone
+@lru_cache(maxsize=64)  # a search needs the same axis again, and axes that differ in damping alone
 def _modes(
     physics: AxisPhysics, conditions: tuple[DriveConditions, ...], motor_end: MotorEnd, highest_frequency: float
 ) -> DriveModes:

@@ -14,19 +14,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.jacobian import one_sided_derivative, residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors
-
-Physics = TypeVar("Physics")
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0
@@ -75,7 +74,7 @@ class Fitted(Generic[Physics]):
 
     @cached_property
     def n_seen(self) -> int:
-        """How many unknowns of the effects move what was measured: of a resonance, no frequency tells the damping."""
+        """How many unknowns of the effects move what was measured: frequencies, for one, do not show a damping."""
         unknowns, first = self.hypothesis.unknowns, self.hypothesis.n_uncertain
         others = [n for n, (effect, parameter) in enumerate(unknowns, first) if parameter is not effect.parameters[0]]
         at = (self.around, self.hypothesis, self.coordinates, self.misfit)
@@ -109,7 +108,7 @@ class Fitted(Generic[Physics]):
     def cost(self) -> float:
         """Twice the negative logarithm of the posterior, but for a constant: χ², the priors, and ln det V.
 
-        V is the covariance with the errors of the settings, which a hypothesis may make larger or smaller.
+        V is the covariance with the condition errors, which a hypothesis may make larger or smaller.
         """
         chi_squared = float(np.sum(self.standardised[self.fitted] ** 2))
         return chi_squared + self.prior_cost + self.around.whitened_by.log_determinant(self.fitted)
@@ -185,7 +184,7 @@ def fit(
 
 
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
-    """Return the same hypothesis at other coordinates, around the errors of the settings that are likely there.
+    """Return the same hypothesis at other coordinates, around the condition errors that are likely there.
 
     Raises
     ------

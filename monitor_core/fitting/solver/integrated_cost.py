@@ -14,14 +14,11 @@ polynomials through some nodes. Settings count as independent here; what they sh
 frequency, is as the linearisation has it.
 """
 
-from typing import TypeVar
-
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 #: The first condition error is the error that may act strongly: where the table stood.
 _INTEGRATED = 0
@@ -29,7 +26,7 @@ _REACH = 4.0  # standard deviations to either side
 _NODES = _REACH * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # Chebyshev's
 _GRID, _STEP = np.linspace(-_REACH, _REACH, 321, retstep=True)
 _AT_GRID = np.vander(_GRID / _REACH, _NODES.size) @ np.linalg.inv(np.vander(_NODES / _REACH, _NODES.size))
-#: An error that the data tell to less than that has no room to act but linearly, and would fall between the grid.
+#: An error that the data determine to better than that acts linearly, and would fall between the points of the grid.
 _WELL_KNOWN = 2.0 * _STEP
 
 
@@ -99,6 +96,6 @@ def _linearised(fitted: Fitted[Physics]) -> FloatArray:
 
 
 def _deviations(fitted: Fitted[Physics]) -> FloatArray:
-    """Return the standard deviation of that error as the data of each setting tell it, shape (n_settings,)."""
+    """Return the standard deviation of that error as the data of each setting determine it, shape (n_settings,)."""
     grams = fitted.around.whitened_by.grams
     return np.asarray(np.sqrt(np.linalg.inv(np.eye(grams.shape[1]) + grams)[:, _INTEGRATED, _INTEGRATED]))

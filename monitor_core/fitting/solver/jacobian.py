@@ -1,15 +1,12 @@
 """Differentiate the misfit of a hypothesis by its coordinates, by finite differences."""
 
-from typing import TypeVar
-
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.linearised import Linearised
-
-Physics = TypeVar("Physics")
 
 _STEP = 1e-4  # of a coordinate
 

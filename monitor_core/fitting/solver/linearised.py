@@ -8,12 +8,12 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.condition_errors import Whitening, whitening
 from monitor_core.fitting.hypothesis import Hypothesis
 
-Physics = TypeVar("Physics")
 Answer = TypeVar("Answer")
 
 _LIKELY = 3.0  # standard deviations: a condition error that seems larger is another misfit, and taken as linear

@@ -9,17 +9,15 @@ data and priors together determine every direction to one standard deviation.
 """
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, resolved_at
 from monitor_core.fitting.solver.integrated_cost import integrated_cost
-
-Physics = TypeVar("Physics")
 
 #: Of its standard deviation: where ln det V draws no parameter of an effect further away, a fit is left as it is.
 _NEGLIGIBLE = 0.25
@@ -28,7 +26,7 @@ _NEAR = 0.15  # of a standard deviation: so near the mode the search ends
 _SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
 _FARTHEST = 5.0  # standard deviations: beyond lies no mode of what least squares have found
-_LEAST_TOLD = 1e-3  # of a coordinate's own scale, inverse squared: what is told less has no scale but its own
+_LEAST_PRECISION = 1e-3  # of a coordinate's own scale, inverse squared: what is known less has no scale but its own
 _NO_ANSWER = 1e6  # in the place of half the cost
 
 
@@ -78,7 +76,7 @@ def _integrated(there: Fitted[Physics] | None) -> float:
 def _scales(fitted: Fitted[Physics]) -> FloatArray:
     """Return the principal directions of data and priors as columns, each one standard deviation long."""
     values, vectors = np.linalg.eigh(fitted.precision())
-    return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_TOLD)))
+    return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_PRECISION)))
 
 
 def _log_determinant(fitted: Fitted[Physics] | None) -> float:

@@ -7,8 +7,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.fitting.residuals.motion.sampling import MotionSampling
 from monitor_core.motion import MotionRecord
 
-#: Root-mean-square difference of a repeated motion, as a share of its range. A sample beside the repetition of a motion
-#: of seconds at 1 kHz is more.
+#: Root-mean-square difference of a repeated motion, as a share of its range. A shift of a sample from the
+#: repetition of a motion of seconds at 1 kHz makes more.
 _SAME = 1e-4
 #: What repeats must have been elsewhere between.
 _ELSEWHERE = 0.1

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.models.motion import Kinematics, cutoff_frequency
-
-Indices = npt.NDArray[np.intp]
 
 #: A motion of fewer values says little of friction: half a second at 100 Hz, and as much to judge it on.
 _FEWEST_VALUES = 100
@@ -73,7 +71,7 @@ def sampling_of(motion: Kinematics) -> MotionSampling:
     As many values per second as the cut-off frequency of the kinematics has periods, up to 0.4 of it: there central
     differences err by a percent at most. Measured and predicted force pass the same filter, and friction is formed
     before it, so that a jump stays as sharp in one as in the other. Standstill is left out: friction balances there
-    what no velocity tells.
+    what no velocity shows.
 
     Raises
     ------
