@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.score_card import OUTSIDE, row, size_of
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Candidate, Outcome
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
@@ -163,7 +163,7 @@ def answer(job: Job, first_seed: int) -> Answered:
     folds = default_folds(one.conditions for one in case.table)
     comparison = compare_modes(case.table, case.motor_end, held_out=folds)
     began = time.process_time()
-    found = explain(comparison, subject, subject.candidates())
+    found = explain_comparison(comparison, subject, subject.candidates())
     true_keys = frozenset(key for key in case.truth if not key.startswith(OUTSIDE))
     same_as = [
         [remark.rpartition(" ")[2] for remark in one.remarks if remark.startswith("the same")] for one in found.effects

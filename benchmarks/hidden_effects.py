@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.score_card import NOISES, OUTSIDE, Job, Scored, score_card
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.errors import MonitorCoreError, OutsideValidityError
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.evidence import yardstick
+from monitor_core.fitting.evidence import evidence_scale
 from monitor_core.fitting.hold_out import fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.learnt_form import learn_form_error
@@ -91,7 +91,7 @@ def answer(name: str, folder: Path, form: ModelFormError) -> dict[str, Any]:
     comparison, subject = given(name, folder, form)
     began = time.process_time()
     try:
-        found = explain(comparison, subject, subject.candidates())
+        found = explain_comparison(comparison, subject, subject.candidates())
     except MonitorCoreError as error:  # counts as an answer that is not right
         document = {"name": name, "outcome": f"refused: {error}", "effects": [], "gap": _NO_GAP, "detection_limits": {}}
     else:
@@ -141,7 +141,7 @@ def detectability(name: str, truth: dict[str, dict[str, float]], folder: Path, f
         except OutsideValidityError:
             continue
     fitted = min(fits, key=lambda one: one.cost)
-    factor = yardstick(fitted).factor
+    factor = evidence_scale(fitted).factor
     weakest = math.inf
     for effect in effects:
         without = hypothesis.without(effect.key)

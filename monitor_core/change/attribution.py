@@ -1,19 +1,19 @@
-"""Which change explains that the frequency of an axis has moved.
+"""Attribute a moved frequency of an axis to a change.
 
 Measurements of a *reference* time and *recent* ones, each at several positions, and a drive model of the axis:
 
 1. What the model leaves open is fitted to the reference (``reference_axis``).
-2. Recent measurements are compared with the reference place by place (``places_compared``): the measured ratio of the
+2. Recent measurements are compared with the reference cell by cell (``reference_ratio``): the measured ratio of the
    whole responses, amplitude and phase, against the modelled ratio. What the model is wrong in at both times cancels.
-3. Each change is a hypothesis that acts on the recent side only (``running_changes``); no change is one of them, and so
-   is an unknown one. Their posterior probabilities say which it is (``changes_tried``).
+3. Each change is a hypothesis that acts on the recent side only (``changes``); no change is one of them, and so
+   is an unknown one. Their posterior probabilities say which it is (``trials``).
 
-What tells them apart: a mass moves the antiresonance of the nut with the frequency, a preload does not. A bearing and
+What distinguishes them: a mass moves the antiresonance of the nut with the frequency, a preload does not. A bearing and
 an offset of the position move the frequency at one end of the screw more than at the other. A delay turns the phase
 alone. Warming softens all by one share; it looks like a little mass on the table, and often only the usual size of
 either, or a thermometer, decides between them.
 
-At least three places at both times are needed; what five and seven are worth was measured, see docs/running-axis.md.
+At least three positions at both times are needed; what five and seven are worth was measured, see docs/running-axis.md.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor_core.change.cell_errors import RunningTolerances
+from monitor_core.change.cell_errors import ChangeTolerances
 from monitor_core.change.changes import Cause
 from monitor_core.change.reference_axis import fit_reference
 from monitor_core.change.reference_ratio import compare_times
@@ -32,10 +32,10 @@ from monitor_core.fitting.observations import FrequencyResponseObservation, with
 
 
 @dataclass(frozen=True, slots=True)
-class RunningSettings:
+class AttributionSettings:
     """When a change is named. The figures are set on simulated sessions, see benchmarks/running_axis.py."""
 
-    tolerances: RunningTolerances = field(default_factory=RunningTolerances)
+    tolerances: ChangeTolerances = field(default_factory=ChangeTolerances)
     least_confidence: float = 0.9  # below it the likeliest causes are equivalent
     look_alike: float = 10.0  # of BIC, within which another cause is mentioned,
     least_share: float = 0.05  # and so is one that is at least so probable [-]
@@ -43,7 +43,7 @@ class RunningSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class ChangeExplanation:
+class ChangeAttribution:
     """Which change explains that an axis moved."""
 
     outcome: Outcome  # named | equivalent | none | unknown
@@ -56,15 +56,15 @@ class ChangeExplanation:
     sentence: str  # for the alarm
 
 
-def explain_change(
+def attribute_change(
     drive: DescribedDrive,
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
     *,
     preload: float | None = None,
-    settings: RunningSettings | None = None,
-) -> ChangeExplanation:
-    """Tell which change explains the difference between recent and reference measurements of an axis.
+    settings: AttributionSettings | None = None,
+) -> ChangeAttribution:
+    """Find the change that explains the difference between recent and reference measurements of an axis.
 
     Parameters
     ----------
@@ -75,25 +75,25 @@ def explain_change(
         reference's.
     preload : float, optional
         That of the reference, for an axis whose nut follows it; without it no change of the preload is thought of. [N]
-    settings : RunningSettings, optional
+    settings : AttributionSettings, optional
 
     Raises
     ------
     NotIdentifiableError
-        If fewer than three places were measured at both times, no line stands above its noise, or the model does not
+        If fewer than three positions were measured at both times, no line stands above its noise, or the model does not
         describe the reference.
     OutsideValidityError
         If the model has no answer under one of the conditions.
     """
-    settings = settings or RunningSettings()
-    reference, recent = (_with_preload(one, preload) for one in (reference, recent))
+    settings = settings or AttributionSettings()
+    reference, recent = (_with_preload(side, preload) for side in (reference, recent))
     axis = fit_reference(drive, reference, settings.tolerances)
     # a model that is off by more than its form is no better at what changes
     share = settings.tolerances.share_of_change * max(axis.gap, 1.0)
     tolerances = replace(settings.tolerances, share_of_change=share)
-    reference, recent = (with_accelerometer_at(axis.accelerometer, one) for one in (reference, recent))
+    reference, recent = (with_accelerometer_at(axis.accelerometer, side) for side in (reference, recent))
     comparison = compare_times(reference, recent, tolerances)
-    axis = replace(axis, warming_told=_mean_temperature(recent) - _mean_temperature(reference))
+    axis = replace(axis, reported_warming=_mean_temperature(recent) - _mean_temperature(reference))
     changes, of_unknown = tried_changes(comparison, axis, preload, remainder=settings.remainder)
     return _judged(changes, of_unknown, settings)
 
@@ -102,18 +102,20 @@ def _with_preload(
     observations: Sequence[FrequencyResponseObservation], preload: float | None
 ) -> tuple[FrequencyResponseObservation, ...]:
     return tuple(
-        one if one.conditions.preload is not None else replace(one, conditions=replace(one.conditions, preload=preload))
-        for one in observations
+        replace(observation, conditions=replace(observation.conditions, preload=preload))
+        if observation.conditions.preload is None
+        else observation
+        for observation in observations
     )
 
 
 def _mean_temperature(observations: Sequence[FrequencyResponseObservation]) -> float:
-    return float(np.mean([one.conditions.temperature_deviation for one in observations]))
+    return float(np.mean([observation.conditions.temperature_deviation for observation in observations]))
 
 
-def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: RunningSettings) -> ChangeExplanation:
+def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: AttributionSettings) -> ChangeAttribution:
     first = changes[0]
-    before = next(one.gap for one in changes if one.cause is Cause.NONE)
+    before = next(change.gap for change in changes if change.cause is Cause.NONE)
     equivalent: list[Cause] = []
     if of_unknown > first.probability:
         outcome, cause, confidence = Outcome.UNKNOWN, Cause.UNKNOWN, of_unknown
@@ -125,16 +127,17 @@ def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: Runni
         outcome, cause, confidence = Outcome.NONE, Cause.NONE, first.probability
         sentence = f"nothing has changed beyond the noise, {_percent(confidence)} confidence"
     else:
-        cause, confidence = first.cause, sum(one.probability for one in changes if one.cause is first.cause)
+        cause = first.cause
+        confidence = sum(change.probability for change in changes if change.cause is cause)
         outcome = Outcome.NAMED if confidence >= settings.least_confidence else Outcome.EQUIVALENT
-        others = [one for one in changes if one.plausible and one.cause is not cause]
-        alike = [one for one in others if _is_alike(one, first, settings)]
-        equivalent = [one.cause for one in alike]
+        others = [change for change in changes if change.plausible and change.cause is not cause]
+        alike = [other for other in others if _is_alike(other, first, settings)]
+        equivalent = [change.cause for change in alike]
         sentence = _sentence(first, confidence, alike, others)
         if of_unknown > settings.least_share:
             equivalent.append(Cause.UNKNOWN)
             sentence += f"; none of these: {_percent(of_unknown)}"
-    return ChangeExplanation(
+    return ChangeAttribution(
         outcome=outcome,
         cause=cause,
         confidence=confidence,
@@ -146,8 +149,8 @@ def _judged(changes: tuple[TriedChange, ...], of_unknown: float, settings: Runni
     )
 
 
-def _is_alike(one: TriedChange, first: TriedChange, settings: RunningSettings) -> bool:
-    return first.delta_bic - one.delta_bic < settings.look_alike or one.probability > settings.least_share
+def _is_alike(other: TriedChange, first: TriedChange, settings: AttributionSettings) -> bool:
+    return first.delta_bic - other.delta_bic < settings.look_alike or other.probability > settings.least_share
 
 
 def _sentence(
@@ -155,12 +158,12 @@ def _sentence(
 ) -> str:
     parts = [f"{first.words} (95 %), {_percent(confidence)} confidence"]
     if alike:
-        parts.append("nearly alike: " + ", or ".join(one.words for one in alike))
-    known = {one.cause for one in alike}
-    rest = [one for one in others if one.size is not None and one.cause not in known]
+        parts.append("nearly alike: " + ", or ".join(change.words for change in alike))
+    known = {change.cause for change in alike}
+    rest = [change for change in others if change.size is not None and change.cause not in known]
     if rest:
-        causes = ", ".join(dict.fromkeys(str(one.cause) for one in rest))
-        least = min(first.delta_bic - one.delta_bic for one in rest)
+        causes = ", ".join(dict.fromkeys(str(change.cause) for change in rest))
+        least = min(first.delta_bic - change.delta_bic for change in rest)
         parts.append(f"{causes}: worse by ΔBIC ≥ {least:.0f}")
     return "; ".join(parts)
 

@@ -1,4 +1,4 @@
-"""By how much two measurements of an unchanged axis differ, and what that makes of the measurements of a place."""
+"""State by how much two measurements of an unchanged axis differ, and move measurements by such errors."""
 
 from dataclasses import dataclass, replace
 
@@ -8,12 +8,12 @@ from monitor_core.arrays import FloatArray
 from monitor_core.change.cells import Side
 from monitor_core.effects.thermal import MODULUS_PER_KELVIN
 
-#: Errors of a place, in the order of their columns.
-PLACE_ERRORS = ("position", "preload", "temperature", "gain", "delay")
+#: Errors that the cells of a position share, in the order of their columns.
+CELL_ERRORS = ("position", "preload", "temperature", "gain", "delay")
 
 
 @dataclass(frozen=True, slots=True)
-class RunningTolerances:
+class ChangeTolerances:
     """By how much two measurements of an unchanged axis differ, and what a model adds; standard deviations."""
 
     position: float = 0.2e-3  # homing, mounting of the encoder [m]
@@ -26,8 +26,8 @@ class RunningTolerances:
     form: float = 0.02  # of a model against one time alone, relative [-]
 
 
-def moved(side: Side, errors: FloatArray, tolerances: RunningTolerances) -> Side:
-    r"""Return one time with its places, preloads, temperatures, gains and delays moved by errors.
+def moved(side: Side, errors: FloatArray, tolerances: ChangeTolerances) -> Side:
+    r"""Return one time with its positions, preloads, temperatures, gains and delays moved by errors.
 
     Where all stiffness softens by one share, accelerations are those of the cold axis at a higher frequency:
 
@@ -36,17 +36,17 @@ def moved(side: Side, errors: FloatArray, tolerances: RunningTolerances) -> Side
         A_{\vartheta}(\omega) = A\!\left( \omega / \sqrt{1 + \alpha \vartheta} \right), \qquad
         A(\omega) = -\omega^2 (K - \omega^2 M)^{-1}
 
-    so that each place can have a temperature, while an axis has but one.
+    so that each position can have its own temperature, while an axis has a single one.
 
     Parameters
     ----------
     side : Side
-    errors : ndarray, shape (n_places, n_errors)
+    errors : ndarray, shape (n_positions, n_errors)
         In standard deviations.
-    tolerances : RunningTolerances
+    tolerances : ChangeTolerances
     """
     lines = side.lines
-    position, preload, temperature, gain, delay = errors[side.place_of_case].T
+    position, preload, temperature, gain, delay = errors[side.position_of_case].T
     conditions = replace(
         lines.conditions,
         position=lines.conditions.position + tolerances.position * position,

@@ -1,26 +1,23 @@
-"""Measured responses of one axis, sorted into cells: a place on the axis by a band as narrow as the lines are apart."""
+"""Sort measured responses of an axis into cells: a position on the axis by a band as narrow as the line spacing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
 
-ComplexValues = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.intp]
-
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 5.0
-#: Positions nearer than this are one place. [m]
-_ONE_PLACE = 0.010
-#: A reference may be so far from the place that it is for. [m]
+#: Positions nearer than this count as the same. [m]
+_SAME_POSITION = 0.010
+#: A response may be so far from the position that it counts for. [m]
 _REACH = 0.030
 
 
@@ -29,17 +26,17 @@ class Side:
     """All responses of one time; a cell has the mean of its lines, weighted by their noise."""
 
     lines: PreparedLines
-    measured: ComplexValues  # ln Y, shape (n_lines,)
+    measured: ComplexArray  # ln Y, shape (n_lines,)
     variance_of_line: FloatArray  # of real and of imaginary part, shape (n_lines,)
-    place_of_case: Indices  # shape (n_cases,)
+    position_of_case: Indices  # shape (n_cases,)
     band: Indices  # of each line: its frequency over the width of the bands, rounded, shape (n_lines,)
 
     @property
-    def place(self) -> Indices:
-        """Place of each line, shape (n_lines,)."""
-        return self.place_of_case[self.lines.case]
+    def position_of_line(self) -> Indices:
+        """Which position each line belongs to, shape (n_lines,)."""
+        return self.position_of_case[self.lines.case]
 
-    def misfit(self, axis: AxisPhysics) -> ComplexValues:
+    def misfit(self, axis: AxisPhysics) -> ComplexArray:
         """Return ln H − ln Y of every line, phases within ±π, shape (n_lines,)."""
         return with_phase_within_half_a_turn(np.log(responses(axis, self.lines)) - self.measured)
 
@@ -52,7 +49,7 @@ class CellMeans:
     weight: FloatArray  # of each line in its cell, summing to one, shape (n_lines,)
     variance: FloatArray  # of the means, shape (n_cells,)
 
-    def __call__(self, of_lines: ComplexValues) -> ComplexValues:
+    def __call__(self, of_lines: ComplexArray) -> ComplexArray:
         """Return the mean of each cell, shape (n_cells,)."""
         used, n_cells = self.cell >= 0, self.variance.size
         cell, weighted = self.cell[used], (self.weight * of_lines)[used]
@@ -60,75 +57,97 @@ class CellMeans:
         return np.asarray(real + 1j * np.bincount(cell, weights=weighted.imag, minlength=n_cells))
 
 
-def places_of(positions: FloatArray) -> FloatArray:
-    """Return the mean position of each place: positions follow one another more closely there than between places."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SideInCells:
+    """All responses of one time, as means over cells."""
+
+    side: Side
+    means: CellMeans
+
+    @property
+    def measured(self) -> ComplexArray:
+        """Mean of ln Y of each cell, shape (n_cells,)."""
+        return self.means(self.side.measured)
+
+    def misfit(self, axis: AxisPhysics) -> ComplexArray:
+        """Return the mean of ln H − ln Y of each cell, shape (n_cells,)."""
+        return self.means(self.side.misfit(axis))
+
+    def measurements_per_position(self, n_positions: int) -> FloatArray:
+        """Return how many measurements each position has, at least 1."""
+        return np.maximum(np.bincount(self.side.position_of_case, minlength=n_positions), 1.0)
+
+
+def positions_of(positions: FloatArray) -> FloatArray:
+    """Return the mean of each group of positions that are the same but for scatter, rising. [m]."""
     rising = np.sort(positions)
-    starts = np.flatnonzero(np.r_[True, np.diff(rising) > _ONE_PLACE])
+    starts = np.flatnonzero(np.r_[True, np.diff(rising) > _SAME_POSITION])
     return np.array([np.mean(rising[low:high]) for low, high in pairwise([*starts, rising.size])])
 
 
 def spacings(observations: Sequence[FrequencyResponseObservation]) -> tuple[float, float]:
-    """Return how far the lines of a response are apart in hertz: where they are closest, and where they are widest."""
-    widths = [float(np.median(np.diff(one.frequency))) for one in observations if one.frequency.size > 1]
+    """Return the closest and the widest spacing of the lines of responses, in hertz."""
+    widths = [
+        float(np.median(np.diff(observation.frequency)))
+        for observation in observations
+        if observation.frequency.size > 1
+    ]
     if not widths:
         raise NotIdentifiableError("expected responses of several lines; got single ones only")
     return min(widths), max(widths)
 
 
-def side_of(observations: Sequence[FrequencyResponseObservation], places: FloatArray, width: float) -> Side:
-    """Put the responses of one time side by side; those near no place are left out.
+def side_of(observations: Sequence[FrequencyResponseObservation], positions: FloatArray, width: float) -> Side:
+    """Put the responses of one time side by side; those near none of the positions are left out.
 
     Raises
     ------
     NotIdentifiableError
-        If all are, or no line stands above its noise.
+        If all are left out, or no line stands above its noise.
     """
     kept = []
-    for one in observations:
-        place = int(np.argmin(np.abs(places - one.conditions.position)))
-        clear = clear_lines(one, _LEAST_SIGNAL_TO_NOISE)
-        if abs(places[place] - one.conditions.position) <= _REACH and np.any(clear):
-            kept.append((one, place, clear))
+    for observation in observations:
+        distance = np.abs(positions - observation.conditions.position)
+        nearest = int(np.argmin(distance))
+        clear = clear_lines(observation, _LEAST_SIGNAL_TO_NOISE)
+        if distance[nearest] <= _REACH and np.any(clear):
+            kept.append((observation, nearest, clear))
     if not kept:
         raise NotIdentifiableError(
-            f"expected responses within {1e3 * _REACH:g} mm of the places compared, with lines that stand "
+            f"expected responses within {1e3 * _REACH:g} mm of the positions compared, with lines that stand "
             f"{_LEAST_SIGNAL_TO_NOISE:g} times above their noise; got none"
         )
-    lines = prepare_lines([case_of(one, clear) for one, _, clear in kept])
-    response = np.concatenate([one.response[clear] for one, _, clear in kept])
-    deviation = np.concatenate([one.standard_deviation[clear] for one, _, clear in kept])
+    lines = prepare_lines([case_of(observation, clear) for observation, _, clear in kept])
+    response = np.concatenate([observation.response[clear] for observation, _, clear in kept])
+    deviation = np.concatenate([observation.standard_deviation[clear] for observation, _, clear in kept])
     return Side(
         lines,
         np.asarray(np.log(response)),
         (deviation / np.abs(response)) ** 2,
-        np.array([place for _, place, _ in kept]),
+        np.array([nearest for _, nearest, _ in kept]),
         np.round(lines.omega / (2.0 * np.pi * width)).astype(np.intp),
     )
 
 
 def cells_of(side: Side) -> Indices:
-    """Return the cells with lines, as (place, band) in rising order, shape (n_cells, 2)."""
-    return np.unique(np.column_stack([side.place, side.band]), axis=0)
+    """Return the cells with lines, as (position, band) in rising order, shape (n_cells, 2)."""
+    return np.unique(np.column_stack([side.position_of_line, side.band]), axis=0)
 
 
 def common_cells(side: Side, other: Side) -> Indices:
     """Return the cells with lines on both sides."""
-    in_other = {tuple(one) for one in cells_of(other).tolist()}
-    return np.array([one for one in cells_of(side).tolist() if tuple(one) in in_other], dtype=np.intp).reshape(-1, 2)
+    in_other = {tuple(cell) for cell in cells_of(other).tolist()}
+    both = [cell for cell in cells_of(side).tolist() if tuple(cell) in in_other]
+    return np.array(both, dtype=np.intp).reshape(-1, 2)
 
 
-def cell_means(side: Side, cells: Indices) -> CellMeans:
+def in_cells(side: Side, cells: Indices) -> SideInCells:
     """Prepare the means of one side over cells."""
-    index = {tuple(one): number for number, one in enumerate(cells.tolist())}
-    keys = np.column_stack([side.place, side.band]).tolist()
-    cell = np.array([index.get(tuple(one), -1) for one in keys], dtype=np.intp)
+    index = {tuple(key): number for number, key in enumerate(cells.tolist())}
+    keys = np.column_stack([side.position_of_line, side.band]).tolist()
+    cell = np.array([index.get(tuple(key), -1) for key in keys], dtype=np.intp)
     used = cell >= 0
     precision = 1.0 / side.variance_of_line
     total = np.bincount(cell[used], weights=precision[used], minlength=len(index))
     weight = np.where(used, precision / total[np.maximum(cell, 0)], 0.0)
-    return CellMeans(cell, weight, 1.0 / total)
-
-
-def measurements_per_place(side: Side, n_places: int) -> FloatArray:
-    """Return how many measurements each place has."""
-    return np.bincount(side.place_of_case, minlength=n_places).astype(np.float64)
+    return SideInCells(side, CellMeans(cell, weight, 1.0 / total))

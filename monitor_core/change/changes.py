@@ -1,4 +1,4 @@
-"""What may have changed in an axis since its reference was taken: the causes, and what each does."""
+"""List what may have changed in an axis since its reference was taken: the causes, and what each does."""
 
 import math
 from collections.abc import Callable
@@ -40,6 +40,20 @@ class Change:
     known_to: float = 0.0  # relative standard deviation of the coefficient that its size rests on [-]
 
 
+@dataclass(frozen=True, slots=True)
+class _Words:
+    """How a size and half the width of its 95 % interval are put into words."""
+
+    template: str
+    less: str  # where the size is negative
+    more: str
+    per_unit: float = 1.0  # of the unit of the template in the unit of the size
+
+    def __call__(self, size: float, half_width: float) -> str:
+        change = self.less if size < 0.0 else self.more
+        return self.template.format(change=change, size=_rounded(self.per_unit * abs(size), self.per_unit * half_width))
+
+
 #: A payload may be taken off as well as put on.
 _MASS = EffectParameter("mass_kg", "kg", lower=-200.0, upper=500.0, scale=0.5)
 _SPREAD_OF_MASS = 0.2  # of the moving mass
@@ -52,8 +66,16 @@ _SPREAD_OF_GAIN = 0.05
 _SPREAD_OF_WARMING = 10.0  # [K]
 #: Joints soften with temperature as steel does, more or less.
 _WARMING_KNOWN_TO = 0.15
-#: Temperatures that windows state beyond this have changed. [K]
-_TOLD = 1.0
+#: A change of the temperature that windows report is one beyond this. [K]
+_REPORTED = 1.0
+_PAYLOAD_WORDS = _Words("the table carries {size} kg {change}", "less", "more")
+_POSITION_WORDS = _Words(
+    "the table stands {size} mm {change} the fixed bearing than is stated", "nearer to", "further from", 1e3
+)
+_DELAY_WORDS = _Words("the response is recorded {size} ms {change} late against the torque", "less", "more", 1e3)
+_GAIN_WORDS = _Words("the gain of the sensors {change} by {size} %", "fell", "rose", 100.0)
+_TEMPERATURE_WORDS = _Words("the axis is {size} K {change}", "colder", "warmer")
+_PRELOAD_WORDS = _Words("the preload {change} by {size} N", "fell", "rose")
 
 
 def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change, ...]:
@@ -69,59 +91,34 @@ def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change
     bodies = at_reference.then.bodies
     moving = bodies.table_mass + bodies.nut_mass
     changes = [
-        Change(Cause.PAYLOAD, since_then(ADDED_MASS, _MASS), _SPREAD_OF_MASS * moving, _payload),
-        Change(Cause.POSITION, since_then(POSITION_OFFSET), _SPREAD_OF_POSITION, _position),
-        Change(Cause.SENSOR, since_then(TORQUE_DELAY), _SPREAD_OF_DELAY, _delay),
-        Change(Cause.SENSOR, SENSOR_GAIN, _SPREAD_OF_GAIN, _gain),
+        Change(Cause.PAYLOAD, since_then(ADDED_MASS, _MASS), _SPREAD_OF_MASS * moving, _PAYLOAD_WORDS),
+        Change(Cause.POSITION, since_then(POSITION_OFFSET), _SPREAD_OF_POSITION, _POSITION_WORDS),
+        Change(Cause.SENSOR, since_then(TORQUE_DELAY), _SPREAD_OF_DELAY, _DELAY_WORDS),
+        Change(Cause.SENSOR, SENSOR_GAIN, _SPREAD_OF_GAIN, _GAIN_WORDS),
         Change(Cause.BEARING, since_then(BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the fixed bearing")),
         Change(Cause.BEARING, since_then(FAR_BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the far bearing")),
-        _temperature_change(axis.warming_told),
+        _temperature_change(axis.reported_warming),
     ]
     if preload is not None:
         size = EffectParameter("preload_n", "N", lower=-_MOST_LOST * preload, upper=preload, scale=0.1 * preload)
         effect = since_then(PRELOAD_CHANGE, size)
-        changes.insert(0, Change(Cause.PRELOAD, effect, _SPREAD_OF_PRELOAD * preload, _preload))
+        changes.insert(0, Change(Cause.PRELOAD, effect, _SPREAD_OF_PRELOAD * preload, _PRELOAD_WORDS))
     return tuple(change for change in changes if change.effect.applies(at_reference))
 
 
-def is_told(warming: float) -> bool:
-    """Tell whether windows state a change of the temperature, in kelvins."""
-    return abs(warming) > _TOLD
+def is_reported(warming: float) -> bool:
+    """Return whether windows report a change of the temperature, in kelvins."""
+    return abs(warming) > _REPORTED
 
 
-def _temperature_change(told: float) -> Change:
-    """Return the change of temperature: what the windows tell, as well as coefficients are known, or any."""
+def _temperature_change(reported: float) -> Change:
+    """Return the change of temperature: as the windows report it, as well as coefficients are known, or any."""
     spread = _SPREAD_OF_WARMING
-    if is_told(told):
-        spread = math.hypot(_TOLD, _WARMING_KNOWN_TO * told)
-    return Change(Cause.TEMPERATURE, since_then(WARMING), spread, _temperature, usual=told, known_to=_WARMING_KNOWN_TO)
-
-
-def _preload(size: float, half_width: float) -> str:
-    return f"the preload {'fell' if size < 0.0 else 'rose'} by {_rounded(abs(size), half_width)} N"
-
-
-def _payload(size: float, half_width: float) -> str:
-    return f"the table carries {_rounded(abs(size), half_width)} kg {'less' if size < 0.0 else 'more'}"
-
-
-def _position(size: float, half_width: float) -> str:
-    side = "further from" if size > 0.0 else "nearer to"
-    return f"the table stands {_rounded(1e3 * abs(size), 1e3 * half_width)} mm {side} the fixed bearing than is stated"
-
-
-def _delay(size: float, half_width: float) -> str:
-    change = "more" if size > 0.0 else "less"
-    return f"the response is recorded {_rounded(1e3 * abs(size), 1e3 * half_width)} ms {change} late against the torque"
-
-
-def _gain(size: float, half_width: float) -> str:
-    change = "rose" if size > 0.0 else "fell"
-    return f"the gain of the sensors {change} by {_rounded(100.0 * abs(size), 100.0 * half_width)} %"
-
-
-def _temperature(size: float, half_width: float) -> str:
-    return f"the axis is {_rounded(abs(size), half_width)} K {'warmer' if size > 0.0 else 'colder'}"
+    if is_reported(reported):
+        spread = math.hypot(_REPORTED, _WARMING_KNOWN_TO * reported)
+    return Change(
+        Cause.TEMPERATURE, since_then(WARMING), spread, _TEMPERATURE_WORDS, usual=reported, known_to=_WARMING_KNOWN_TO
+    )
 
 
 def _softer(bearing: str) -> Callable[[float, float], str]:

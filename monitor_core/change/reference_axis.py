@@ -1,4 +1,4 @@
-"""The axis as its reference measurements show it: what its description leaves open, fitted, with its covariance."""
+"""Fit what the description of an axis leaves open to its reference measurements, with the covariance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.change.cell_errors import RunningTolerances
+from monitor_core.change.cell_errors import ChangeTolerances
 from monitor_core.change.reference_ratio import compare_reference
 from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.discrepancy.verdict.classes import covariance
 from monitor_core.effects.thermal import WARMING
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.evidence import yardstick
+from monitor_core.fitting.evidence import evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import (
     ACCELEROMETER_POINTS,
@@ -48,7 +48,7 @@ class Unchanged:
 
 @dataclass(frozen=True, slots=True)
 class SettledAxis:
-    """An axis at two times that leaves nothing open: a subject without uncertain parameters."""
+    """An axis at two times that leaves nothing open: it has no uncertain parameters."""
 
     axis: ThenAndNow
 
@@ -65,9 +65,9 @@ class SettledAxis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceAxis:
-    """A drive about its reference: a subject whose uncertain parameters are independent and standard normal.
+    """A drive as its reference shows it; its uncertain parameters are independent and standard normal.
 
-    They are the principal directions of what the reference leaves open of the drive's own.
+    They are the principal directions of what the reference leaves open of the drive's own parameters.
     """
 
     drive: DescribedDrive
@@ -76,7 +76,7 @@ class ReferenceAxis:
     root: FloatArray  # covariance = root @ root.T, shape (n_names, n_directions)
     accelerometer: ResponsePoint
     gap: float  # rms misfit of the reference after the fit, in standard deviations
-    warming_told: float = 0.0  # by the windows, now less then [K]
+    reported_warming: float = 0.0  # by the windows, now less then [K]
 
     def as_fitted(self) -> "SettledAxis":
         """Return the axis with nothing left open."""
@@ -88,15 +88,15 @@ class ReferenceAxis:
         return {f"direction {index + 1}": 1.0 for index in range(self.root.shape[1])}
 
     def physics(self, ln_ratios: Mapping[str, float]) -> ThenAndNow:
-        """Return the axis, now as warm as was told."""
+        """Return the axis, now as warm as the windows report."""
         along = np.array([ln_ratios.get(name, 0.0) for name in self.uncertain])
         ratios = self.centre + self.root @ along
         axis = self.drive.physics(dict(zip(self.names, ratios.tolist(), strict=True)))
-        return ThenAndNow(then=axis, now=WARMING.added_to(axis, {"temperature_k": self.warming_told}))
+        return ThenAndNow(then=axis, now=WARMING.added_to(axis, {"temperature_k": self.reported_warming}))
 
 
 def fit_reference(
-    drive: DescribedDrive, reference: Sequence[FrequencyResponseObservation], tolerances: RunningTolerances
+    drive: DescribedDrive, reference: Sequence[FrequencyResponseObservation], tolerances: ChangeTolerances
 ) -> ReferenceAxis:
     """Fit what a description leaves open to the reference, with the accelerometer where that fits better.
 
@@ -104,7 +104,7 @@ def fit_reference(
     ------
     NotIdentifiableError
         As :func:`compare_reference`, or if the model does not describe the reference: what it says of changes would
-        not be worth more.
+        be worth no more.
     OutsideValidityError
         If the model has no answer under one of the conditions.
     """
@@ -124,10 +124,10 @@ def fit_reference(
 
 def _about(drive: DescribedDrive, fitted: Fitted[ThenAndNow], accelerometer: ResponsePoint) -> ReferenceAxis:
     hypothesis = fitted.hypothesis
-    of_coordinates = covariance(fitted, yardstick(fitted))
+    of_coordinates = covariance(fitted, evidence_scale(fitted))
     variances, directions = np.linalg.eigh(of_coordinates)
-    open_ones = variances > _KNOWN**2
+    still_open = variances > _KNOWN**2
     deviations = np.array([drive.uncertain[name] for name in hypothesis.uncertain])
-    root = deviations[:, None] * directions[:, open_ones] * np.sqrt(variances[open_ones])
+    root = deviations[:, None] * directions[:, still_open] * np.sqrt(variances[still_open])
     ratios = hypothesis.ln_ratios(fitted.coordinates)
     return ReferenceAxis(drive, hypothesis.uncertain, np.array(list(ratios.values())), root, accelerometer, fitted.gap)

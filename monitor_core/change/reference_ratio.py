@@ -1,4 +1,4 @@
-r"""Responses of an axis now against those of its reference, place by place: what a model cannot say cancels.
+r"""Compare the ratio of current to reference response per position and band; the model-form error cancels.
 
 With the misfit :math:`\rho = \ln H - \ln Y` of model over measurement, what is compared in a cell is
 
@@ -9,8 +9,8 @@ With the misfit :math:`\rho = \ln H - \ln Y` of model over measurement, what is 
     \sigma^2 = \sigma_{now}^2 + \sigma_{then}^2 + \sigma_0^2
              + \left( \varepsilon \left| \ln\frac{Y_{now}}{Y_{then}} \right| \right)^2
 
-Whatever the model is wrong in before and after alike drops out, be it form, friction, gain or polarity. What is left of
-it grows with the change: a share ε of it, and σ_0 for what comes and goes from day to day.
+Whatever the model is wrong in before and after alike drops out: form, friction, gain or polarity. What is left of it
+grows with the change, by a share ε of it; σ_0 stands for what comes and goes from day to day.
 
 Positions need not be the same in both: each response is compared with the model under its own conditions and on its
 own lines, and only misfits are put together.
@@ -22,66 +22,65 @@ from functools import lru_cache
 
 import numpy as np
 
-from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.change.cell_errors import PLACE_ERRORS, RunningTolerances, moved
+from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.change.cell_errors import CELL_ERRORS, ChangeTolerances, moved
 from monitor_core.change.cells import (
-    CellMeans,
-    ComplexValues,
-    Indices,
     Side,
-    cell_means,
+    SideInCells,
     cells_of,
     common_cells,
-    measurements_per_place,
-    places_of,
+    in_cells,
+    positions_of,
     side_of,
     spacings,
 )
 from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.comparison import Layout, Panel, Setting
+from monitor_core.fitting.comparison import AsMeasured, GapInSigma, Layout, Panel, Setting, amplitude_panels
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.clear_lines import with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics
 
-_STEP = 0.1  # of a standard deviation, for the errors of the settings
+_STEP = 0.1  # of a standard deviation, for the condition errors
 #: Share of the cells of wide bands that narrow ones must keep.
 _ENOUGH_LINES = 0.5
-#: Below it a comparison of positions tells nothing of what differs over them.
-FEWEST_PLACES = 3
+#: With fewer, a comparison tells nothing of what differs over positions.
+FEWEST_POSITIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class PlacesComparison:
-    """Reference and present of an axis, or its reference alone."""
+class ReferenceRatio(AsMeasured, GapInSigma):
+    """Reference and present of an axis, or its reference alone.
+
+    What short windows do to responses is part of the stated tolerances; a running axis is measured as it runs.
+    """
 
     layout: Layout
-    then: Side
-    then_means: CellMeans
-    now: Side | None  # None: the reference against the model
-    now_means: CellMeans | None
+    then: SideInCells
+    now: SideInCells | None  # None: the reference against the model
     order: Indices  # from real parts of all cells, then imaginary parts, to the order of the values, (n_values,)
-    spread: FloatArray  # deviation of the mean of a place over that of one measurement, shape (n_places,) [-]
-    tolerances: RunningTolerances
+    spread: FloatArray  # deviation of the mean of a position over that of one measurement, shape (n_positions,) [-]
+    tolerances: ChangeTolerances
 
     unit = "sigma"
     noise_floor = 1.0
     least_delta_bic = 50.0  # thousands of lines
-    setting_error_names = PLACE_ERRORS
+    condition_error_names = CELL_ERRORS
 
     def misfit(self, physics: ThenAndNow) -> FloatArray:
         """Return Re and Im of the misfit of every cell, shape (n_values,)."""
-        misfit = _of_reference(self.then, self.then_means, physics.then)
-        if self.now is not None and self.now_means is not None:
-            misfit = self.now_means(self.now.misfit(physics.now)) + physics.log_gain - misfit
+        misfit = _of_reference(self.then, physics.then)
+        if self.now is not None:
+            misfit = self.now.misfit(physics.now) + physics.log_gain - misfit
         return self._values(misfit)
 
-    def setting_errors(self, physics: ThenAndNow, misfit: FloatArray) -> FloatArray:
-        """Return the change of the misfit by position, preload, temperature, gain and delay of a place."""
+    def condition_errors(self, physics: ThenAndNow, misfit: FloatArray) -> FloatArray:
+        """Return the change of the misfit by position, preload, temperature, gain and delay at a position."""
         rows = []
-        for column in range(PLACE_ERRORS.index("gain")):
-            errors = np.zeros((self.spread.size, len(self.setting_error_names)))
+        for column in range(CELL_ERRORS.index("gain")):
+            errors = np.zeros((self.spread.size, len(self.condition_error_names)))
             errors[:, column] = _STEP
             rows.append(self.layout.difference(self.shifted(errors).misfit(physics), misfit) / _STEP)
         spread, amplitude = self.spread[self.layout.setting], self.layout.channel == 0
@@ -90,97 +89,70 @@ class PlacesComparison:
         rows.append(np.where(amplitude, 0.0, turned * spread))
         return np.array(rows)
 
-    def shifted(self, errors: FloatArray) -> "PlacesComparison":
-        """Return the comparison with all errors of its places taken into account, shape (n_places, n_errors)."""
-        side = self.then if self.now is None else self.now
-        side = moved(side, errors * self.spread[:, None], self.tolerances)
-        return replace(self, then=side) if self.now is None else replace(self, now=side)
-
-    def resolved(self, physics: ThenAndNow, errors: FloatArray) -> "PlacesComparison":
-        """Return the comparison as it is: what short windows do to responses is part of their stated tolerances."""
-        del physics, errors
-        return self
-
-    def imagined(self) -> Mapping[str, "PlacesComparison"]:
-        """Return nothing: a running axis is measured as it runs."""
-        return {}
-
-    def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
-        """Return the rms of the standardised misfit over the chosen values."""
-        del misfit
-        return float(np.sqrt(np.mean(standardised[chosen] ** 2)))
+    def shifted(self, errors: FloatArray) -> "ReferenceRatio":
+        """Return the comparison with the errors of all positions taken into account, shape (n_positions, n_errors)."""
+        shown = self.then if self.now is None else self.now
+        shown = replace(shown, side=moved(shown.side, errors * self.spread[:, None], self.tolerances))
+        return replace(self, then=shown) if self.now is None else replace(self, now=shown)
 
     def panels(self, models: Mapping[str, ThenAndNow]) -> tuple[Panel, ...]:
-        """Return the amplitude now over that of the reference at every place, measured and modelled."""
-        measured = self.measured_change()
-        modelled = {name: measured + self.misfit(physics) for name, physics in models.items()}
-        pictures = []
-        for index, setting in enumerate(self.layout.settings):
-            at = (self.layout.setting == index) & (self.layout.channel == 0)
-            pictures.append(
-                Panel(
-                    title=setting.name,
-                    x_name="frequency [Hz]",
-                    y_name="amplitude now over reference",
-                    x=self.layout.frequency[at],
-                    measured=np.exp(measured[at]),
-                    models={name: np.exp(change[at]) for name, change in modelled.items()},
-                    logarithmic=True,
-                )
-            )
-        return tuple(pictures)
+        """Return the amplitude now over that of the reference at every position, measured and modelled."""
+        measured, amplitudes = self.measured_change(), self.layout.channel == 0
+        return amplitude_panels(
+            [
+                (setting.name, (self.layout.setting == index) & amplitudes)
+                for index, setting in enumerate(self.layout.settings)
+            ],
+            "amplitude now over reference",
+            self.layout.frequency,
+            np.exp(measured),
+            {name: np.exp(measured + self.misfit(physics)) for name, physics in models.items()},
+        )
 
     def measured_change(self) -> FloatArray:
         """Return Re and Im of ln(Y_now/Y_then), of ln Y where there is one time only, shape (n_values,)."""
-        measured = self.then_means(self.then.measured)
-        if self.now is not None and self.now_means is not None:
-            measured = self.now_means(self.now.measured) - measured
-        return self._values(measured)
+        then = self.then.measured
+        return self._values(then if self.now is None else self.now.measured - then)
 
-    def _values(self, of_cells: ComplexValues) -> FloatArray:
+    def _values(self, of_cells: ComplexArray) -> FloatArray:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
         wrapped = with_phase_within_half_a_turn(of_cells)
         return np.concatenate([wrapped.real, wrapped.imag])[self.order]
 
 
 @lru_cache(maxsize=2)
-def _of_reference(then: Side, means: CellMeans, axis: AxisPhysics) -> ComplexValues:
+def _of_reference(then: SideInCells, axis: AxisPhysics) -> ComplexArray:
     """Return the misfit of every cell at the time of the reference, which all changes share, shape (n_cells,)."""
-    misfit = means(then.misfit(axis))
+    misfit = then.misfit(axis)
     misfit.setflags(write=False)
     return misfit
 
 
 def compare_reference(
-    reference: Sequence[FrequencyResponseObservation], tolerances: RunningTolerances
-) -> PlacesComparison:
+    reference: Sequence[FrequencyResponseObservation], tolerances: ChangeTolerances
+) -> ReferenceRatio:
     """Compare the reference of an axis with a model of it.
 
     Parameters
     ----------
     reference : sequence of FrequencyResponseObservation
-    tolerances : RunningTolerances
+    tolerances : ChangeTolerances
 
     Raises
     ------
     NotIdentifiableError
         If no line stands above its noise.
     """
-    places = places_of(np.array([one.conditions.position for one in reference]))
-    width = max(spacings(reference))
-    then = side_of(reference, places, width)
-    cells = cells_of(then)
-    means = cell_means(then, cells)
-    deviation = np.sqrt(means.variance + tolerances.form**2)
-    spread = 1.0 / np.sqrt(np.maximum(measurements_per_place(then, places.size), 1.0))
-    return PlacesComparison(
-        layout=_layout(places, cells, deviation, width),
+    positions, width = _positions(reference), max(spacings(reference))
+    side = side_of(reference, positions, width)
+    cells = cells_of(side)
+    then = in_cells(side, cells)
+    return ReferenceRatio(
+        layout=_layout(positions, cells, np.sqrt(then.means.variance + tolerances.form**2), width),
         then=then,
-        then_means=means,
         now=None,
-        now_means=None,
         order=_order(cells),
-        spread=spread,
+        spread=1.0 / np.sqrt(then.measurements_per_position(positions.size)),
         tolerances=tolerances,
     )
 
@@ -188,36 +160,33 @@ def compare_reference(
 def compare_times(
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
-    tolerances: RunningTolerances,
-) -> PlacesComparison:
+    tolerances: ChangeTolerances,
+) -> ReferenceRatio:
     """Compare what an axis is now with its reference.
 
     Parameters
     ----------
     reference, recent : sequence of FrequencyResponseObservation
-    tolerances : RunningTolerances
+    tolerances : ChangeTolerances
 
     Raises
     ------
     NotIdentifiableError
-        If fewer than three places were measured at both times, or no line stands above its noise.
+        If fewer than three positions were measured at both times, or no line stands above its noise.
     """
-    places = places_of(np.array([one.conditions.position for one in recent]))
-    at_both_times = np.unique(_in_common(reference, recent, places)[2][:, 0])
-    _require_places(at_both_times.size)
-    places = places[at_both_times]
-    then, now, cells, width = _in_common(reference, recent, places)
-    then_means, now_means = cell_means(then, cells), cell_means(now, cells)
-    change = np.abs(now_means(now.measured) - then_means(then.measured))
-    variance = then_means.variance + now_means.variance + tolerances.relative**2
-    deviation = np.sqrt(variance + (tolerances.share_of_change * change) ** 2)
-    counts = [np.maximum(measurements_per_place(side, places.size), 1.0) for side in (then, now)]
-    return PlacesComparison(
-        layout=_layout(places, cells, deviation, width),
+    positions = _positions(recent)
+    at_both_times = np.unique(_in_common(reference, recent, positions)[2][:, 0])
+    _require_positions(at_both_times.size)
+    positions = positions[at_both_times]
+    before, after, cells, width = _in_common(reference, recent, positions)
+    then, now = in_cells(before, cells), in_cells(after, cells)
+    change = np.abs(now.measured - then.measured)
+    variance = then.means.variance + now.means.variance + tolerances.relative**2
+    counts = [side.measurements_per_position(positions.size) for side in (then, now)]
+    return ReferenceRatio(
+        layout=_layout(positions, cells, np.sqrt(variance + (tolerances.share_of_change * change) ** 2), width),
         then=then,
-        then_means=then_means,
         now=now,
-        now_means=now_means,
         order=_order(cells),
         spread=np.sqrt(1.0 / counts[0] + 1.0 / counts[1]),
         tolerances=tolerances,
@@ -227,40 +196,46 @@ def compare_times(
 def _in_common(
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
-    places: FloatArray,
+    positions: FloatArray,
 ) -> tuple[Side, Side, Indices, float]:
     """Return both sides, the cells that have lines of both, and the width of their bands.
 
     Bands as narrow as the closest lines hold equal frequencies only, and nothing rests on the model's slope between
-    them. Where the lines of the two times lie beside each other, bands are as wide as the widest spacing.
+    them. Where the lines of the two times differ, bands are as wide as the widest spacing.
     """
     found = []
     for width in spacings([*reference, *recent]):
-        then, now = side_of(reference, places, width), side_of(recent, places, width)
+        then, now = side_of(reference, positions, width), side_of(recent, positions, width)
         found.append((then, now, common_cells(then, now), width))
     narrow, wide = found
     return narrow if len(narrow[2]) > _ENOUGH_LINES * len(wide[2]) else wide
 
 
-def _require_places(n_places: int) -> None:
-    if n_places < FEWEST_PLACES:
+def _positions(observations: Sequence[FrequencyResponseObservation]) -> FloatArray:
+    return positions_of(np.array([observation.conditions.position for observation in observations]))
+
+
+def _require_positions(n_positions: int) -> None:
+    if n_positions < FEWEST_POSITIONS:
         raise NotIdentifiableError(
-            f"a change is told apart by how it differs over positions: expected {FEWEST_PLACES} places or more at "
-            f"both times; got {n_places}"
+            f"changes are distinguished by how they differ over positions: expected {FEWEST_POSITIONS} positions or "
+            f"more at both times; got {n_positions}"
         )
 
 
 def _order(cells: Indices) -> Indices:
-    """Return the order of the values: by place, there amplitudes before phases, those by frequency."""
-    place, imaginary = np.tile(cells[:, 0], 2), np.repeat([0, 1], len(cells))
-    return np.lexsort((np.tile(cells[:, 1], 2), imaginary, place))
+    """Return the order of the values: by position, there amplitudes before phases, those by frequency."""
+    position, imaginary = np.tile(cells[:, 0], 2), np.repeat([0, 1], len(cells))
+    return np.lexsort((np.tile(cells[:, 1], 2), imaginary, position))
 
 
-def _layout(places: FloatArray, cells: Indices, deviation: FloatArray, width: float) -> Layout:
+def _layout(positions: FloatArray, cells: Indices, deviation: FloatArray, width: float) -> Layout:
     order = _order(cells)
     imaginary = np.repeat([0, 1], len(cells))[order]
     return Layout(
-        settings=tuple(Setting(f"{1e3 * one:.0f} mm", {ConditionAxis.POSITION: float(one)}) for one in places),
+        settings=tuple(
+            Setting(f"{1e3 * position:.0f} mm", {ConditionAxis.POSITION: float(position)}) for position in positions
+        ),
         setting=np.tile(cells[:, 0], 2)[order],
         channel=imaginary,
         channels=("amplitude", "phase"),

@@ -1,4 +1,4 @@
-"""One axis at two times: as it was when its reference was taken, and as it is now."""
+"""Describe an axis at two times: when its reference was taken, and now."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,14 +18,14 @@ class ThenAndNow:
 
 
 def since_then(effect: Effect[AxisPhysics], parameter: EffectParameter | None = None) -> Effect[ThenAndNow]:
-    """Return an effect of an axis as a change that has come since the reference was taken.
+    """Return an effect of an axis as a change since the reference was taken.
 
     Parameters
     ----------
     effect : Effect
         Of one parameter.
     parameter : EffectParameter, optional
-        The range of the change, where it is another one than that of the effect: a mass may also have gone.
+        The range of the change, where it differs from that of the effect: a mass may also have been taken off.
     """
     return Effect(
         key=effect.key,

@@ -1,4 +1,4 @@
-r"""Every change that an axis may have had, fitted and weighed.
+r"""Fit every change that an axis may have had, and weigh the evidence for each.
 
 The evidence for a hypothesis, by Laplace's approximation,
 
@@ -23,12 +23,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.change.changes import Cause, Change, is_told, possible_changes
+from monitor_core.change.changes import Cause, Change, is_reported, possible_changes
 from monitor_core.change.reference_axis import ReferenceAxis
-from monitor_core.change.reference_ratio import PlacesComparison
+from monitor_core.change.reference_ratio import ReferenceRatio
 from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.evidence import Yardstick, delta_bic, yardstick
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.uncertainty import Estimate
@@ -65,13 +65,13 @@ class _Trial:
 
 
 def tried_changes(
-    comparison: PlacesComparison, axis: ReferenceAxis, preload: float | None, *, remainder: float
+    comparison: ReferenceRatio, axis: ReferenceAxis, preload: float | None, *, remainder: float
 ) -> tuple[tuple[TriedChange, ...], float]:
     """Return all changes, likeliest first, and the probability that it is none of them.
 
     Parameters
     ----------
-    comparison : PlacesComparison
+    comparison : ReferenceRatio
         Of two times.
     axis : ReferenceAxis
     preload : float or None
@@ -80,36 +80,37 @@ def tried_changes(
         Times the noise: what an unknown cause is taken to leave.
     """
     trials = _trials(comparison, axis, possible_changes(axis, preload))
-    by = yardstick(min((trial.fitted for trial in trials), key=lambda fitted: fitted.cost))
-    sizes = [None if one.change is None else _size(one, one.change, axis, by) for one in trials]
-    of_unknown = -0.5 * by.factor * by.n_values * remainder**2
-    known = [_log_evidence(one, size, by) for one, size in zip(trials, sizes, strict=True)]
+    scale = evidence_scale(min((trial.fitted for trial in trials), key=lambda fitted: fitted.cost))
+    sizes = [None if trial.change is None else _size(trial, trial.change, axis, scale) for trial in trials]
+    of_unknown = -0.5 * scale.factor * scale.n_values * remainder**2
+    known = [_log_evidence(trial, size, scale) for trial, size in zip(trials, sizes, strict=True)]
     evidence = np.array([*known, of_unknown])
-    evidence += _log_prior([*(trial.cause for trial in trials), Cause.UNKNOWN], told=is_told(axis.warming_told))
+    warming_reported = is_reported(axis.reported_warming)
+    evidence += _log_prior([*(trial.cause for trial in trials), Cause.UNKNOWN], warming_reported=warming_reported)
     probability = np.exp(evidence - np.max(evidence))
     probability /= np.sum(probability)
     tried = [
-        _tried(one, size, trials[0], float(share), by)
-        for one, size, share in zip(trials, sizes, probability, strict=False)
+        _tried(trial, size, trials[0], float(share), scale)
+        for trial, size, share in zip(trials, sizes, probability, strict=False)
     ]
-    return tuple(sorted(tried, key=lambda one: one.probability, reverse=True)), float(probability[-1])
+    return tuple(sorted(tried, key=lambda change: change.probability, reverse=True)), float(probability[-1])
 
 
-def _trials(comparison: PlacesComparison, axis: ReferenceAxis, changes: Sequence[Change]) -> list[_Trial]:
+def _trials(comparison: ReferenceRatio, axis: ReferenceAxis, changes: Sequence[Change]) -> list[_Trial]:
     """Return the fits of no change and of each change."""
-    unchanged = Hypothesis(replace(axis, warming_told=0.0).as_fitted())
+    unchanged = Hypothesis(replace(axis, reported_warming=0.0).as_fitted())
     none = _Trial(None, fit(comparison, unchanged, unchanged.null))
     return [none, *(trial for change in changes if (trial := _fitted(comparison, axis, change)) is not None)]
 
 
-def _beside(axis: ReferenceAxis, change: Change) -> ReferenceAxis:
-    """Return the axis beside a change; one of the temperature is sought in full, beside any other one it is as told."""
-    return replace(axis, warming_told=0.0) if change.cause is Cause.TEMPERATURE else axis
+def _axis_for(axis: ReferenceAxis, change: Change) -> ReferenceAxis:
+    """Return the axis for a change: as warm as reported, unless the change is that of the temperature itself."""
+    return replace(axis, reported_warming=0.0) if change.cause is Cause.TEMPERATURE else axis
 
 
-def _fitted(comparison: PlacesComparison, axis: ReferenceAxis, change: Change) -> _Trial | None:
+def _fitted(comparison: ReferenceRatio, axis: ReferenceAxis, change: Change) -> _Trial | None:
     """Return the fit of a change from the best of several sizes; None where the model has an answer for none."""
-    hypothesis = Hypothesis(_beside(axis, change).as_fitted(), (change.effect,))
+    hypothesis = Hypothesis(_axis_for(axis, change).as_fitted(), (change.effect,))
     lower, upper = hypothesis.bounds
     sizes = (change.usual + change.spread * np.array(_SIZES)) / change.effect.parameters[0].scale
     deviation, best, start = comparison.layout.standard_deviation, math.inf, None
@@ -129,8 +130,8 @@ def _fitted(comparison: PlacesComparison, axis: ReferenceAxis, change: Change) -
         return None
 
 
-def _size(trial: _Trial, change: Change, axis: ReferenceAxis, by: Yardstick) -> Estimate:
-    r"""Return the size of a change with what the noise and the open directions of the axis make of its uncertainty.
+def _size(trial: _Trial, change: Change, axis: ReferenceAxis, scale: EvidenceScale) -> Estimate:
+    r"""Return the size of a change, its uncertainty due to the noise and to the open directions of the axis.
 
     .. math::
 
@@ -138,40 +139,41 @@ def _size(trial: _Trial, change: Change, axis: ReferenceAxis, by: Yardstick) -> 
 
     over the directions i, each with a standard deviation of one, and the coefficient c that the size rests on.
     """
-    fitted, one = trial.fitted, change.effect.parameters[0]
-    with_directions = Hypothesis(_beside(axis, change), (change.effect,))
+    fitted, parameter = trial.fitted, change.effect.parameters[0]
+    with_directions = Hypothesis(_axis_for(axis, change), (change.effect,))
     at = np.r_[with_directions.null[:-1], fitted.coordinates[-1]]
     jacobian = replace(fitted, hypothesis=with_directions, coordinates=at).jacobian[fitted.fitted]
     of_size, of_axis = jacobian[:, -1], jacobian[:, :-1]
     information = float(of_size @ of_size)
     moved = of_size @ of_axis / information
-    value = fitted.hypothesis.values(fitted.coordinates)[change.effect.key][one.name]
-    deviation = one.scale * math.sqrt(1.0 / (by.factor * information) + float(moved @ moved))
+    value = fitted.hypothesis.values(fitted.coordinates)[change.effect.key][parameter.name]
+    deviation = parameter.scale * math.sqrt(1.0 / (scale.factor * information) + float(moved @ moved))
     return Estimate(value, math.hypot(deviation, change.known_to * value))
 
 
-def _log_evidence(trial: _Trial, size: Estimate | None, by: Yardstick) -> float:
+def _log_evidence(trial: _Trial, size: Estimate | None, scale: EvidenceScale) -> float:
     """Return ln Z but for what all have in common."""
-    of_fit = -0.5 * by.factor * trial.fitted.cost
+    of_fit = -0.5 * scale.factor * trial.fitted.cost
     if trial.change is None or size is None:
         return of_fit
     away = (size.value - trial.change.usual) / trial.change.spread
     return of_fit - 0.5 * away**2 - math.log(trial.change.spread / size.standard_uncertainty)
 
 
-def _log_prior(causes: Sequence[Cause], *, told: bool) -> FloatArray:
+def _log_prior(causes: Sequence[Cause], *, warming_reported: bool) -> FloatArray:
     """Return ln of the probabilities beforehand, but for a constant.
 
-    No change is as likely as all, each cause as likely as another; a temperature that windows state is no guess.
+    No change is as likely as all changes together, and each cause as likely as another. A temperature that windows
+    report is as likely as no change.
     """
-    expected = {Cause.NONE, Cause.TEMPERATURE} if told else {Cause.NONE}
+    expected = {Cause.NONE, Cause.TEMPERATURE} if warming_reported else {Cause.NONE}
     others = len(set(causes) - expected)
-    return np.array([0.0 if one in expected else -math.log(others * causes.count(one)) for one in causes])
+    return np.array([0.0 if cause in expected else -math.log(others * causes.count(cause)) for cause in causes])
 
 
-def _tried(trial: _Trial, size: Estimate | None, none: _Trial, probability: float, by: Yardstick) -> TriedChange:
+def _tried(trial: _Trial, size: Estimate | None, none: _Trial, probability: float, scale: EvidenceScale) -> TriedChange:
     fitted = trial.fitted
-    evidence = delta_bic(none.fitted, fitted, by)
+    evidence = delta_bic(none.fitted, fitted, scale)
     if trial.change is None or size is None:
         return TriedChange(Cause.NONE, "none", None, "", True, fitted.gap, evidence, probability, "nothing has changed")
     change = trial.change

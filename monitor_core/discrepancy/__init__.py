@@ -1,9 +1,32 @@
-"""Explain where simulation and measurement differ: compare, search the missing effects, judge, answer.
+"""Explain where simulation and measurement differ: which effects a model may lack, and which one it does lack.
 
-``explain`` asks the whole question of a described axis.
+``explain`` asks the whole question of a described axis: it compares, screens the effects, searches those that help,
+judges what was found, and answers with an :class:`Explanation`.
 """
 
-from monitor_core.discrepancy.explanation import Explanation, Outcome
-from monitor_core.discrepancy.front import ExplainOptions, Measured, explain, require_explainable
+from monitor_core.discrepancy.explain_axis import ExplainOptions, Measured, explain, require_explainable
+from monitor_core.discrepancy.explanation import (
+    Candidate,
+    Explanation,
+    FoundEffect,
+    FoundParameter,
+    GapPair,
+    Misfit,
+    MisfitMap,
+    Outcome,
+)
 
-__all__ = ["ExplainOptions", "Explanation", "Measured", "Outcome", "explain", "require_explainable"]
+__all__ = [
+    "Candidate",
+    "ExplainOptions",
+    "Explanation",
+    "FoundEffect",
+    "FoundParameter",
+    "GapPair",
+    "Measured",
+    "Misfit",
+    "MisfitMap",
+    "Outcome",
+    "explain",
+    "require_explainable",
+]

@@ -1,4 +1,4 @@
-"""The name by which effect files of users import ``Effect``: they were written before it moved to ``effects``."""
+"""Keep the name by which effect files of users import ``Effect``: they were written before it moved to ``effects``."""
 
 from monitor_core.effects import Effect, EffectParameter
 

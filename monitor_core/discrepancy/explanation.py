@@ -1,4 +1,4 @@
-"""What the discrepancy workflow answers."""
+"""Define the answer of the discrepancy workflow."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ class Outcome(StrEnum):
     """Whether a missing effect was found, and how surely."""
 
     NAMED = "named"  # the effects explain the gap and hold on data not used to choose them
-    EQUIVALENT = "equivalent"  # the data cannot tell two or more effects apart
+    EQUIVALENT = "equivalent"  # the data cannot distinguish two or more effects
     PARTIAL = "partial"  # named, with a remainder that nothing explains
     NONE = "none"  # the baseline already agrees to the noise
     UNKNOWN = "unknown"  # there is a gap, and nothing in the catalogue explains it
@@ -36,7 +36,7 @@ class MisfitKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """Where data and model part."""
+    """A place where data and model differ."""
 
     where: str  # "position_mm 500..850, band 150..200 Hz"
     size: float  # rms over the place, in standard deviations
@@ -78,7 +78,7 @@ class FoundParameter:
 
 @dataclass(frozen=True, slots=True)
 class FoundEffect:
-    """An effect that explains the gap, alone or as the first of a class that the data cannot tell apart."""
+    """An effect that explains the gap, alone or as the first of a class that the data cannot distinguish."""
 
     key: str
     name: str
@@ -92,7 +92,7 @@ class FoundEffect:
     @property
     def plausible(self) -> bool:
         """Whether every parameter lies within its plausible range."""
-        return all(one.plausible for one in self.parameters.values())
+        return all(parameter.plausible for parameter in self.parameters.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One effect accepted, and what it left."""
+    """An accepted effect, and what it left."""
 
     effect: str
     gap: GapPair
@@ -123,15 +123,15 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """What was thought of, beside what was found."""
+    """An effect that was considered besides what was found."""
 
     key: str
-    delta_bic: float  # in the place of what was found, or else beside it; NaN where untestable
+    delta_bic: float  # in the place of what was found, or else in addition to it; NaN where untestable
     held_out: float  # gain of log-likelihood on held-out data in the place of what was found; else NaN
     detection_limit: float | None  # value of its first parameter that would be seen, in its unit
     unit: str
     untestable_because: str | None = None
-    in_place_of: str | None = None  # key of what was found and it was refitted instead of; None: beside all of that
+    substitution_for: str | None = None  # key of the found effect in whose place it was refitted; None: in addition
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +158,7 @@ class Explanation:
     pulls_before: Mapping[str, float] = field(default_factory=dict)
     #: Keys of effects that help, but by less than a quarter of what is left, and may be a part of it; in no model.
     hidden_in_remainder: tuple[str, ...] = ()
-    #: What is not in the data and was settled before anything was compared, in sentences.
-    taken_as: tuple[str, ...] = ()
+    #: What is not in the data and was assumed before anything was compared, in sentences.
+    assumptions: tuple[str, ...] = ()
     #: The description with what was found; None where a comparison was explained, of which there is no description.
     augmented: AxisDescription | None = None

@@ -1,12 +1,12 @@
-"""Measurements against a model, as plain numbers: what the discrepancy workflow asks of every kind of data.
+"""Define the form in which all kinds of data are compared with a model: values, misfits, gaps and pictures.
 
-Modal tables, frequency responses and motion records each have one module that turns them into this form; everything
+Modal tables, frequency responses and motion records each have one module that turns them into this form. Everything
 after it, from the fit to the decision, is the same for all of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ Physics_contra = TypeVar("Physics_contra", contravariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What the axis was set to while some of the data were taken; data of one setting share its errors."""
+    """What the axis was set to while some of the data were taken; data of one setting share its condition errors."""
 
     name: str  # as a sentence calls it: "300 mm, 250 N, +6 kg"
     values: Mapping[ConditionAxis, float] = field(default_factory=dict)  # SI, of what is stated
@@ -101,7 +101,7 @@ class Comparison(Protocol[Physics_contra]):
 
     @property
     def noise_floor(self) -> float:
-        """Gap that noise, setting errors and the form of the model leave where nothing is missing, in ``unit``."""
+        """Gap that noise, condition errors and the form of the model leave where nothing is missing, in ``unit``."""
         ...
 
     @property
@@ -110,26 +110,24 @@ class Comparison(Protocol[Physics_contra]):
         ...
 
     @property
-    def setting_error_names(self) -> tuple[str, ...]:
-        """Return what the rows of ``setting_errors`` are errors of; the one that may act strongly stands first."""
+    def condition_error_names(self) -> tuple[str, ...]:
+        """Names of the rows of ``condition_errors``; the error that may act strongly stands first."""
         ...
 
     def misfit(self, physics: Physics_contra) -> FloatArray:
         """Return prediction less measurement, shape (n_values,); raises OutsideValidityError where there is none."""
         ...
 
-    def setting_errors(self, physics: Physics_contra, misfit: FloatArray) -> FloatArray:
-        """Return the change of the misfit per standard deviation of each error of a setting, (n_errors, n_values).
+    def condition_errors(self, physics: Physics_contra, misfit: FloatArray) -> FloatArray:
+        """Return the change of the misfit per standard deviation of each condition error, (n_errors, n_values).
 
-        The misfit is that of the same physics, which whoever asks has at hand.
-
-        The errors are independent from setting to setting and standard normal: where the table really stood, what the
-        preload really was, what the gain really is.
+        ``misfit`` is that of the same physics. The errors are independent from setting to setting and standard normal:
+        where the table really stood, what the preload really was, what the gain really is.
         """
         ...
 
     def shifted(self, errors: FloatArray) -> "Comparison[Physics_contra]":
-        """Return the same data with errors of their settings taken into account, shape (n_settings, n_errors).
+        """Return the same data with condition errors taken into account, shape (n_settings, n_errors).
 
         What was set, and the gains, are moved by so many standard deviations from where they are taken to be already;
         everything else stays.
@@ -137,15 +135,14 @@ class Comparison(Protocol[Physics_contra]):
         ...
 
     def resolved(self, physics: Physics_contra, errors: FloatArray) -> "Comparison[Physics_contra]":
-        """Return the data as a finer resolution would have shown them, of such an axis and such errors of settings.
+        """Return the data as a finer resolution would have shown them, for such an axis and such condition errors.
 
-        The misfit for these physics and errors is that of this comparison, nearly so for others like them, and costs
-        less.
+        For these physics and errors the misfit is that of this comparison, for similar ones nearly so; it costs less.
         """
         ...
 
     def imagined(self) -> Mapping[str, "Comparison[Physics_contra]"]:
-        """Return the same settings under other conditions, by what a sentence calls them.
+        """Return the same settings under other conditions, by the words of a sentence.
 
         Nothing was measured there; two models are compared through the difference of their misfits.
         """
@@ -154,7 +151,7 @@ class Comparison(Protocol[Physics_contra]):
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the size of the gap over the chosen values in ``unit``.
 
-        ``standardised`` is the misfit after the errors of the settings have explained what they can, in standard
+        ``standardised`` is the misfit after the condition errors have explained what they can, in standard
         deviations.
         """
         ...
@@ -162,3 +159,50 @@ class Comparison(Protocol[Physics_contra]):
     def panels(self, models: Mapping[str, Physics_contra]) -> tuple[Panel, ...]:
         """Return pictures of the measurement and of several models by their names."""
         ...
+
+
+class GapInSigma:
+    """Comparisons whose gap is the rms of the standardised misfit."""
+
+    def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
+        """Return the rms of the standardised misfit over the chosen values."""
+        del misfit
+        return float(np.sqrt(np.mean(standardised[chosen] ** 2)))
+
+
+class AsMeasured:
+    """Comparisons of data that no finer resolution would change, and that are measured as they are."""
+
+    def resolved(self, physics: object, errors: FloatArray) -> Self:
+        """Return the comparison as it is."""
+        del physics, errors
+        return self
+
+    def imagined(self) -> Mapping[str, Self]:
+        """Return nothing: no other conditions are proposed."""
+        return {}
+
+
+def amplitude_panels(
+    rows: Sequence[tuple[str, BoolArray]],
+    y_name: str,
+    frequency: FloatArray,
+    measured: FloatArray,
+    models: Mapping[str, FloatArray],
+    *,
+    held_out: Sequence[bool] = (),
+) -> tuple[Panel, ...]:
+    """Return a picture over the frequency for each title and its rows of all the amplitudes."""
+    return tuple(
+        Panel(
+            title=title,
+            x_name="frequency [Hz]",
+            y_name=y_name,
+            x=frequency[at],
+            measured=measured[at],
+            models={name: values[at] for name, values in models.items()},
+            logarithmic=True,
+            held_out=bool(held_out) and held_out[index],
+        )
+        for index, (title, at) in enumerate(rows)
+    )

@@ -1,4 +1,4 @@
-r"""How much a fit says for one hypothesis against another, where residuals are neither quite white nor of size one.
+r"""Weigh the evidence for one hypothesis against another where residuals are correlated and not of size one.
 
 Residuals whose neighbours correlate by ρ count as :math:`n (1 - \rho)/(1 + \rho)` values, and what the fuller of two
 hypotheses leaves, s² per value, is taken for the noise:
@@ -13,17 +13,15 @@ a first-order autoregression).
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.fitting.comparison import Comparison, Layout
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-Physics = TypeVar("Physics")
-
-#: The noise budget is what a decrease of χ² is measured with, at the least: residuals below it may hang together.
+#: A decrease of χ² is measured with the noise budget at the least: residuals below it may be correlated.
 _LEAST_SCALE = 1.0
 _HIGHEST_CORRELATION = 0.9
 #: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).
@@ -32,10 +30,10 @@ _SHARE_OF_THRESHOLD = 0.4
 
 
 @dataclass(frozen=True, slots=True)
-class Yardstick:
-    """What a decrease of χ² is measured with."""
+class EvidenceScale:
+    """Turn a decrease of χ² into evidence: the size and the correlation of the residuals that count as noise."""
 
-    scale: float  # s²: mean square of the residuals that count as noise [-]
+    mean_square: float  # s² of the residuals that count as noise [-]
     correlation: float  # ρ of neighbours [-]
     n_values: int  # that were fitted
 
@@ -47,7 +45,7 @@ class Yardstick:
     @property
     def factor(self) -> float:
         """From a decrease of χ² to twice a log-likelihood ratio."""
-        return self.share / self.scale
+        return self.share / self.mean_square
 
     def penalty(self, n_parameters: int) -> float:
         """Return what n parameters cost."""
@@ -55,7 +53,7 @@ class Yardstick:
 
 
 def least_difference(comparison: Comparison[Physics]) -> float:
-    """Return by how much BIC of one effect must surpass that of another to hold them apart.
+    """Return the difference of BIC from which on two effects count as distinguishable.
 
     Another effect scores 10 more than the true one once in a hundred and fifty times, and there are several others.
     What the form of a model may feign where nothing is missing shows in the least evidence for an effect.
@@ -63,17 +61,17 @@ def least_difference(comparison: Comparison[Physics]) -> float:
     return max(VERY_STRONG, _SHARE_OF_THRESHOLD * comparison.least_delta_bic)
 
 
-def yardstick(fitted: Fitted[Physics]) -> Yardstick:
-    """Return the yardstick that a fit makes: its residuals count as noise.
+def evidence_scale(fitted: Fitted[Physics]) -> EvidenceScale:
+    """Return the evidence scale of a fit: its residuals count as noise.
 
-    A parameter within a tolerance brings one value more, its prior, and takes one: with the priors' residuals so many
-    are free as there are values, less the unknowns that are seen and that nothing holds.
+    A parameter within a tolerance adds one value, its prior, and takes one away. With the residuals of the priors, the
+    degrees of freedom are the number of values less that of the unknowns that are seen and have no prior.
     """
     residuals = fitted.standardised[fitted.fitted]
     free = max(residuals.size - fitted.n_seen, 1)
-    scale = max((float(residuals @ residuals) + fitted.prior_cost) / free, _LEAST_SCALE)
+    mean_square = max((float(residuals @ residuals) + fitted.prior_cost) / free, _LEAST_SCALE)
     correlation = neighbour_correlation(fitted.comparison.layout, fitted.standardised, fitted.fitted)
-    return Yardstick(scale, min(max(correlation, 0.0), _HIGHEST_CORRELATION), residuals.size)
+    return EvidenceScale(mean_square, min(max(correlation, 0.0), _HIGHEST_CORRELATION), residuals.size)
 
 
 def neighbour_correlation(layout: Layout, standardised: FloatArray, chosen: BoolArray) -> float:
@@ -87,6 +85,6 @@ def neighbour_correlation(layout: Layout, standardised: FloatArray, chosen: Bool
     return float(first @ second) / power if power > 0.0 else 0.0
 
 
-def delta_bic(without: Fitted[Physics], fuller: Fitted[Physics], by: Yardstick) -> float:
+def delta_bic(without: Fitted[Physics], fuller: Fitted[Physics], scale: EvidenceScale) -> float:
     """Return BIC of a hypothesis less BIC of a fuller one: above zero speaks for the fuller."""
-    return by.factor * (without.cost - fuller.cost) - by.penalty(fuller.n_seen - without.n_seen)
+    return scale.factor * (without.cost - fuller.cost) - scale.penalty(fuller.n_seen - without.n_seen)

@@ -1,4 +1,4 @@
-"""The form error of a model, learnt from machines on which nothing is missing."""
+"""Learn the form error of a model from machines on which nothing is missing."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,7 +34,7 @@ def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
 
     Parameters
     ----------
-    healthy : sequence of (observations, subject)
+    healthy : sequence of (observations, axis)
         Machines of one kind that their description fits, with the responses measured on them.
 
     Raises
@@ -45,20 +45,20 @@ def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
     if not healthy:
         raise NotIdentifiableError("a form error is learnt from at least one healthy machine; got none")
     lines: dict[ResponsePoint, list[FloatArray]] = {}
-    for observations, subject in healthy:
-        for point, found in _excess(observations, subject).items():
+    for observations, axis in healthy:
+        for point, found in _excess(observations, axis).items():
             lines.setdefault(point, []).append(found)
     return ModelFormError({point: _spectrum(np.concatenate(found, axis=1)) for point, found in lines.items()})
 
 
 def _excess(
-    observations: Sequence[FrequencyResponseObservation], subject: DescribedAxis[AxisPhysics]
+    observations: Sequence[FrequencyResponseObservation], axis: DescribedAxis[AxisPhysics]
 ) -> dict[ResponsePoint, FloatArray]:
     """Return of every value the columns of :func:`_spectrum`, shape (4, n_values)."""
     comparison = compare_responses(observations)
     # what settings share is what is sought here: it must not be taken out
     comparison = replace(comparison, layout=replace(comparison.layout, common=None))
-    hypothesis = Hypothesis(subject)
+    hypothesis = Hypothesis(axis)
     fitted = fit(comparison, hypothesis, hypothesis.null)
     layout = comparison.layout
     left = fitted.standardised * layout.standard_deviation

@@ -4,16 +4,35 @@
 each joint is known, ``sensitivity`` and ``advice`` which mode to watch and where to measure next.
 """
 
-from monitor_core.identification.identified_joints import IdentifiedJoint, IdentifiedJoints
-from monitor_core.identification.identify import identify, require_identifiable
+from monitor_core.fitting.residuals.peaks import Weighting
+from monitor_core.fitting.solver.population import MapFunction
+from monitor_core.identification.cases import PredictionError
+from monitor_core.identification.identified_joints import (
+    FitQuality,
+    FurtherPosition,
+    HeldOutErrors,
+    IdentifiedJoint,
+    IdentifiedJoints,
+    KnownSum,
+)
+from monitor_core.identification.identify_joints import identify, require_identifiable
 from monitor_core.identification.predicted_calibration import PredictionRequest
 from monitor_core.identification.question import IdentifyOptions
+from monitor_core.identification.sensitivity import Detectability
 
 __all__ = [
+    "Detectability",
+    "FitQuality",
+    "FurtherPosition",
+    "HeldOutErrors",
     "IdentifiedJoint",
     "IdentifiedJoints",
     "IdentifyOptions",
+    "KnownSum",
+    "MapFunction",
+    "PredictionError",
     "PredictionRequest",
+    "Weighting",
     "identify",
     "require_identifiable",
 ]

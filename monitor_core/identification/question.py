@@ -54,7 +54,7 @@ def question_of(axis: AxisDescription, observations: Observations, options: Iden
     Raises
     ------
     NotIdentifiableError, OutsideValidityError
-        As :func:`monitor_core.identification.identify.identify`.
+        As :func:`monitor_core.identification.identify_joints.identify`.
     """
     if axis.effects:  # a fit that left them out in silence would be of another axis
         raise NotIdentifiableError(

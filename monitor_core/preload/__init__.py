@@ -9,6 +9,7 @@ from monitor_core.preload.calibration import (
     Weighting,
 )
 from monitor_core.preload.capability import expected_band, minimum_detectable_loss
+from monitor_core.preload.drag_torque import DragTorque
 from monitor_core.preload.estimate import PreloadEstimate, estimate_preload
 from monitor_core.preload.feature import (
     PreloadFeatureCoefficients,
@@ -24,6 +25,7 @@ from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior,
 __all__ = [
     "Calibration",
     "CoefficientPrior",
+    "DragTorque",
     "InfluenceCoefficients",
     "ModalReading",
     "PositionError",

@@ -8,13 +8,11 @@ from typing import Any
 
 import click
 
-from monitor_core.discrepancy import ExplainOptions, Explanation, Measured
+from monitor_core.discrepancy import ExplainOptions, Measured
 from monitor_core.discrepancy import explain as explain_axis
-from monitor_core.discrepancy.explanation import FoundEffect, FoundParameter
 from monitor_core.effects import Effect
 from monitor_core.errors import RecordingFormatError
-from monitor_core.fitting.description import AxisDescription
-from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting import AxisDescription, FrequencyResponseObservation
 from monitor_core.motion import MotionRecord
 from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
@@ -34,27 +32,7 @@ from service.cli.inputs.session import (
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.documents.explanation import explanation_document
 from service.report import write_report
-from service.report.rounding import (
-    between,
-    evidence,
-    notation,
-    quantity,
-    unit_shown,
-    with_uncertainty,
-)
-from service.report.sentences import (
-    asides,
-    beside_what_is_stated,
-    candidates_heading,
-    candidates_in_order,
-    found_heading,
-    headline,
-    misfits_heading,
-    place,
-    seen_from,
-    step_sentence,
-    threshold,
-)
+from service.report.content import Cell, EffectContent, ReportContent, report_content
 
 #: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
 _MOST_PLACES, _MOST_CANDIDATES = 3, 5
@@ -132,7 +110,7 @@ def explain(
     if as_json:
         print_json(explanation_document(explanation, model_text))
     else:
-        _print(explanation)
+        _print(report_content(explanation))
         for path in _written(report_dir, out):
             click.echo(f"Written: {path}")
 
@@ -205,56 +183,45 @@ def _watched(name: str) -> Iterator[Callable[[str], None]]:
         yield lambda sentence: bar.update(task, description=f"{name}: {sentence}", advance=1)
 
 
-def _print(explanation: Explanation) -> None:
-    click.echo(headline(explanation))
-    for sentence in asides(explanation):
-        click.echo(sentence)
-    places = explanation.localisation[:_MOST_PLACES]
-    if places:
-        rows = [(misfit.where, quantity(misfit.size, "sigma"), str(misfit.kind)) for misfit in places]
-        print_table(misfits_heading(explanation.outcome), ("where", "misfit, rms", "looks like"), rows)
-    if explanation.effects:
+def _print(content: ReportContent) -> None:
+    click.echo(content.headline)
+    for aside in content.asides:
+        click.echo(aside)
+    if content.misfits:
+        rows = [_texts(row[:3]) for row in content.misfits[:_MOST_PLACES]]
+        print_table(content.misfits_heading, ("where", "misfit, rms", "looks like"), rows)
+    if content.effects:
         print_table(
-            found_heading(explanation.outcome),
+            content.found_heading,
             ("effect", "ΔBIC", "parameter", "value", "95 % interval", "plausible"),
-            [_found_row(effect, *item) for effect in explanation.effects for item in effect.parameters.items()],
+            [row for found in content.effects for row in _found_rows(found)],
         )
-    for effect in explanation.effects:
-        for remark in effect.remarks:
-            click.echo(f"- {effect.key}: {remark}.")
-    gap = explanation.gap
-    print_table(
-        "Gap",
-        ("", "fitted data", "held-out data", "noise floor"),
-        [
-            (name, quantity(pair.fit, gap.unit), quantity(pair.held_out, gap.unit), quantity(gap.noise_floor, gap.unit))
-            for name, pair in (("before", gap.before), ("after", gap.after))
-        ],
-    )
-    for number, step in enumerate(explanation.steps, start=1):
-        click.echo(f"{number}. {step_sentence(step.effect, step.gap, gap.unit)}")
-    candidates = candidates_in_order(explanation.candidates)[:_MOST_CANDIDATES]
-    more = len(explanation.candidates) - len(candidates)
+    for found in content.effects:
+        for remark in found.effect.remarks:
+            click.echo(f"- {found.effect.key}: {remark}.")
+    print_table("Gap", ("", "fitted data", "held-out data", "noise floor"), [_texts(row) for row in content.gap])
+    for number, step in enumerate(content.steps, start=1):
+        click.echo(f"{number}. {step}")
+    candidates = content.candidates[:_MOST_CANDIDATES]
+    more = len(content.candidates) - len(candidates)
     if candidates:
         print_table(
-            candidates_heading(explanation.outcome),
+            content.candidates_heading,
             ("effect", "ΔBIC", "place", "would be seen from"),
-            [(tried.key, evidence(tried.delta_bic), place(tried), seen_from(tried)) for tried in candidates],
+            [_texts((*row[:3], row[4])) for row in candidates],
         )
-        click.echo(threshold(explanation))
+        click.echo(content.threshold)
     if more:
         click.echo(f"{more} more: --report DIR or --json lists them.")
-    if explanation.next_measurement:
-        click.echo(f"Measure next: {explanation.next_measurement}")
+    if content.next_measurement:
+        click.echo(f"Measure next: {content.next_measurement}")
 
 
-def _found_row(effect: FoundEffect, name: str, found: FoundParameter) -> tuple[str, ...]:
-    value, uncertainty, unit = found.estimate.value, found.estimate.standard_uncertainty, unit_shown(found.unit)
-    return (
-        " or ".join((effect.key, *effect.equivalent_to)),
-        evidence(effect.delta_bic),
-        name,
-        with_uncertainty(value, uncertainty) + unit + beside_what_is_stated(effect.key, found),
-        between(*found.interval_95, notation(value, uncertainty)) + unit,
-        "yes" if found.plausible else "NO",
-    )
+def _found_rows(found: EffectContent) -> Iterator[tuple[str, ...]]:
+    effect = " or ".join((found.effect.key, *found.effect.equivalent_to))
+    for row in found.parameters:
+        yield effect, str(found.delta_bic), *_texts(row)
+
+
+def _texts(row: Iterable[Cell]) -> tuple[str, ...]:
+    return tuple(str(cell) for cell in row)

@@ -7,9 +7,14 @@ from pathlib import Path
 
 import click
 
-from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.solver.population import MapFunction
-from monitor_core.identification import IdentifiedJoint, IdentifiedJoints, IdentifyOptions, PredictionRequest
+from monitor_core.fitting import FrequencyResponseObservation, ModalObservation
+from monitor_core.identification import (
+    IdentifiedJoint,
+    IdentifiedJoints,
+    IdentifyOptions,
+    MapFunction,
+    PredictionRequest,
+)
 from monitor_core.identification import identify as identify_joints
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import write_calibration

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.models import DriveConditions, MotorEnd
 from monitor_core.recordings.elements.units import metres
 from service.cli.inputs.model import NumbersCommand, built_model
 from service.cli.output import json_option, print_json, print_table

@@ -7,14 +7,14 @@ from typing import Any
 import click
 import numpy as np
 
+from monitor_core.models import DriveConditions, DriveModel
 from monitor_core.models.generator import (
     MOTOR_END,
+    GuideFriction,
     SimulationSettings,
     condition_grid,
     simulate_measurements,
 )
-from monitor_core.models.generator.scan import GuideFriction
-from monitor_core.models.protocol import DriveConditions, DriveModel
 from monitor_core.recording import ExcitationSource, Session, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_hdf5 import write_session

@@ -1,12 +1,11 @@
-"""What an alarm says of its cause: the change that explains it with its confidence, or why none was looked for."""
+"""Write what an alarm says of its cause: the change that explains it, or why none was looked for."""
 
 from collections.abc import Sequence
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from monitor_core.change.attribution import ChangeExplanation
-from monitor_core.change.trials import TriedChange
+from monitor_core.change import ChangeAttribution, TriedChange
 from service.documents.measurement import finite_or_null
 from service.store.tables import MeasurementRow
 
@@ -15,20 +14,20 @@ class NotExamined(StrEnum):
     """Why the cause of an alarm was not examined."""
 
     NO_DRIVE_MODEL = "no-drive-model"
-    TOO_FEW_PLACES = "too-few-places"
+    TOO_FEW_POSITIONS = "too-few-places"
     REFUSED = "refused"
 
 
 _SENTENCES = {
     NotExamined.NO_DRIVE_MODEL: "cause not examined: the axis has no drive model",
-    NotExamined.TOO_FEW_PLACES: "cause not examined yet: it takes measurements at three places since the onset",
+    NotExamined.TOO_FEW_POSITIONS: "cause not examined yet: it takes measurements at three positions since the onset",
 }
 
 
 def not_examined_yet(configuration: dict[str, Any]) -> dict[str, Any]:
     """Return what an alarm says when it is raised on an axis of this configuration."""
     has_model = configuration.get("drive_model") is not None
-    reason = NotExamined.TOO_FEW_PLACES if has_model else NotExamined.NO_DRIVE_MODEL
+    reason = NotExamined.TOO_FEW_POSITIONS if has_model else NotExamined.NO_DRIVE_MODEL
     return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
 
 
@@ -43,7 +42,7 @@ def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> di
 
 
 def examined_document(
-    found: ChangeExplanation, at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
+    found: ChangeAttribution, at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
 ) -> dict[str, Any]:
     """Return what an alarm says of its cause, with all that was tried and what it rests on."""
     document: dict[str, Any] = finite_or_null({
@@ -56,24 +55,24 @@ def examined_document(
         "equivalent_to": [str(cause) for cause in found.equivalent_to],
         "gap_before": float(found.gap_before),
         "gap_after": float(found.gap_after),
-        "changes": [_change(one) for one in found.changes],
+        "changes": [_change(change) for change in found.changes],
         "reference": _measured(reference),
         "recent": _measured(recent),
     })  # fmt: skip
     return document
 
 
-def _change(one: TriedChange) -> dict[str, Any]:
+def _change(change: TriedChange) -> dict[str, Any]:
     return {
-        "cause": str(one.cause),
-        "effect": one.key,
-        "probability": one.probability,
-        "size": None if one.size is None else float(one.size.value),
-        "size_standard_uncertainty": None if one.size is None else float(one.size.standard_uncertainty),
-        "unit": one.unit,
-        "delta_bic": float(one.delta_bic),
-        "gap": float(one.gap),
-        "sentence": one.words,
+        "cause": str(change.cause),
+        "effect": change.key,
+        "probability": change.probability,
+        "size": None if change.size is None else float(change.size.value),
+        "size_standard_uncertainty": None if change.size is None else float(change.size.standard_uncertainty),
+        "unit": change.unit,
+        "delta_bic": float(change.delta_bic),
+        "gap": float(change.gap),
+        "sentence": change.words,
     }
 
 

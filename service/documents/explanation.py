@@ -1,9 +1,9 @@
-"""How an explanation is laid out: the JSON of ``preload explain``."""
+"""Write an explanation as JSON: the answer of ``preload explain``."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from monitor_core.discrepancy.explanation import (
+from monitor_core.discrepancy import (
     Candidate,
     Explanation,
     FoundEffect,
@@ -16,7 +16,7 @@ from service.documents.measurement import finite_or_null
 
 
 def explanation_document(explanation: Explanation, model_text: str) -> dict[str, Any]:
-    """Lay out the whole answer but its pictures; a number that is not known is ``null``.
+    """Return the whole answer except its pictures; a number that is not known is ``null``.
 
     Parameters
     ----------
@@ -27,9 +27,9 @@ def explanation_document(explanation: Explanation, model_text: str) -> dict[str,
     gap = explanation.gap
     document: Mapping[str, Any] = finite_or_null({
         "outcome": str(explanation.outcome),
-        "effects": [_effect(one) for one in explanation.effects],
-        "localisation": [_misfit(one) for one in explanation.localisation],
-        "remainder": [_misfit(one) for one in explanation.remainder],
+        "effects": [_effect(found) for found in explanation.effects],
+        "localisation": [_misfit(misfit) for misfit in explanation.localisation],
+        "remainder": [_misfit(misfit) for misfit in explanation.remainder],
         "gap": {
             "unit": gap.unit,
             "noise_floor": float(gap.noise_floor),
@@ -41,39 +41,35 @@ def explanation_document(explanation: Explanation, model_text: str) -> dict[str,
             for name, (before, after) in explanation.gap_by_channel.items()
         },
         "steps": [
-            {
-                "effect": one.effect,
-                "gap_held_out": float(one.gap.held_out),
-                "gap_fit": float(one.gap.fit),
-            }
-            for one in explanation.steps
+            {"effect": step.effect, "gap_held_out": float(step.gap.held_out), "gap_fit": float(step.gap.fit)}
+            for step in explanation.steps
         ],
-        "candidates": [_candidate(one) for one in explanation.candidates],
+        "candidates": [_candidate(candidate) for candidate in explanation.candidates],
         "least_delta_bic": float(explanation.least_delta_bic),
         "pulls": {name: float(pull) for name, pull in explanation.pulls.items()},
         "pulls_before": {name: float(pull) for name, pull in explanation.pulls_before.items()},
-        "maps": [_map(one) for one in explanation.maps],
+        "maps": [_map(shown) for shown in explanation.maps],
         "hidden_in_remainder": list(explanation.hidden_in_remainder),
-        "taken_as": list(explanation.taken_as),
+        "taken_as": list(explanation.assumptions),
         "next_measurement": explanation.next_measurement,
         "model": model_text,
     })  # fmt: skip
     return dict(document)
 
 
-def _effect(one: FoundEffect) -> dict[str, Any]:
+def _effect(effect: FoundEffect) -> dict[str, Any]:
     return {
-        "key": one.key,
-        "name": one.name,
-        "physics": one.physics,
-        "parameters": {name: _parameter(found) for name, found in one.parameters.items()},
-        "equivalent_to": list(one.equivalent_to),
-        "plausible": bool(one.plausible),
+        "key": effect.key,
+        "name": effect.name,
+        "physics": effect.physics,
+        "parameters": {name: _parameter(found) for name, found in effect.parameters.items()},
+        "equivalent_to": list(effect.equivalent_to),
+        "plausible": bool(effect.plausible),
         "evidence": {
-            "delta_bic": float(one.delta_bic),
-            "held_out_log_likelihood_gain": float(one.held_out_log_likelihood_gain),
+            "delta_bic": float(effect.delta_bic),
+            "held_out_log_likelihood_gain": float(effect.held_out_log_likelihood_gain),
         },
-        "remarks": list(one.remarks),
+        "remarks": list(effect.remarks),
     }
 
 
@@ -88,30 +84,35 @@ def _parameter(found: FoundParameter) -> dict[str, Any]:
     }
 
 
-def _misfit(one: Misfit) -> dict[str, Any]:
-    return {"where": one.where, "misfit": float(one.size), "kind": str(one.kind), "p_value": float(one.p_value)}
+def _misfit(misfit: Misfit) -> dict[str, Any]:
+    return {
+        "where": misfit.where,
+        "misfit": float(misfit.size),
+        "kind": str(misfit.kind),
+        "p_value": float(misfit.p_value),
+    }
 
 
 def _pair(pair: GapPair) -> dict[str, float]:
     return {"fit": float(pair.fit), "held_out": float(pair.held_out)}
 
 
-def _candidate(one: Candidate) -> dict[str, Any]:
+def _candidate(candidate: Candidate) -> dict[str, Any]:
     return {
-        "key": one.key,
-        "delta_bic": float(one.delta_bic),
-        "held_out": float(one.held_out),
-        "detection_limit": None if one.detection_limit is None else float(one.detection_limit),
-        "detection_limit_unit": one.unit,
-        "untestable_because": one.untestable_because,
+        "key": candidate.key,
+        "delta_bic": float(candidate.delta_bic),
+        "held_out": float(candidate.held_out),
+        "detection_limit": None if candidate.detection_limit is None else float(candidate.detection_limit),
+        "detection_limit_unit": candidate.unit,
+        "untestable_because": candidate.untestable_because,
     }
 
 
-def _map(one: MisfitMap) -> dict[str, Any]:
+def _map(shown: MisfitMap) -> dict[str, Any]:
     return {
-        "title": one.title,
-        "rows": list(one.rows),
-        "columns": list(one.columns),
-        "before": one.before.tolist(),
-        "after": one.after.tolist(),
+        "title": shown.title,
+        "rows": list(shown.rows),
+        "columns": list(shown.columns),
+        "before": shown.before.tolist(),
+        "after": shown.after.tolist(),
     }

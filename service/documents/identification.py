@@ -1,9 +1,15 @@
 """Lay out identified joints: the JSON of ``preload identify`` and of a job of kind ``identification``."""
 
-from monitor_core.identification import IdentifiedJoint, IdentifiedJoints
-from monitor_core.identification.cases import PredictionError
-from monitor_core.identification.identified_joints import FitQuality, FurtherPosition, HeldOutErrors, KnownSum
-from monitor_core.identification.sensitivity import Detectability
+from monitor_core.identification import (
+    Detectability,
+    FitQuality,
+    FurtherPosition,
+    HeldOutErrors,
+    IdentifiedJoint,
+    IdentifiedJoints,
+    KnownSum,
+    PredictionError,
+)
 from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.model_file import model_file_text

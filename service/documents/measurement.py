@@ -9,8 +9,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, MeasurementOutcome
-from monitor_core.preload import Calibration, PreloadEstimate, preload_from_feature
-from monitor_core.preload.drag_torque import DragTorque
+from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, preload_from_feature
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart

@@ -1,9 +1,9 @@
-"""The report of an explanation: JSON for programs, Markdown and a page of HTML for people, and the model."""
+"""Write the report of an explanation: JSON for programs, Markdown and a page of HTML for people, and the model."""
 
 import json
 from pathlib import Path
 
-from monitor_core.discrepancy.explanation import Explanation
+from monitor_core.discrepancy import Explanation
 from service.documents.explanation import explanation_document
 from service.report.markdown import explanation_markdown
 from service.report.page import explanation_page

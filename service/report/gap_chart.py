@@ -1,11 +1,11 @@
-"""Pictures of sizes: the gap after each step, and the pulls of what was set and declared."""
+"""Draw sizes as bars: the gap after each step, and the pulls of what was set and declared."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
-from monitor_core.discrepancy.explanation import GapPair
+from monitor_core.discrepancy import GapPair
 from service.report.rounding import quantity, rounded
 from service.report.svg import CHARACTER, Axis, element, joined, label, picture, shortened
 
@@ -50,7 +50,7 @@ def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_
 
 
 def pull_chart(name: str, pulls: Mapping[str, float]) -> Markup:
-    """Draw one bar for each kind of error that was set aside, and a line at 1, where what was stated holds."""
+    """Draw a bar for each kind of error, and a line at 1, up to which what was stated holds."""
     left = _label_width(list(pulls))
     axis = Axis(0.0, _largest([1.5, *map(abs, pulls.values())]), left, _WIDTH - 150.0)
     height, bars, texts = _TOP, [], []

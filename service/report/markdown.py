@@ -1,35 +1,10 @@
-"""The report as one page of Markdown: verdict, where, what, evidence, what else, and what to measure next."""
+"""Write the report as a page of Markdown: verdict, where, what, evidence, what else, and what to measure next."""
 
 import re
 from collections.abc import Sequence
 
-from monitor_core.discrepancy.explanation import Explanation, FoundEffect, FoundParameter, Misfit
-from service.report.rounding import (
-    between,
-    evidence,
-    notation,
-    probability,
-    quantity,
-    rounded,
-    unit_shown,
-    with_uncertainty,
-)
-from service.report.sentences import (
-    asides,
-    beside_what_is_stated,
-    candidates_heading,
-    candidates_in_order,
-    found_heading,
-    headline,
-    meaning,
-    misfits_heading,
-    model_heading,
-    nothing_held_out,
-    place,
-    seen_from,
-    step_sentence,
-    threshold,
-)
+from monitor_core.discrepancy import Explanation
+from service.report.content import EffectContent, ReportContent, Row, report_content
 
 
 def explanation_markdown(explanation: Explanation, model_text: str, subject: str) -> str:
@@ -41,103 +16,78 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
     model_text : str
         The augmented drive model, as TOML.
     subject : str
-        What was compared with what, as the title says it.
+        What was compared with what, for the title.
     """
+    content = report_content(explanation)
+    found = content.effects
     sections = [
-        [f"# {_text(subject)}", "", f"**{_text(headline(explanation))}**", "", meaning(explanation)],
-        *[[_text(one)] for one in asides(explanation)],
-        [f"## {misfits_heading(explanation.outcome)}", "", *_misfits(explanation.localisation)],
-        *([[f"## {found_heading(explanation.outcome)}"]] if explanation.effects else []),
-        *[_effect(one, held_out_data=not nothing_held_out(explanation)) for one in explanation.effects],
-        ["## Gap", "", *_gap(explanation), "", *_steps(explanation)],
-        *([["## What stays unexplained", "", *_misfits(explanation.remainder)]] if explanation.effects else []),
-        [f"## {candidates_heading(explanation.outcome)}", "", *_candidates(explanation)],
-        ["## Next measurement", "", _text(explanation.next_measurement) or "None is proposed."],
-        ["## What was set and declared", "", *_pulls(explanation)],
-        [f"## {model_heading(explanation.outcome)}", "", *_fenced(model_text)],
+        [f"# {_text(subject)}", "", f"**{_text(content.headline)}**", "", content.meaning],
+        *[[_text(aside)] for aside in content.asides],
+        [f"## {content.misfits_heading}", "", *_misfits(content.misfits)],
+        *([[f"## {content.found_heading}"]] if found else []),
+        *[_effect(effect) for effect in found],
+        ["## Gap", "", *_gap(content), "", *_steps(content.steps)],
+        *([["## What stays unexplained", "", *_misfits(content.remainder)]] if found else []),
+        [f"## {content.candidates_heading}", "", *_candidates(content)],
+        ["## Next measurement", "", _text(content.next_measurement) or "None is proposed."],
+        ["## What was set and declared", "", *_pulls(content.pulls)],
+        [f"## {content.model_heading}", "", *_fenced(model_text)],
     ]
     return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
 
 
-def _misfits(misfits: Sequence[Misfit]) -> list[str]:
+def _misfits(misfits: Sequence[Row]) -> list[str]:
     if not misfits:
         return ["No place stands out from the noise."]
-    rows = [[one.where, f"{rounded(one.size)} σ", str(one.kind), probability(one.p_value)] for one in misfits]
-    return _table(["where", "misfit, rms", "looks like", "p-value"], rows)
+    return _table(["where", "misfit, rms", "looks like", "p-value"], misfits)
 
 
-def _effect(one: FoundEffect, *, held_out_data: bool) -> list[str]:
-    lines = [f"### {_text(one.name)} (`{_code(one.key)}`)", "", _text(one.physics), ""]
-    lines += _table(
-        ["parameter", "value ± standard uncertainty", "95 % interval", "plausible"],
-        [_parameter(one.key, name, found) for name, found in one.parameters.items()],
-    )
-    held_out = one.held_out_log_likelihood_gain
-    gained = f"log-likelihood of held-out data {evidence(held_out)} better with it than without"
-    lines += ["", f"Evidence: ΔBIC {evidence(one.delta_bic)}; {gained if held_out_data else 'nothing was held out'}."]
-    if one.equivalent_to:
-        lines += ["", f"These data cannot tell it from: {', '.join(f'`{_code(key)}`' for key in one.equivalent_to)}."]
-    if not one.plausible:
+def _effect(found: EffectContent) -> list[str]:
+    effect = found.effect
+    lines = [f"### {_text(effect.name)} (`{_code(effect.key)}`)", "", _text(effect.physics), ""]
+    lines += _table(["parameter", "value ± standard uncertainty", "95 % interval", "plausible"], found.parameters)
+    gained = "nothing was held out"
+    if found.held_out_gain is not None:
+        gained = f"log-likelihood of held-out data {found.held_out_gain} better with it than without"
+    lines += ["", f"Evidence: ΔBIC {found.delta_bic}; {gained}."]
+    if effect.equivalent_to:
+        keys = ", ".join(f"`{_code(key)}`" for key in effect.equivalent_to)
+        lines += ["", f"These data cannot distinguish it from: {keys}."]
+    if not effect.plausible:
         lines += ["", "**A stand-in: a value lies outside its plausible range, so the cause is something else.**"]
-    return lines + [line for remark in one.remarks for line in ("", f"**Note: {_text(remark)}**")]
+    return lines + [line for remark in effect.remarks for line in ("", f"**Note: {_text(remark)}**")]
 
 
-def _parameter(key: str, name: str, found: FoundParameter) -> list[str]:
-    value, uncertainty = found.estimate.value, found.estimate.standard_uncertainty
-    unit = unit_shown(found.unit)
-    interval = between(*found.interval_95, notation(value, uncertainty))
-    return [
-        name,
-        f"{with_uncertainty(value, uncertainty)}{unit}{beside_what_is_stated(key, found)}",
-        f"{interval}{unit}",
-        "yes" if found.plausible else "NO",
-    ]
+def _gap(content: ReportContent) -> list[str]:
+    lines = _table(["", "fitted data", "held-out data", "noise floor"], content.gap)
+    if content.gap_by_channel:
+        lines += ["", *_table(["fitted data by channel", "before", "after"], content.gap_by_channel)]
+    return lines
 
 
-def _gap(explanation: Explanation) -> list[str]:
-    gap = explanation.gap
-    rows = [
-        [words, quantity(pair.fit, gap.unit), quantity(pair.held_out, gap.unit), quantity(gap.noise_floor, gap.unit)]
-        for words, pair in (("before", gap.before), ("after", gap.after))
-    ]
-    by_channel = [
-        [name, quantity(before, gap.unit), quantity(after, gap.unit)]
-        for name, (before, after) in explanation.gap_by_channel.items()
-    ]
-    channels = ["", *_table(["fitted data by channel", "before", "after"], by_channel)] if len(by_channel) > 1 else []
-    return [*_table(["", "fitted data", "held-out data", "noise floor"], rows), *channels]
+def _steps(steps: Sequence[str]) -> list[str]:
+    return [f"{number}. {_text(step)}" for number, step in enumerate(steps, 1)] or ["Nothing was added."]
 
 
-def _steps(explanation: Explanation) -> list[str]:
-    if not explanation.steps:
-        return ["Nothing was added."]
-    unit = explanation.gap.unit
-    return [f"{i}. {_text(step_sentence(one.effect, one.gap, unit))}" for i, one in enumerate(explanation.steps, 1)]
+def _candidates(content: ReportContent) -> list[str]:
+    if not content.candidates:
+        return ["Nothing else was considered."]
+    table = _table(["effect", "ΔBIC", "place", "held-out gain", "would be seen from"], content.candidates)
+    return [*table, "", content.threshold]
 
 
-def _candidates(explanation: Explanation) -> list[str]:
-    if not explanation.candidates:
-        return ["Nothing else was thought of."]
-    rows = [
-        [one.key, evidence(one.delta_bic), place(one), evidence(one.held_out), seen_from(one)]
-        for one in candidates_in_order(explanation.candidates)
-    ]
-    table = _table(["effect", "ΔBIC", "place", "held-out gain", "would be seen from"], rows)
-    return [*table, "", threshold(explanation)]
-
-
-def _pulls(explanation: Explanation) -> list[str]:
-    if not explanation.pulls:
+def _pulls(pulls: Sequence[Row]) -> list[str]:
+    if not pulls:
         return ["No error of a setting or of a declared parameter was taken into account."]
-    rows = [[name, rounded(pull, 2)] for name, pull in explanation.pulls.items()]
     words = (
-        "In standard deviations, of settings rms, of parameters by sign: up to 1 or 2 is as stated, far beyond is not."
+        "In standard deviations; rms over the settings, with its sign for a parameter. Up to 1 or 2 the value is as "
+        "stated, far beyond it is not."
     )
-    return [*_table(["error of", "pull"], rows), "", words]
+    return [*_table(["error of", "pull"], pulls), "", words]
 
 
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [columns, ["---"] * len(columns), *[[_text(cell) for cell in row] for row in rows]]
+def _table(columns: Sequence[str], rows: Sequence[Row]) -> list[str]:
+    lines = [columns, ["---"] * len(columns), *[[_text(str(cell)) for cell in row] for row in rows]]
     return [f"| {' | '.join(line)} |" for line in lines]
 
 

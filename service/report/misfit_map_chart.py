@@ -1,4 +1,4 @@
-"""Where model and measurement part: misfit by setting and frequency band."""
+"""Draw where model and measurement differ: the misfit by setting and frequency band."""
 
 import math
 from itertools import pairwise
@@ -7,7 +7,7 @@ from typing import Final
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.explanation import MisfitMap
+from monitor_core.discrepancy import MisfitMap
 from service.report.rounding import rounded
 from service.report.svg import CHARACTER, element, joined, label, picture, shortened
 
@@ -22,7 +22,7 @@ _NARROWEST_WITH_NUMBER = 27.0
 _NARROWEST_WITH_NAME = 17.0  # of a slanted one; in narrower columns some are left to pointing at a cell
 
 
-def misfit_map_chart(name: str, title: str, one: MisfitMap, misfit: FloatArray) -> Markup:
+def misfit_map_chart(name: str, title: str, shown: MisfitMap, misfit: FloatArray) -> Markup:
     """Draw a map; each cell says its misfit in a number where there is room, and always when it is pointed at.
 
     Parameters
@@ -30,30 +30,30 @@ def misfit_map_chart(name: str, title: str, one: MisfitMap, misfit: FloatArray) 
     name : str
         Unique on the page.
     title : str
-    one : MisfitMap
+    shown : MisfitMap
         Names of its rows and columns.
     misfit : ndarray, shape (n_rows, n_columns)
         Its ``before`` or ``after``. [-]
     """
-    left = 12.0 + CHARACTER * min(_LONGEST_ROW, max((len(row) for row in one.rows), default=0))
-    cell = min((_WIDTH - left) / max(len(one.columns), 1), 90.0)
-    longest = min(_LONGEST_COLUMN, max((len(column) for column in one.columns), default=0))
+    left = 12.0 + CHARACTER * min(_LONGEST_ROW, max((len(row) for row in shown.rows), default=0))
+    cell = min((_WIDTH - left) / max(len(shown.columns), 1), 90.0)
+    longest = min(_LONGEST_COLUMN, max((len(column) for column in shown.columns), default=0))
     slanted = longest * CHARACTER > cell - 4.0
     top = 12.0 + (0.7 * CHARACTER * longest if slanted else 12.0)
     every = math.ceil(_NARROWEST_WITH_NAME / cell)
     drawn = [
         _column_label(words, left + (i + 0.5) * cell, top - 6.0, slanted)
-        for i, words in enumerate(one.columns)
+        for i, words in enumerate(shown.columns)
         if i % every == 0
     ]
-    for i, words in enumerate(one.rows):
+    for i, words in enumerate(shown.rows):
         y = top + i * _ROW
         drawn.append(_titled(words, label(shortened(words, _LONGEST_ROW), left - 8.0, y + 15.0, text_anchor="end")))
-        for j, column in enumerate(one.columns):
+        for j, column in enumerate(shown.columns):
             drawn.append(_cell(f"{words}, {column}", float(misfit[i, j]), left + j * cell, y, cell))
     overhang = 0.7 * CHARACTER * longest if slanted else 0.0
-    width, height = left + len(one.columns) * cell + overhang, top + len(one.rows) * _ROW + 2.0
-    return picture(width, height, name, title, _description(one, misfit), *drawn)
+    width, height = left + len(shown.columns) * cell + overhang, top + len(shown.rows) * _ROW + 2.0
+    return picture(width, height, name, title, _description(shown, misfit), *drawn)
 
 
 def shade(misfit: float) -> str:
@@ -95,11 +95,11 @@ def _titled(words: str, *parts: Markup) -> Markup:
     return element("g", element("title", words), joined(parts))
 
 
-def _description(one: MisfitMap, misfit: FloatArray) -> str:
+def _description(shown: MisfitMap, misfit: FloatArray) -> str:
     known = [
         (float(misfit[i, j]), f"{row}, {column}")
-        for i, row in enumerate(one.rows)
-        for j, column in enumerate(one.columns)
+        for i, row in enumerate(shown.rows)
+        for j, column in enumerate(shown.columns)
         if not math.isnan(misfit[i, j])
     ]
     if not known:

@@ -1,4 +1,4 @@
-"""The report as one page of HTML that needs nothing else: no script, no font, no other file."""
+"""Draw the report as a page of HTML that needs nothing else: no script, no font, no other file."""
 
 import math
 from collections.abc import Sequence
@@ -9,12 +9,13 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from monitor_core.discrepancy.explanation import Explanation, FoundParameter
-from monitor_core.fitting.comparison import Panel
-from service.report import rounding, sentences
+from monitor_core.discrepancy import Explanation
+from monitor_core.fitting import Panel
+from service.report.content import Cell, report_content
 from service.report.gap_chart import gap_chart, pull_chart
 from service.report.misfit_map_chart import misfit_map_chart, shade_names
 from service.report.panel_chart import panel_chart, style_of
+from service.report.verdict import nothing_held_out
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 #: The look of the dashboard, which the report takes over into itself.
@@ -38,33 +39,17 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
     model_text : str
         The augmented drive model, as TOML.
     subject : str
-        What was compared with what, as the title says it.
+        What was compared with what, for the title.
     """
     return _ENVIRONMENT.get_template("explanation.html").render(
         explanation=explanation,
+        content=report_content(explanation),
         subject=subject,
         model_text=model_text,
-        headline=sentences.headline(explanation),
-        meaning=sentences.meaning(explanation),
-        candidates=sentences.candidates_in_order(explanation.candidates),
-        found_heading=sentences.found_heading(explanation.outcome),
-        place=sentences.place,
-        misfits_heading=sentences.misfits_heading(explanation.outcome),
-        model_heading=sentences.model_heading(explanation.outcome),
-        candidates_heading=sentences.candidates_heading(explanation.outcome),
         shades=shade_names(),
         models=_models(explanation),
+        nothing_held_out=nothing_held_out(explanation),
         number=_number,
-        parameter_value=_parameter_value,
-        beside_what_is_stated=sentences.beside_what_is_stated,
-        asides=sentences.asides,
-        nothing_held_out=sentences.nothing_held_out,
-        parameter_interval=_parameter_interval,
-        quantity=rounding.quantity,
-        evidence=rounding.evidence,
-        probability=rounding.probability,
-        detection_limit=sentences.detection_limit,
-        threshold=sentences.threshold(explanation),
         **_pictures(explanation),
     )
 
@@ -72,26 +57,28 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
 def _pictures(explanation: Explanation) -> dict[str, Any]:
     gap = explanation.gap
     both = [("before", gap.before), ("after", gap.after)]
-    ladder = [("nothing added", gap.before), *((f"+ {one.effect}", one.gap) for one in explanation.steps)]
+    ladder = [("nothing added", gap.before), *((f"+ {step.effect}", step.gap) for step in explanation.steps)]
     return {
         "gap_picture": gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
         "ladder": gap_chart("ladder", "Gap after each step", ladder, gap.noise_floor, gap.unit),
         "maps": [
             (
-                one.title,
-                misfit_map_chart(f"map-{i}-before", f"{one.title}, before", one, one.before),
-                misfit_map_chart(f"map-{i}-after", f"{one.title}, after", one, one.after),
+                shown.title,
+                misfit_map_chart(f"map-{i}-before", f"{shown.title}, before", shown, shown.before),
+                misfit_map_chart(f"map-{i}-after", f"{shown.title}, after", shown, shown.after),
             )
-            for i, one in enumerate(explanation.maps)
+            for i, shown in enumerate(explanation.maps)
         ],
-        "panels": [(one, panel_chart(f"panel-{i}", one)) for i, one in enumerate(_worst_first(explanation.panels))],
+        "panels": [
+            (panel, panel_chart(f"panel-{i}", panel)) for i, panel in enumerate(_worst_first(explanation.panels))
+        ],
         "pull_picture": pull_chart("pulls", explanation.pulls) if explanation.pulls else None,
     }
 
 
 def _worst_first(panels: Sequence[Panel]) -> list[Panel]:
     """Return responses with those first that the model before misses most; other panels as they come."""
-    return sorted(panels, key=lambda one: -_relative_error(one) if one.logarithmic else 0.0)
+    return sorted(panels, key=lambda panel: -_relative_error(panel) if panel.logarithmic else 0.0)
 
 
 def _relative_error(panel: Panel) -> float:
@@ -108,18 +95,8 @@ def _models(explanation: Explanation) -> list[tuple[str, str]]:
     return [(name, style_of(name)) for name in names]
 
 
-def _number(value: float, shown: str) -> Markup:
-    """Show a number that a program finds in full in the same element, where it is known."""
-    if math.isnan(value):
-        return escape(shown)
-    return Markup('<data value="{}">{}</data>').format(repr(float(value)), shown)
-
-
-def _parameter_value(found: FoundParameter) -> Markup:
-    value, uncertainty = found.estimate.value, found.estimate.standard_uncertainty
-    return _number(value, rounding.with_uncertainty(value, uncertainty) + rounding.unit_shown(found.unit))
-
-
-def _parameter_interval(found: FoundParameter) -> str:
-    chosen = rounding.notation(found.estimate.value, found.estimate.standard_uncertainty)
-    return rounding.between(*found.interval_95, chosen) + rounding.unit_shown(found.unit)
+def _number(cell: Cell) -> Markup:
+    """Show a cell; a number that is known is in the same element in full, for programs."""
+    if math.isnan(cell.value):
+        return escape(str(cell))
+    return Markup('<data value="{}">{}</data>{}').format(repr(float(cell.value)), cell.text, cell.note)

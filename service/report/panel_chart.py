@@ -1,4 +1,4 @@
-"""Measurement against models: one small picture, of many alike."""
+"""Draw measurement against models: a small picture of many alike."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from monitor_core.fitting.comparison import Panel
+from monitor_core.fitting import Panel
 from service.report.rounding import tick
 from service.report.svg import (
     Axis,
@@ -21,7 +21,7 @@ from service.report.svg import (
     shortened,
 )
 
-POINTS: Final = 400  # of one line
+POINTS: Final = 400  # of a line
 _FEW: Final = 60  # up to so many measured points are drawn one by one
 #: A logarithmic picture reaches so much beyond the measurement: a zero of a model would squeeze everything else.
 _BEYOND: Final = 10.0

@@ -1,4 +1,4 @@
-"""Numbers as a person reads them: as many digits as their uncertainty warrants, exponents in steps of three."""
+"""Write numbers as a person reads them: as many digits as their uncertainty warrants, exponents in steps of three."""
 
 import math
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ def rounded(value: float, digits: int = 3) -> str:
 
 
 def tick(value: float) -> str:
-    """Show a number beside an axis, where there is little room."""
+    """Show a number at an axis, where there is little room."""
     if value == 0.0 or 1e-3 <= abs(value) < 1e5:
         return f"{value:.5g}".replace("-", "−")
     mantissa, _, exponent = f"{value:.2e}".partition("e")

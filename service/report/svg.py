@@ -1,4 +1,4 @@
-"""Drawing without a script: elements that escape whatever is put into them, scales, ticks."""
+"""Draw SVG without a script: elements that escape whatever is put into them, scales, ticks."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ def element(tag: str, *children: str, **attributes: str | float) -> Markup:
     An underscore in the name of an attribute stands for a dash and one at its end is left out, as in ``class_``.
     """
     written = [f' {name.rstrip("_").replace("_", "-")}="{_written(value)}"' for name, value in attributes.items()]
-    inside = "".join(str(escape(one)) for one in children)
+    inside = "".join(str(escape(child)) for child in children)
     return Markup(f"<{tag}{''.join(written)}>{inside}</{tag}>")  # noqa: S704 - each part is escaped above
 
 
@@ -124,10 +124,10 @@ def path_through(x: FloatArray, y: FloatArray) -> str:
     """Return the path through points; it is broken where one is not finite."""
     known = np.isfinite(x) & np.isfinite(y)
     parts, drawing = [], False
-    for one, place_x, place_y in zip(known.tolist(), x.tolist(), y.tolist(), strict=True):
-        if one:
+    for is_known, place_x, place_y in zip(known.tolist(), x.tolist(), y.tolist(), strict=True):
+        if is_known:
             parts.append(f"{'L' if drawing else 'M'}{place_x:.1f} {place_y:.1f}")
-        drawing = one
+        drawing = is_known
     return "".join(parts)
 
 

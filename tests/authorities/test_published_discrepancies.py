@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects import PREFIX
 from monitor_core.fitting.conditions.settings import default_folds
@@ -79,7 +79,7 @@ def test_a_screw_that_does_not_twist_lacks_torsional_flexibility() -> None:
     third = comparison.layout.channel == 2
     np.testing.assert_allclose(np.expm1(comparison.misfit(subject.physics({}))[third]), -0.25)
     rivals = among(subject, "torsional-flexibility", "guide-stiffness", "screw-axial-stiffness")
-    answer = explain(comparison, subject, rivals)
+    answer = explain_comparison(comparison, subject, rivals)
     assert answer.outcome is Outcome.NAMED
     (effect,) = answer.effects
     assert (effect.key, effect.equivalent_to) == ("torsional-flexibility", ())
@@ -102,7 +102,7 @@ def test_a_single_support_hides_behind_a_refit() -> None:
 def test_the_far_support_is_found_beside_a_refit() -> None:
     subject = DescribedDrive(ON_ONE_SUPPORT, dict.fromkeys(OF_ONE_SUPPORT, 0.3), {})
     rivals = among(subject, "far-bearing-stiffness", "guide-stiffness", "screw-axial-stiffness", "series-compliance")
-    answer = explain(compared(subject, MEASURED), subject, rivals)
+    answer = explain_comparison(compared(subject, MEASURED), subject, rivals)
     (effect,) = answer.effects
     assert (answer.outcome, effect.key, effect.equivalent_to) == (Outcome.NAMED, "far-bearing-stiffness", ())
     low, high = effect.parameters["stiffness_n_per_m"].interval_95
@@ -128,7 +128,7 @@ def test_frequencies_alone_do_not_part_a_soft_rotor_from_a_spring_between_table_
     assert max(gaps) < 1.6
     # neither is preferred by what evidence must at least amount to
     assert abs(with_soft_rotor.cost - with_spring.cost) < 6.0
-    answer = explain(comparison, soft, among(soft, COUPLING, "guide-stiffness", "far-bearing-stiffness"))
+    answer = explain_comparison(comparison, soft, among(soft, COUPLING, "guide-stiffness", "far-bearing-stiffness"))
     (effect,) = answer.effects
     assert answer.outcome is Outcome.EQUIVALENT
     assert {effect.key, *effect.equivalent_to} == {COUPLING, "guide-stiffness"}
@@ -159,7 +159,7 @@ def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> 
     subject = DescribedDrive(LOSSLESS, {"bearing_stiffness_n_per_m": 0.3, "nut_stiffness_n_per_m": 0.3}, {})
     others = ("added-mass", "series-compliance", "torsional-flexibility", "wrong-parameter:nut_stiffness_n_per_m")
     candidates = among(subject, "loss-factor", *others)
-    answer = explain(compare_modes(FIRST_ORDER, MotorEnd.FREE), subject, candidates)
+    answer = explain_comparison(compare_modes(FIRST_ORDER, MotorEnd.FREE), subject, candidates)
     (effect,) = answer.effects
     assert (answer.outcome, effect.key) == (Outcome.NAMED, "loss-factor")
     low, high = effect.parameters["loss_factor"].interval_95
@@ -179,7 +179,7 @@ def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> Non
     bracket = f"{PREFIX}bracket_stiffness_n_per_m"
     rivals = among(printed, bracket, "far-bearing-stiffness", "added-mass", "preload-exponent")
     unseen = frozenset(one.conditions for one in table if one.conditions.preload == 150.0)
-    answer = explain(compare_modes(table, MotorEnd.CLAMPED, held_out=[unseen]), printed, rivals)
+    answer = explain_comparison(compare_modes(table, MotorEnd.CLAMPED, held_out=[unseen]), printed, rivals)
     assert [one.key for one in answer.effects] == [bracket, "far-bearing-stiffness"]
     assert answer.outcome is Outcome.PARTIAL
     assert answer.gap.before.fit == pytest.approx(63.3, abs=0.1)

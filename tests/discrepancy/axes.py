@@ -25,7 +25,7 @@ from monitor_core.models.published.lumped import LumpedParameters
 
 
 @dataclass(frozen=True, eq=False)
-class LinearSubject:
+class LinearAxis:
     """An axis that is a vector of quantities, of which the first ones are uncertain."""
 
     uncertain: dict[str, float]
@@ -52,14 +52,14 @@ class LinearComparison:
     least_delta_bic: float = 10.0
 
     @property
-    def setting_error_names(self):
+    def condition_error_names(self):
         return tuple(f"error {index + 1}" for index in range(len(self.directions)))
 
     def misfit(self, physics):
         errors = np.broadcast_to(self.errors, (len(self.layout.settings), len(self.directions)))
         return self.design @ physics - self.data + np.sum(self.directions * errors[self.layout.setting].T, axis=0)
 
-    def setting_errors(self, physics, misfit):
+    def condition_errors(self, physics, misfit):
         return self.directions
 
     def imagined(self):

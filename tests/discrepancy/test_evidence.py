@@ -1,4 +1,4 @@
-"""The yardstick of a decrease of χ²: the information criterion by hand, and what correlated values are worth."""
+"""The evidence scale of a decrease of χ²: the information criterion by hand, and what correlated values are worth."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from monitor_core.fitting.evidence import Yardstick, delta_bic, neighbour_correlation, yardstick
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, neighbour_correlation
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
-from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
+from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
 
 def autoregression(correlation, n, rng, n_series=1):
@@ -25,14 +25,14 @@ def fits(data, *, size=1, n_settings=1):
     comparison = LinearComparison(
         layout_of([n] * n_settings, 1.0), np.ones((data.size, size)), data, np.zeros((0, data.size))
     )
-    subject = LinearSubject({}, size)
+    subject = LinearAxis({}, size)
     return [fit(comparison, one, one.null) for one in (Hypothesis(subject), Hypothesis(subject, (quantity(0),)))]
 
 
 def test_a_parameter_that_moves_nothing_costs_nothing() -> None:
     """As the damping of a base in a table of its frequencies; the same parameter, where it is seen, costs ln n."""
     n, data = 200, 1.0 + np.random.default_rng(6).standard_normal(200)
-    by = Yardstick(1.0, 0.0, n)
+    by = EvidenceScale(1.0, 0.0, n)
 
     def gained(index_of_shape):
         both = (quantity(0).parameters[0], replace(quantity(0).parameters[0], name="shape"))
@@ -49,7 +49,7 @@ def test_a_parameter_that_moves_nothing_costs_nothing() -> None:
         shaped = replace(quantity(0), parameters=both, add=add)
         plain, fuller = (
             fit(comparison, one, one.null)
-            for one in (Hypothesis(LinearSubject({}, 2)), Hypothesis(LinearSubject({}, 2), (shaped,)))
+            for one in (Hypothesis(LinearAxis({}, 2)), Hypothesis(LinearAxis({}, 2), (shaped,)))
         )
         return delta_bic(plain, fuller, by)
 
@@ -71,7 +71,7 @@ def test_values_of_an_autoregression_are_worth_their_share(correlation) -> None:
     n = 5000
     lags = np.arange(1, n)
     variance_of_mean = (1.0 + 2.0 * np.sum((1.0 - lags / n) * correlation**lags)) / n
-    share = Yardstick(1.0, correlation, n).share
+    share = EvidenceScale(1.0, correlation, n).share
     assert 1.0 / variance_of_mean == pytest.approx(n * share, rel=2e-3)
 
 
@@ -95,9 +95,9 @@ def test_difference_of_bic_by_hand() -> None:
     data = rng.standard_normal(400)
     data = (data - np.mean(data)) / np.std(data) + 0.4
     without, fuller = fits(data)
-    by = Yardstick(1.0, 0.0, 400)
+    by = EvidenceScale(1.0, 0.0, 400)
     assert delta_bic(without, fuller, by) == pytest.approx(400 * 0.4**2 - math.log(400), abs=1e-3)
-    halved = Yardstick(2.0, 1.0 / 3.0, 400)  # s² = 2, and two values are worth one
+    halved = EvidenceScale(2.0, 1.0 / 3.0, 400)  # s² = 2, and two values are worth one
     assert delta_bic(without, fuller, halved) == pytest.approx(400 * 0.4**2 / 4.0 - math.log(200), abs=1e-3)
 
 
@@ -106,29 +106,29 @@ def test_each_parameter_more_is_paid_for() -> None:
     data = rng.standard_normal(100)
     design = rng.standard_normal((100, 3))
     comparison = LinearComparison(layout_of([100], 1.0), design, data, np.zeros((0, 100)))
-    subject = LinearSubject({}, 3)
+    subject = LinearAxis({}, 3)
     one, three = (
         fit(comparison, hypothesis, hypothesis.null)
         for hypothesis in (Hypothesis(subject, tuple(quantity(index) for index in range(n))) for n in (1, 3))
     )
-    by = Yardstick(1.0, 0.0, 100)
+    by = EvidenceScale(1.0, 0.0, 100)
     assert one.cost - three.cost - delta_bic(one, three, by) == pytest.approx(2.0 * math.log(100))
     assert delta_bic(three, one, by) == pytest.approx(-delta_bic(one, three, by))
 
 
-def test_yardstick_of_a_fit() -> None:
+def test_evidence_scale_of_a_fit() -> None:
     """What the fit leaves per value is noise, but never less than the noise that is stated."""
     rng = np.random.default_rng(5)
     series = 3.0 * autoregression(0.5, 10_000, rng) + 0.7
     _, fuller = fits(series)
-    by = yardstick(fuller)
+    by = evidence_scale(fuller)
     assert by.n_values == 10_000
     left = series - np.mean(series)
-    assert by.scale == pytest.approx(np.sum(left**2) / 9_999, rel=1e-6)
+    assert by.mean_square == pytest.approx(np.sum(left**2) / 9_999, rel=1e-6)
     assert by.correlation == pytest.approx(0.5, abs=0.03)
-    assert by.factor == pytest.approx(by.share / by.scale)
-    quiet = yardstick(fits(0.1 * autoregression(-0.5, 10_000, rng))[1])
-    assert (quiet.scale, quiet.correlation, quiet.share) == (1.0, 0.0, 1.0)
+    assert by.factor == pytest.approx(by.share / by.mean_square)
+    quiet = evidence_scale(fits(0.1 * autoregression(-0.5, 10_000, rng))[1])
+    assert (quiet.mean_square, quiet.correlation, quiet.share) == (1.0, 0.0, 1.0)
 
 
 def test_a_constant_in_correlated_noise_is_rarely_claimed() -> None:
@@ -137,9 +137,9 @@ def test_a_constant_in_correlated_noise_is_rarely_claimed() -> None:
     claimed = naively = 0
     for _ in range(200):
         without, fuller = fits(autoregression(0.6, 400, rng))
-        by = yardstick(fuller)
+        by = evidence_scale(fuller)
         claimed += delta_bic(without, fuller, by) > 0.0
-        naively += delta_bic(without, fuller, Yardstick(by.scale, 0.0, 400)) > 0.0
+        naively += delta_bic(without, fuller, EvidenceScale(by.mean_square, 0.0, 400)) > 0.0
     assert claimed < 0.07 * 200
     assert naively > 0.15 * 200
 
@@ -148,7 +148,7 @@ def test_parameters_within_tolerances_do_not_swell_the_scale() -> None:
     """As many tolerances as two thirds of the values: the mean of s² over draws is still the noise's, here 4."""
     rng = np.random.default_rng(9)
     n, tolerances = 18, {f"quantity-{index}": 0.3 for index in range(12)}
-    hypothesis = Hypothesis(LinearSubject(tolerances, 13), (quantity(12),))
+    hypothesis = Hypothesis(LinearAxis(tolerances, 13), (quantity(12),))
     scales = []
     for _ in range(300):
         design = rng.standard_normal((n, 13))
@@ -156,5 +156,5 @@ def test_parameters_within_tolerances_do_not_swell_the_scale() -> None:
         truth = 2.0 * np.r_[0.3 * rng.standard_normal(12), 1.0]
         data = design @ truth + 2.0 * rng.standard_normal(n)
         comparison = LinearComparison(layout_of([n], 1.0), design, data, np.zeros((0, n)))
-        scales.append(yardstick(fit(comparison, hypothesis, np.zeros(13))).scale)
+        scales.append(evidence_scale(fit(comparison, hypothesis, np.zeros(13))).mean_square)
     assert np.mean(scales) == pytest.approx(4.0, abs=4.0 * 4.0 * math.sqrt(2.0 / (17 * 300)))

@@ -7,7 +7,7 @@ from textwrap import dedent
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import MisfitKind, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, PREFIX, with_effects, wrong_parameter
 from monitor_core.errors import OutsideValidityError
@@ -21,8 +21,8 @@ from tests.discrepancy.axes import (
     AXIS,
     POSITIONS,
     TOLERANCES,
+    LinearAxis,
     LinearComparison,
-    LinearSubject,
     compared,
     effects_by_key,
     layout_of,
@@ -48,7 +48,7 @@ def with_hidden(values, seed=0):
 def explained(physics, conditions=CONDITIONS, *, described=None, candidates=None, **measurement):
     described = described or subject()
     comparison = compared(measured(physics, conditions, **measurement))
-    return explain(comparison, described, candidates or described.candidates())
+    return explain_comparison(comparison, described, candidates or described.candidates())
 
 
 def few(*others):
@@ -138,7 +138,7 @@ def test_a_model_without_an_answer_at_the_settings_as_stated_is_left_out_of_the_
     design = np.column_stack([np.ones(80), rng.standard_normal(80)])
     data = design @ [3.0, 0.0] + rng.standard_normal(80)
     comparison = AnsweringNearby(layout, design, data, np.full((1, 80), 0.3), errors=np.zeros((2, 1)))
-    answer = explain(comparison, LinearSubject({}, 2), [quantity(0, lower=0.0)])
+    answer = explain_comparison(comparison, LinearAxis({}, 2), [quantity(0, lower=0.0)])
     assert keys(answer) == ["quantity-0"]
     assert [panel.title for panel in answer.panels] == ["before"]
 
@@ -338,7 +338,7 @@ def test_a_lumped_baseline_of_a_distributed_screw() -> None:
 def test_an_axis_without_an_answer_is_refused() -> None:
     comparison = compared(measured(true_subject(0), CONDITIONS))
     with pytest.raises(OutsideValidityError, match="position must lie on the screw"):
-        explain(comparison, subject(screw_length=0.6), [wrong_parameter("bearing_stiffness_n_per_m", AXIS)])
+        explain_comparison(comparison, subject(screw_length=0.6), [wrong_parameter("bearing_stiffness_n_per_m", AXIS)])
 
 
 def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() -> None:
@@ -347,7 +347,7 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
     design = np.linalg.qr(rng.standard_normal((400, 2)))[0] * [10.0, 1.0]
     data = design @ [30.0, 9.0] + 1.6 * rng.standard_normal(400)
     comparison = LinearComparison(layout_of([4] * 100, 1.0), design, data, np.zeros((0, 400)))
-    answer = explain(comparison, LinearSubject({}, 2), [quantity(0), quantity(1)])
+    answer = explain_comparison(comparison, LinearAxis({}, 2), [quantity(0), quantity(1)])
     assert answer.outcome is Outcome.PARTIAL
     assert keys(answer) == ["quantity-0"]
     assert answer.hidden_in_remainder == ("quantity-1",)
@@ -366,7 +366,7 @@ def test_what_would_do_in_the_place_of_another_is_not_said_to_be_left_out(apart)
     design = np.column_stack([one, one * math.sqrt(1.0 - apart**2) + rest * apart, third])
     data = design @ [60.0, 60.0, 80.0] + 1.6 * rng.standard_normal(400)
     comparison = LinearComparison(layout_of([4] * 100, 1.0), design, data, np.zeros((0, 400)))
-    answer = explain(comparison, LinearSubject({}, 3), [quantity(index, upper=500.0) for index in range(3)])
+    answer = explain_comparison(comparison, LinearAxis({}, 3), [quantity(index, upper=500.0) for index in range(3)])
     named = {key for one in answer.effects for key in (one.key, *one.equivalent_to)}
     assert named == {"quantity-0", "quantity-1", "quantity-2"}
     assert answer.hidden_in_remainder == ()

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.comparison import Setting
-from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity, wrong_quantity
+from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity, wrong_quantity
 
 N = 160
 
@@ -35,8 +35,8 @@ def linear(truth, *, columns=None, seed=1, held_out=()):
 def test_an_effect_at_its_detection_limit_is_found(scale) -> None:
     """A quarter more is, a quarter less is not; the limit is stated where nothing is missing, in its unit, unsigned."""
     healthy = linear(np.zeros(2))
-    subject_, candidate = LinearSubject({}, 2), quantity(1, scale=scale)
-    answer = explain(healthy, subject_, [candidate])
+    subject_, candidate = LinearAxis({}, 2), quantity(1, scale=scale)
+    answer = explain_comparison(healthy, subject_, [candidate])
     (stated,) = answer.candidates
     assert (stated.key, stated.unit) == ("quantity-1", "-")
     # least evidence and ln n against the square of the column: by hand
@@ -47,7 +47,7 @@ def test_an_effect_at_its_detection_limit_is_found(scale) -> None:
     )
     for factor, outcome in ((1.25, ["quantity-1"]), (0.75, [])):
         data = noise + factor * stated.detection_limit * healthy.design[:, 1]
-        assert keys(explain(replace(healthy, data=data), subject_, [candidate])) == outcome
+        assert keys(explain_comparison(replace(healthy, data=data), subject_, [candidate])) == outcome
 
 
 def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
@@ -56,7 +56,7 @@ def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
     columns = rng.standard_normal((N, 3))
     columns[:, 2] = columns[:, 1]
     comparison = linear(np.array([0.0, 2.0, 0.0]), columns=columns)
-    answer = explain(comparison, LinearSubject({}, 3), [wrong_quantity(1, "b"), quantity(2)])
+    answer = explain_comparison(comparison, LinearAxis({}, 3), [wrong_quantity(1, "b"), quantity(2)])
     assert keys(answer) == ["quantity-2"]
     assert list(answer.added) == ["quantity-2"]
     assert answer.effects[0].remarks == ("the same finding as wrong-parameter:b",)
@@ -64,7 +64,7 @@ def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
 
 def test_each_step_says_what_it_left() -> None:
     truth = np.array([0.0, 3.0, 1.5])
-    answer = explain(linear(truth), LinearSubject({}, 3), [quantity(1), quantity(2)])
+    answer = explain_comparison(linear(truth), LinearAxis({}, 3), [quantity(1), quantity(2)])
     assert {one.effect for one in answer.steps} == {"quantity-1", "quantity-2"}
     assert answer.gap.before.fit > answer.steps[0].gap.fit > answer.steps[1].gap.fit == answer.gap.after.fit
     assert math.isnan(answer.gap.after.held_out)
@@ -78,7 +78,9 @@ def test_no_effect_stands_in_the_model_twice() -> None:
     for truth in (0.4, -0.4):
         comparison = linear(np.array([2.5, truth, 0.0]), columns=columns / 0.3)
         once = replace(quantity(2, "sum"), applies=lambda theta: theta[2] == 0.0)
-        answer = explain(comparison, LinearSubject({}, 3), [wrong_quantity(0, "a"), wrong_quantity(1, "b"), once])
+        answer = explain_comparison(
+            comparison, LinearAxis({}, 3), [wrong_quantity(0, "a"), wrong_quantity(1, "b"), once]
+        )
         assert len(set(keys(answer))) == 2
         assert answer.gap.after.fit < 1.1 * answer.gap.noise_floor
 
@@ -95,7 +97,7 @@ def test_what_has_no_answer_beside_the_others_does_not_lead() -> None:
         replace(quantity(2), applies=lambda theta: theta[3] == 0.0),
         replace(quantity(3), applies=lambda theta: theta[2] == 0.0),
     ]
-    answer = explain(comparison, LinearSubject({}, 4), candidates)
+    answer = explain_comparison(comparison, LinearAxis({}, 4), candidates)
     assert answer.outcome is Outcome.NAMED
     assert keys(answer)[0] in {"quantity-2", "quantity-3"}
     assert keys(answer)[1] in {"wrong-parameter:a", "wrong-parameter:b"}
@@ -111,7 +113,7 @@ def test_what_would_do_as_well_is_no_untestable_candidate() -> None:
     columns[:, 2] = columns[:, 1] + 0.01 * rng.standard_normal(N)
     held_out = (np.arange(N) % 4 == 0,)
     comparison = linear(np.array([0.0, 8.0, 0.0, 0.0]), columns=columns, held_out=held_out)
-    answer = explain(comparison, LinearSubject({}, 4), [quantity(1), quantity(2), quantity(3)])
+    answer = explain_comparison(comparison, LinearAxis({}, 4), [quantity(1), quantity(2), quantity(3)])
     (found,) = answer.effects
     alike = {one.key: one for one in answer.candidates}[found.equivalent_to[0]]
     assert alike.untestable_because is None
@@ -124,11 +126,11 @@ def test_what_would_do_as_well_is_no_untestable_candidate() -> None:
 
 def test_data_without_any_misfit_are_answered() -> None:
     comparison = LinearComparison(layout_of([10] * 4, 1.0), np.ones((40, 1)), np.zeros(40), np.zeros((0, 40)))
-    answer = explain(comparison, LinearSubject({}, 1), [quantity(0)])
+    answer = explain_comparison(comparison, LinearAxis({}, 1), [quantity(0)])
     assert answer.outcome is Outcome.NONE
     assert answer.gap.before.fit == 0.0
 
 
 def test_data_beyond_all_reason_are_answered() -> None:
     comparison = LinearComparison(layout_of([10] * 4, 1e-6), np.zeros((40, 1)), 10.0 * np.ones(40), np.zeros((0, 40)))
-    assert explain(comparison, LinearSubject({"a": 0.5}, 1), []).outcome is Outcome.UNKNOWN
+    assert explain_comparison(comparison, LinearAxis({"a": 0.5}, 1), []).outcome is Outcome.UNKNOWN

@@ -16,8 +16,8 @@ from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import (
     AXIS,
     TOLERANCES,
+    LinearAxis,
     LinearComparison,
-    LinearSubject,
     compared,
     covariance_of,
     effects_by_key,
@@ -46,7 +46,7 @@ def linear(seed=0, n_errors=2, size=4, noise=1.0):
     errors = rng.standard_normal((len(SIZES), n_errors))
     of_settings = np.sum(directions * errors[layout.setting].T, axis=0)
     data = design @ theta + noise * (deviation * rng.standard_normal(n) + of_settings)
-    subject_ = LinearSubject({"a": DEVIATIONS[0], "b": DEVIATIONS[1]}, size)
+    subject_ = LinearAxis({"a": DEVIATIONS[0], "b": DEVIATIONS[1]}, size)
     return LinearComparison(layout, design, data, directions), subject_
 
 
@@ -169,7 +169,7 @@ def test_linearised_misfit_is_that_of_the_shifted_comparison_less_what_the_error
     errors = np.random.default_rng(4).uniform(-2.0, 2.0, (6, 3))
     around = linearise(comparison, physics, errors, comparison.layout.standard_deviation)
     shifted = comparison.shifted(errors)
-    by_errors = shifted.setting_errors(physics, shifted.misfit(physics))
+    by_errors = shifted.condition_errors(physics, shifted.misfit(physics))
     share = np.sum(by_errors * errors[comparison.layout.setting].T, axis=0)
     np.testing.assert_allclose(around.misfit(physics), shifted.misfit(physics) - share, atol=1e-12)
     # for small errors, whatever they are, it is the misfit itself
@@ -213,7 +213,7 @@ def test_a_start_too_far_for_a_slope_to_mean_anything_stays_where_it_is() -> Non
     layout = layout_of([10] * 4, 1e-6)
     data = 10.0 * np.ones(40)
     comparison = LinearComparison(layout, np.zeros((40, 1)), data, np.zeros((0, 40)))
-    fitted = fit(comparison, Hypothesis(LinearSubject({"a": 0.5}, 1)), np.zeros(1))
+    fitted = fit(comparison, Hypothesis(LinearAxis({"a": 0.5}, 1)), np.zeros(1))
     np.testing.assert_array_equal(fitted.coordinates, 0.0)
     np.testing.assert_allclose(fitted.standardised, -1e7)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.explain import explain
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.residuals.modes import compare_modes
@@ -76,7 +76,7 @@ def answered(kind, size, design, seed, *keys):
     file = parse_model(case.baseline, "description")
     subject = DescribedDrive(file.build().parameters, file.uncertain, file.effects)
     comparison = compare_modes(case.table, case.motor_end)
-    return explain(comparison, subject, [EFFECTS[key] for key in keys])
+    return explain_comparison(comparison, subject, [EFFECTS[key] for key in keys])
 
 
 def test_a_healthy_machine_lacks_nothing_and_what_is_not_seen_is_listed() -> None:
@@ -96,7 +96,7 @@ def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     assert answer.outcome is Outcome.EQUIVALENT
     (found,) = answer.effects
     assert {found.key, *found.equivalent_to} >= {"base-compliance", "second-mode"}
-    assert f"measure whole frequency responses, which part {found.key} from" in answer.next_measurement
+    assert f"measure whole frequency responses, which distinguish {found.key} from" in answer.next_measurement
     unseen = re.findall("without which (.*?) cannot be seen", answer.next_measurement)
     assert not {found.key, *found.equivalent_to} & set(", ".join(unseen).split(", "))
     assert not {found.key, *found.equivalent_to} & {one.key for one in answer.candidates if one.untestable_because}

@@ -9,12 +9,12 @@ from scipy.optimize import minimize
 
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.effects.effect import Effect, EffectParameter
-from monitor_core.fitting.evidence import yardstick
+from monitor_core.fitting.evidence import evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
 from monitor_core.fitting.solver.integrated_cost import integrated_cost
 from monitor_core.fitting.solver.posterior_mode import at_mode
-from tests.discrepancy.axes import LinearSubject, layout_of, quantity
+from tests.discrepancy.axes import LinearAxis, layout_of, quantity
 from tests.discrepancy.test_fit import linear
 
 N_SETTINGS, N_VALUES = 24, 6
@@ -32,7 +32,7 @@ class WaveComparison:
     unit: str = "sigma"
     noise_floor: float = 1.0
     least_delta_bic: float = 10.0
-    setting_error_names: tuple = ("phase",)
+    condition_error_names: tuple = ("phase",)
 
     def _there(self):
         errors = np.broadcast_to(self.errors, (N_SETTINGS, 1))
@@ -42,7 +42,7 @@ class WaveComparison:
         there = self._there()
         return physics[0] * np.cos(there) + physics[1] * np.sin(there) - self.data
 
-    def setting_errors(self, physics, misfit):
+    def condition_errors(self, physics, misfit):
         there = self._there()
         return TAG * (-physics[0] * np.sin(there) + physics[1] * np.cos(there))[None, :]
 
@@ -93,7 +93,7 @@ def test_sizes_are_those_of_the_integrated_likelihood() -> None:
     by_fit, by_mode, integrated = [], [], []
     for seed in range(16):
         comparison = wave(seed)
-        found = fit(comparison, Hypothesis(LinearSubject({}, 2), (WAVE,)), np.array([1.0, 0.0]))
+        found = fit(comparison, Hypothesis(LinearAxis({}, 2), (WAVE,)), np.array([1.0, 0.0]))
         by_fit.append(np.hypot(*found.coordinates))
         by_mode.append(np.hypot(*at_mode(found).coordinates))
         integrated.append(integrated_mode(comparison))
@@ -107,8 +107,8 @@ def test_intervals_of_sizes_cover_where_the_errors_of_the_settings_depend_on_the
     """At least 90 % of the true amplitude and phase in 100 tests."""
     covered = []
     for seed in range(100, 200):
-        found = fit(wave(seed), Hypothesis(LinearSubject({}, 2), (WAVE,)), np.array([1.0, 0.0]))
-        stated = found_parameters(Member(WAVE, found, 0.0, plausible=True), at_mode(found), yardstick(found))
+        found = fit(wave(seed), Hypothesis(LinearAxis({}, 2), (WAVE,)), np.array([1.0, 0.0]))
+        stated = found_parameters(Member(WAVE, found, 0.0, plausible=True), at_mode(found), evidence_scale(found))
         intervals = stated["cosine"].interval_95, stated["sine"].interval_95
         covered.append([low <= true <= high for (low, high), true in zip(intervals, (1.0, 0.0), strict=True)])
     assert np.all(np.mean(covered, axis=0) >= 0.9)

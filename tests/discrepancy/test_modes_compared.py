@@ -158,13 +158,13 @@ def test_noise_floor_is_the_gap_of_frequencies_off_by_their_uncertainty() -> Non
 def test_errors_of_settings_are_those_of_the_shifted_comparison() -> None:
     physics = physics_of(LUMPED)
     comparison = compare_modes([one for at in AT for one in observed([180.0], at)], MotorEnd.CLAMPED)
-    assert comparison.setting_error_names == ("position", "preload")
+    assert comparison.condition_error_names == ("position", "preload")
     for index in range(2):
         errors = np.zeros((3, 2))
         errors[2, index] = 1e-2
         misfit = comparison.misfit(physics)
         change = (comparison.shifted(errors).misfit(physics) - misfit) / 1e-2
-        expected = comparison.setting_errors(physics, misfit)[index] * [0.0, 0.0, 1.0]
+        expected = comparison.condition_errors(physics, misfit)[index] * [0.0, 0.0, 1.0]
         np.testing.assert_allclose(change, expected, rtol=0.02, atol=1e-9)
 
 

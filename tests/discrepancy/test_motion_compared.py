@@ -272,16 +272,16 @@ def test_pictures_are_of_what_was_held_out() -> None:
 def test_a_comparison_has_no_errors_of_settings() -> None:
     comparison = MotionComparison.of(simulated_record(), STATED)
     physics = MotionPhysics(moving_mass=80.0)
-    assert comparison.setting_errors(physics, comparison.misfit(physics)).shape == (0, comparison.layout.n_values)
-    assert comparison.setting_error_names == ()
+    assert comparison.condition_errors(physics, comparison.misfit(physics)).shape == (0, comparison.layout.n_values)
+    assert comparison.condition_error_names == ()
     assert comparison.unit == "%"
 
 
 @pytest.mark.parametrize(
     ("record", "sentence"),
     [
-        (MotionRecord(1000.0, np.zeros(5000), np.ones(5000)), "must last at least 1 s beside .* got 0 s"),
-        (simulated_record(duration=0.7), "must last at least 1 s beside 0.1 s at each end and standstill; got 0.5 s"),
+        (MotionRecord(1000.0, np.zeros(5000), np.ones(5000)), "must last at least 1 s besides .* got 0 s"),
+        (simulated_record(duration=0.7), "must last at least 1 s besides 0.1 s at each end and standstill; got 0.5 s"),
         (MotionRecord(1000.0, np.arange(5000.0), np.zeros(5000)), "needs a motor force; got 0 N in every sample"),
     ],
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from monitor_core.discrepancy.explanation import GapPair, Outcome
+from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
@@ -18,10 +18,10 @@ from monitor_core.discrepancy.verdict.outcome import (
     remainder_of,
     variances_of_pulls,
 )
-from monitor_core.fitting.hold_out import REMAINDER, fitted_values
+from monitor_core.fitting.hold_out import REMAINDER, JudgedGap, fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
-from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
+from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
 SETTINGS = OutcomeSettings()
 MOST = 1.2  # what a healthy axis may leave, in noise floors
@@ -33,13 +33,13 @@ GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
 
 
 def found(*plausible):
-    """Return a class with members that are plausible or not, the leader first."""
+    """Return a class with members that are plausible or not, the representative first."""
     members = tuple(Member(quantity(index), None, 100.0, one) for index, one in enumerate(plausible))
     return EquivalenceClass(members, (), 50.0)
 
 
 def remainder(in_floors, pulls):
-    return Remainder(GapPair(math.nan, math.nan), in_floors, MOST, pulls, misfit=math.nan)
+    return Remainder(JudgedGap(math.nan, math.nan, in_floors, MOST), pulls, misfit=math.nan)
 
 
 GOOD, TWO, STAND_IN = found(True), found(True, True), found(False)
@@ -83,7 +83,7 @@ def linear(data, effects=(), *, held_out=(), directions=None):
     """Return the fit of effects, each of which adds one column of an orthonormal design, to 4 values in 10 settings."""
     layout = layout_of([4] * 10, np.ones(40), held_out=held_out)
     directions = np.zeros((0, 40)) if directions is None else directions
-    hypothesis = Hypothesis(LinearSubject({}, 3), tuple(quantity(index) for index in effects))
+    hypothesis = Hypothesis(LinearAxis({}, 3), tuple(quantity(index) for index in effects))
     return fit(LinearComparison(layout, DESIGN, data, directions), hypothesis, hypothesis.null, fitted_values(layout))
 
 
@@ -95,10 +95,10 @@ def test_remainder_is_the_misfit_beyond_that_of_healthy_axes() -> None:
     left = remainder_of(linear(DESIGN @ [0.0, 40.0, 0.0]))
     assert left.gap.fit == pytest.approx(math.sqrt(40.0), rel=1e-6)
     assert math.isnan(left.gap.held_out)
-    assert left.misses
-    assert left.in_floors == pytest.approx(left.gap.fit, rel=1e-9)
+    assert left.gap.exceeds_healthy
+    assert left.gap.in_floors == pytest.approx(left.gap.fit, rel=1e-9)
     limit = max(REMAINDER, math.sqrt(stats.chi2.ppf(0.99, 40) / 40))
-    assert left.misfit == pytest.approx(1600.0 * (1.0 - (limit / left.in_floors) ** 2), rel=1e-6)
+    assert left.misfit == pytest.approx(1600.0 * (1.0 - (limit / left.gap.in_floors) ** 2), rel=1e-6)
 
 
 def test_remainder_counts_what_settings_are_pulled_by() -> None:
@@ -106,7 +106,7 @@ def test_remainder_counts_what_settings_are_pulled_by() -> None:
     directions = np.full((1, 40), 10.0)
     data = 10.0 * np.repeat(2.0 * (-1.0) ** np.arange(10), 4)
     left = remainder_of(linear(data, directions=directions))
-    assert not left.misses
+    assert not left.gap.exceeds_healthy
     assert left.is_pulled(SETTINGS)
     assert left.misfit == pytest.approx(10 * (4.0 - 1.0), rel=0.01)
 
@@ -116,8 +116,8 @@ def test_remainder_is_judged_where_it_is_larger() -> None:
     fold = np.arange(40) < 8
     left = remainder_of(linear(np.where(fold, 4.0, 0.0), held_out=(fold,)))
     assert left.gap.fit == pytest.approx(0.0, abs=1e-6)
-    assert left.in_floors == pytest.approx(left.gap.held_out, rel=1e-9)
-    assert left.misses
+    assert left.gap.in_floors == pytest.approx(left.gap.held_out, rel=1e-9)
+    assert left.gap.exceeds_healthy
 
 
 def test_share_explained() -> None:
@@ -158,7 +158,7 @@ def test_variances_of_pulls_are_one_where_all_is_right() -> None:
     n_settings, n = 40, 240
     layout = layout_of([6] * n_settings, 0.5)
     directions = rng.standard_normal((2, n))
-    subject = LinearSubject({}, 1)
+    subject = LinearAxis({}, 1)
     drawn = []
     for _ in range(400):
         errors = rng.standard_normal((n_settings, 2))
@@ -177,11 +177,11 @@ def test_settings_that_err_alike_are_no_drift() -> None:
     alike = LinearComparison(layout, np.zeros((60, 1)), np.full(60, 3.0), directions)
     drifting = replace(alike, data=np.repeat(np.linspace(-5.0, 5.0, 10), 6))
     for comparison, left in ((alike, 0.0), (drifting, np.var(np.linspace(-5.0, 5.0, 10)))):
-        fitted = fit(comparison, Hypothesis(LinearSubject({}, 1)), np.zeros(0))
+        fitted = fit(comparison, Hypothesis(LinearAxis({}, 1)), np.zeros(0))
         assert variances_of_pulls(fitted)["error 1"] == pytest.approx(left, rel=0.02, abs=1e-9)
 
 
 def test_errors_that_nothing_tells_of_are_not_judged() -> None:
     comparison = LinearComparison(layout_of([3], 1.0), np.zeros((3, 1)), np.ones(3), np.array([[1.0] * 3, [0.0] * 3]))
-    fitted = fit(comparison, Hypothesis(LinearSubject({}, 1)), np.zeros(0))
+    fitted = fit(comparison, Hypothesis(LinearAxis({}, 1)), np.zeros(0))
     assert list(variances_of_pulls(fitted)) == ["error 1"]

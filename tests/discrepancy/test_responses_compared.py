@@ -73,7 +73,7 @@ def test_values_know_their_setting_line_and_point() -> None:
     np.testing.assert_array_equal(layout.setting, np.repeat([0, 1], 4 * n))
     np.testing.assert_array_equal(layout.channel, np.tile(np.repeat([0, 1, 2, 3], n), 2))
     np.testing.assert_allclose(layout.frequency, np.tile(LINES, 8))
-    assert comparison.setting_error_names == ("position", "preload", "gain 1", "gain 2")
+    assert comparison.condition_error_names == ("position", "preload", "gain 1", "gain 2")
     assert layout.settings[0].values[ConditionAxis.PRELOAD] == 150.0
 
 
@@ -81,7 +81,7 @@ def test_a_point_that_is_measured_again_was_measured_at_another_time() -> None:
     """With a position and a preload of its own, though the same is stated."""
     comparison = compare_responses([observed(AT[0]), observed(AT[0], factor=1.01), observed(AT[0])])
     assert len(comparison.layout.settings) == 3
-    assert comparison.setting_error_names == ("position", "preload", "gain 1")
+    assert comparison.condition_error_names == ("position", "preload", "gain 1")
 
 
 def test_an_error_of_a_setting_that_is_known_is_taken_out() -> None:
@@ -109,7 +109,7 @@ def test_changes_by_errors_are_those_of_the_shifted_comparison(index) -> None:
     errors[1, index] = step
     misfit = comparison.misfit(PHYSICS)
     change = (comparison.shifted(errors).misfit(PHYSICS) - misfit) / step
-    expected = np.where(comparison.layout.setting == 1, comparison.setting_errors(PHYSICS, misfit)[index], 0.0)
+    expected = np.where(comparison.layout.setting == 1, comparison.condition_errors(PHYSICS, misfit)[index], 0.0)
     np.testing.assert_allclose(change, expected, atol=0.02 * np.max(np.abs(expected)))
     assert np.any(change)
 
@@ -151,7 +151,7 @@ def test_resolved_data_have_the_misfit_of_the_averages_where_they_were_resolved(
 
 def test_a_gain_is_a_matter_of_the_amplitude_of_its_own_sensor() -> None:
     comparison = compare_responses([observed(AT[0]), observed(AT[0], point=ANGLE)])
-    first, second = comparison.setting_errors(PHYSICS, comparison.misfit(PHYSICS))[2:]
+    first, second = comparison.condition_errors(PHYSICS, comparison.misfit(PHYSICS))[2:]
     for index, row in ((0, first), (2, second)):
         np.testing.assert_array_equal(row, np.where(comparison.layout.channel == index, TOLERANCES.gain_share, 0.0))
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.search.search import Search, SearchSettings
+from monitor_core.discrepancy.search.search import find_steps, judge_found
+from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.evidence import delta_bic
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
-from tests.discrepancy.axes import LinearComparison, LinearSubject, covariance_of, layout_of, quantity, wrong_quantity
+from tests.discrepancy.axes import LinearAxis, LinearComparison, covariance_of, layout_of, quantity, wrong_quantity
 
 N, SIZES = 160, (40,) * 4
 UNCERTAIN = {"a": 0.5}
@@ -30,9 +31,9 @@ def comparison_of(truth, rng, *, columns=None, held_out=()):
 
 
 def found_in(comparison, candidates, **settings):
-    subject = LinearSubject(UNCERTAIN, comparison.design.shape[1])
-    search = Search(comparison, subject, tuple(candidates), SearchSettings(**settings))
-    return search.found(search.run())
+    subject = LinearAxis(UNCERTAIN, comparison.design.shape[1])
+    workspace = Workspace(comparison, subject, tuple(candidates), SearchSettings(**settings))
+    return judge_found(workspace, find_steps(workspace))
 
 
 def keys(fitted):
@@ -131,10 +132,10 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
     """Left where a fuller fit ended, a fit may stay in a false minimum: evidence would then be of that alone."""
     comparison = comparison_of(np.array([0.1, 3.0, 3.0]), np.random.default_rng(2))
     first, second = quantity(1), quantity(2)
-    search = Search(comparison, LinearSubject(UNCERTAIN, 3), (first, second))
-    hypothesis = Hypothesis(search.subject)
+    workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 3), (first, second))
+    hypothesis = Hypothesis(workspace.axis)
     plain = fit(comparison, hypothesis, hypothesis.null)
-    search._remember(plain)
+    workspace.remember(plain)
     fuller = hypothesis.with_effect(first).with_effect(second)
     both = fit(comparison, fuller, np.zeros(3))
     far_off = replace(both, coordinates=both.coordinates + np.array([40.0, 0.0, 0.0]))
@@ -143,8 +144,8 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
         fitted = fit(of, hypothesis, start, chosen)
         return resolved_at(fitted, start) if abs(start[0]) > 20.0 else fitted
 
-    monkeypatch.setattr("monitor_core.discrepancy.search.search.fit", stuck_where_it_is_far_off)
-    without = search.without(far_off, second)
+    monkeypatch.setattr("monitor_core.discrepancy.search.workspace.fit", stuck_where_it_is_far_off)
+    without = workspace.without(far_off, second)
     assert keys(without) == {"quantity-1"}
     assert without.cost < plain.cost
     best = fit(comparison, hypothesis.with_effect(first), np.zeros(2))
@@ -161,7 +162,7 @@ def test_what_only_leads_out_of_a_false_minimum_is_not_found(monkeypatch) -> Non
         fitted = fit(of, hypothesis, start, chosen)
         return resolved_at(fitted, np.array([12.0])) if next(caught, False) else fitted
 
-    monkeypatch.setattr("monitor_core.discrepancy.search.search.fit", caught_at_first)
+    monkeypatch.setattr("monitor_core.discrepancy.search.workspace.fit", caught_at_first)
     found = found_in(comparison, [wrong_quantity(0, "a")])
     assert not keys(found.final)
     assert (found.steps, found.accepted) == ((), ())
@@ -198,17 +199,17 @@ def test_what_would_do_in_the_place_of_an_effect_is_kept_beside_it() -> None:
     (rival,) = [one for one in accepted.rivals if one.effect.key != "quantity-3"]
     assert {accepted.effect.key, rival.effect.key} == {"quantity-1", "quantity-2"}
     alone = found_in(comparison, [rival.effect]).final
-    assert rival.delta_bic == pytest.approx(delta_bic(found.baseline, alone, found.yardstick), abs=0.1)
+    assert rival.delta_bic == pytest.approx(delta_bic(found.baseline, alone, found.evidence_scale), abs=0.1)
 
 
 def test_a_user_is_told_what_is_being_tried() -> None:
     rng = np.random.default_rng(8)
     comparison = comparison_of(np.array([0.0, 3.0]), rng)
-    told = []
-    search = Search(comparison, LinearSubject(UNCERTAIN, 2), (quantity(1),), progress=told.append)
-    search.found(search.run())
-    assert told[:2] == ["0 effects found", "refitting with quantity-1"]
-    assert "1 effects found" in told
+    reported = []
+    workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 2), (quantity(1),), progress=reported.append)
+    judge_found(workspace, find_steps(workspace))
+    assert reported[:2] == ["0 effects found", "refitting with quantity-1"]
+    assert "1 effects found" in reported
 
 
 # --- held-out data ---------------------------------------------------------------------------------------------------

@@ -31,10 +31,11 @@ from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
 from service.documents.explanation import explanation_document
 from service.report import explanation_markdown, explanation_page, write_report
+from service.report.content import compared_with_stated
 from service.report.panel_chart import POINTS
 from service.report.rounding import quantity, with_uncertainty
-from service.report.sentences import asides, beside_what_is_stated, headline
 from service.report.svg import Axis, axis_over, decimated, element
+from service.report.verdict import asides, headline
 
 SUBJECT = "x-axis.frf.h5 against hybrid.toml"
 MODEL = 'family = "hybrid"\n\n[parameters]\ntable_mass_kg = 20.54\n\n[effects.added-mass]\nmass_kg = 0.81\n'
@@ -180,10 +181,10 @@ def test_verdict_on_what_a_parameter_had_taken_up_says_which_and_how_far() -> No
 def test_what_helps_unnamed_and_what_is_pulled_far_is_said_below_the_verdict() -> None:
     plain = EXAMPLES[Outcome.PARTIAL]
     assert asides(plain) == ()
-    one = replace(plain, taken_as=("It is on the nut.",), hidden_in_remainder=("torque-delay",))
+    one = replace(plain, assumptions=("It is on the nut.",), hidden_in_remainder=("torque-delay",))
     settled, hidden = asides(one)
     assert settled == "It is on the nut."
-    assert hidden.startswith("torque-delay helps, too, but by little beside what is left")
+    assert hidden.startswith("torque-delay helps, too, but by little compared with what is left")
     assert hidden.endswith("so it is neither named nor in the model.")
     two = replace(plain, hidden_in_remainder=("torque-delay", "added-mass"))
     assert asides(two)[0].startswith("torque-delay and added-mass help, too")
@@ -220,7 +221,7 @@ def test_agreement_that_a_parameter_had_to_move_for_is_said_in_the_verdict() -> 
 def test_gap_of_a_model_that_was_bent_to_the_data_is_said_to_be_that() -> None:
     bent = replace(EXAMPLES[Outcome.NAMED], pulls={"youngs_modulus_pa": 0.4}, pulls_before={"youngs_modulus_pa": 85.0})
     assert asides(bent) == (
-        "The gap before is that of a model bent to the data, in standard deviations of its parameters: "
+        "The gap before is that of a model whose parameters were moved far to fit the data, in standard deviations: "
         "youngs_modulus_pa 85.",
     )
     assert asides(replace(bent, pulls_before={"youngs_modulus_pa": 4.9})) == ()
@@ -476,7 +477,7 @@ def test_what_was_not_held_out_is_not_spoken_of(outcome, holds) -> None:
 
 
 def test_evidence_says_in_which_place_it_is_meant() -> None:
-    rival = Candidate("loss-factor", 2.4, 0.3, 0.0021, "-", in_place_of="far-bearing-stiffness")
+    rival = Candidate("loss-factor", 2.4, 0.3, 0.0021, "-", substitution_for="far-bearing-stiffness")
     other = Candidate("base-compliance", -11.9, math.nan, 4.3e-10, "m/N")
     made = replace(EXAMPLES[Outcome.NAMED], candidates=(rival, other))
     for text in (page_of(made).text(), explanation_markdown(made, "", "x")):
@@ -492,14 +493,14 @@ def test_what_is_not_the_cause_is_not_called_found() -> None:
 
 @pytest.mark.parametrize(
     ("ln_ratio", "uncertainty", "words"),
-    [(0.10, 0.01, " (8.4 to 13 % beside what is stated)"), (-0.10, 0.01, " (−11 to −7.7 % beside what is stated)"),
+    [(0.10, 0.01, " (8.4 to 13 % from what is stated)"), (-0.10, 0.01, " (−11 to −7.7 % from what is stated)"),
      (1.10, 0.05, " (2.7 to 3.3 times what is stated)"), (-1.10, 0.05, " (0.30 to 0.37 times what is stated)")],
 )  # fmt: skip
 def test_a_wrong_parameter_is_also_said_in_plain_words(ln_ratio, uncertainty, words) -> None:
     interval = (ln_ratio - 1.96 * uncertainty, ln_ratio + 1.96 * uncertainty)
     found = FoundParameter(Estimate(ln_ratio, uncertainty), "1", interval, True)
-    assert beside_what_is_stated("wrong-parameter:table_mass_kg", found) == words
-    assert beside_what_is_stated("loss-factor", found) == ""
+    assert compared_with_stated("wrong-parameter:table_mass_kg", found) == words
+    assert compared_with_stated("loss-factor", found) == ""
 
 
 def test_gap_that_does_not_fall_is_not_said_to_fall() -> None:

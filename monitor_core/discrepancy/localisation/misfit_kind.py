@@ -1,4 +1,4 @@
-r"""What a misfit looks like: which signatures it is made of.
+r"""Say what a misfit looks like: which signatures it is made of.
 
 A signature is how the residuals move with a stiffness, a mass, a damping, a delay. Subspaces of signatures of different
 dimension are compared by
@@ -76,14 +76,17 @@ def with_derived_kinds(layout: Layout, signatures: Mapping[MisfitKind, FloatArra
         given.append(Signature(MisfitKind.HYSTERESIS, rate_free, MisfitKind.DAMPING))
     level = _level_within_matched_settings(layout)[layout.setting]
     if np.any(level):
-        given += [Signature(MisfitKind.AMPLITUDE, np.vstack([one.rows, one.rows * level]), one.root) for one in given]
+        given += [
+            Signature(MisfitKind.AMPLITUDE, np.vstack([signature.rows, signature.rows * level]), signature.root)
+            for signature in given
+        ]
     return tuple(given)
 
 
 def kind_of(
     layout: Layout, residuals: FloatArray, signatures: Sequence[Signature], place: BoolArray, compared: BoolArray
 ) -> KindFound:
-    """Tell what the misfit in a place looks like.
+    """Say what the misfit in a place looks like.
 
     Parameters
     ----------
@@ -110,8 +113,8 @@ def kind_of(
     if not chosen or share < _LEAST_SHARE:
         extra = _is_extra_mode(layout, residuals, signatures, place)
         return KindFound(MisfitKind.EXTRA_MODE if extra else MisfitKind.UNCLEAR, rows[:0], rows, share)
-    ends = np.cumsum([one.rows.shape[0] for one, _ in chosen])[:-1]
-    parts = [part @ one.rows for part, (one, _) in zip(np.split(amounts, ends), chosen, strict=True)]
+    ends = np.cumsum([signature.rows.shape[0] for signature, _ in chosen])[:-1]
+    parts = [part @ signature.rows for part, (signature, _) in zip(np.split(amounts, ends), chosen, strict=True)]
     strongest = int(np.argmax([np.sum(part[place] ** 2) for part in parts]))
     signature, kind = chosen[strongest]
     if kind is MisfitKind.HYSTERESIS and share < _LEAST_SHARE_FOR_LAW:
@@ -121,7 +124,7 @@ def kind_of(
 
 
 def take_out(residuals: FloatArray, found: KindFound, of: BoolArray) -> FloatArray:
-    """Return the residuals without what the kind explains of the chosen values beside its companions."""
+    """Return the residuals without what the kind explains of the chosen values besides its companions."""
     rows = np.vstack([found.rows, found.companions])
     amounts = _amounts(rows, residuals, of)
     return residuals - amounts[: found.rows.shape[0]] @ found.rows
@@ -151,38 +154,38 @@ def _amounts(rows: FloatArray, residuals: FloatArray, of: BoolArray) -> FloatArr
 def _select(
     residuals: FloatArray, signatures: Sequence[Signature], compared: BoolArray
 ) -> list[tuple[Signature, MisfitKind]]:
-    """Choose signatures one after the other while the BIC asks for them, each with the kind that may be stated."""
+    """Choose signatures one after the other while the BIC supports them, each with the kind that may be stated."""
     values = residuals[compared]
     total, n = float(values @ values), values.size
     chosen: list[tuple[Signature, MisfitKind]] = []
     best = _bic(total, n, 0)
     while len(chosen) < _MOST_KINDS:
         trials = []
-        for one in signatures:
-            if any(one.root is other.root for other, _ in chosen):
+        for signature in signatures:
+            if any(signature.root is other.root for other, _ in chosen):
                 continue  # two kinds that are alike would be set against each other to bend what neither is
-            rows = np.vstack([_rows_of(chosen, residuals.size), one.rows])
+            rows = np.vstack([_rows_of(chosen, residuals.size), signature.rows])
             gain, n_directions = explained(rows[:, compared], values)
-            trials.append((_bic(total - gain, n, n_directions), n_directions, one))
+            trials.append((_bic(total - gain, n, n_directions), n_directions, signature))
         least, size, winner = min(trials, key=lambda trial: trial[0], default=(math.inf, 0, None))
         if winner is None or least > best - _CLEAR:
             break
         # Few directions alone must not decide: a rival has to do worse by the mild penalty of Akaike (1974) as well.
         milder = math.log(n) - 2.0
-        rivals = [one for bic, k, one in trials if bic - max(k - size, 0) * milder < least + _CLEAR]
+        rivals = [signature for bic, k, signature in trials if bic - max(k - size, 0) * milder < least + _CLEAR]
         chosen.append((winner, _common_kind(rivals)))
         best = least
     return chosen
 
 
 def _rows_of(chosen: Sequence[tuple[Signature, MisfitKind]], n_values: int) -> FloatArray:
-    return np.vstack([np.zeros((0, n_values)), *(one.rows for one, _ in chosen)])
+    return np.vstack([np.zeros((0, n_values)), *(signature.rows for signature, _ in chosen)])
 
 
 def _common_kind(rivals: Sequence[Signature]) -> MisfitKind:
     """Return the kind of signatures that do equally well: the plainest of one root, which comes first."""
-    one_kind, one_root = (len(set(names)) == 1 for names in zip(*((one.kind, one.root) for one in rivals), strict=True))
-    return rivals[0].kind if one_kind or one_root else MisfitKind.UNCLEAR
+    same = len({rival.kind for rival in rivals}) == 1 or len({rival.root for rival in rivals}) == 1
+    return rivals[0].kind if same else MisfitKind.UNCLEAR
 
 
 def _bic(rss: float, n: int, n_directions: int) -> float:
@@ -192,12 +195,12 @@ def _bic(rss: float, n: int, n_directions: int) -> float:
 
 def _share(before: FloatArray, after: FloatArray, place: BoolArray) -> float:
     n = np.count_nonzero(place)
-    excess, left = (max(float(np.sum(one[place] ** 2)) - n, 0.0) for one in (before, after))
+    excess, left = (max(float(np.sum(part[place] ** 2)) - n, 0.0) for part in (before, after))
     return 1.0 - left / excess if excess > 0.0 else 1.0
 
 
 def _is_extra_mode(layout: Layout, residuals: FloatArray, signatures: Sequence[Signature], place: BoolArray) -> bool:
-    """Tell whether a misfit is narrow, at one frequency at every position, and not where the model has a mode.
+    """Return whether a misfit is narrow, at one frequency at every position, and not where the model has a mode.
 
     Where the model has its own modes is where its dampings are seen; a misfit there is more likely theirs.
     """
@@ -207,9 +210,9 @@ def _is_extra_mode(layout: Layout, residuals: FloatArray, signatures: Sequence[S
         return False
     low, high = np.min(layout.frequency[place]), np.max(layout.frequency[place])
     around = (layout.frequency >= low / _AROUND) & (layout.frequency <= high * _AROUND)
-    at = [around & (positions == one) & np.isin(layout.channel, layout.channel[place]) for one in distinct]
-    centres = [np.average(np.log(layout.frequency[one]), weights=residuals[one] ** 2) for one in at]
-    dampings = [one.rows for one in signatures if one.kind is MisfitKind.DAMPING]
+    at = [around & (positions == position) & np.isin(layout.channel, layout.channel[place]) for position in distinct]
+    centres = [np.average(np.log(layout.frequency[lines]), weights=residuals[lines] ** 2) for lines in at]
+    dampings = [signature.rows for signature in signatures if signature.kind is MisfitKind.DAMPING]
     own = np.sum(np.vstack([np.zeros((1, layout.n_values)), *dampings]) ** 2, axis=0)
     still = high <= _NARROW * low and np.ptp(centres) < _STANDS_STILL
     return bool(still and np.mean(own[place]) <= np.mean(own))

@@ -1,4 +1,4 @@
-"""The place that holds a misfit: the fewest groups that part it from the rest."""
+"""Narrow a misfit to the place that holds it: the fewest groups that separate it from the rest."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,7 +17,7 @@ _DIFFERS = 1e-3
 def narrow(groupings: Sequence[Grouping], squares: FloatArray, of: BoolArray) -> dict[int, list[int]]:
     """Return the groups, by index of their grouping, that hold the misfit; groupings that do not matter are left out.
 
-    The grouping that parts the misfit best from the rest comes first, and each of the next is asked within.
+    The grouping that separates the misfit best from the rest comes first; each of the next is tested within it.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def narrow(groupings: Sequence[Grouping], squares: FloatArray, of: BoolArray) ->
     squares : ndarray, shape (n_values,)
         Of residuals that are standard normal where the model is right.
     of : ndarray of bool, shape (n_values,)
-        Which values are asked.
+        Which values are tested.
     """
     chosen: dict[int, list[int]] = {}
     while True:
@@ -42,7 +42,7 @@ def narrow(groupings: Sequence[Grouping], squares: FloatArray, of: BoolArray) ->
 
 
 def within(groupings: Sequence[Grouping], chosen: Mapping[int, Sequence[int]], of: BoolArray) -> BoolArray:
-    """Tell which of some values are in the chosen groups of every grouping, shape (n_values,)."""
+    """Return which of some values are in the chosen groups of every grouping, shape (n_values,)."""
     place = of.copy()
     for index, groups in chosen.items():
         place &= groupings[index].holds(groups)

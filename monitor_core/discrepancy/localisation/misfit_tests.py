@@ -1,4 +1,4 @@
-"""Tests of residuals that are standard normal and independent where the model is right: size, order, trend, direction.
+"""Test residuals that are standard normal and independent where the model is right: size, order, trend, direction.
 
 Each p-value holds by itself; :func:`holm` makes them hold together.
 """
@@ -37,7 +37,7 @@ def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> I
     r"""Yield p-values of residuals that follow one another along their series: runs, and whiteness.
 
     The medians are known, so that signs of neighbours differ as a fair coin falls, and few changes, that is long runs,
-    have an exact binomial probability. Whiteness is asked with the statistic of Ljung and Box (1978) over ten lags,
+    have an exact binomial probability. Whiteness is tested with the statistic of Ljung and Box (1978) over ten lags,
 
     .. math:: Q = \sum_l r_l^2 N_l, \qquad r_l = \frac{\sum e_t e_{t-l} / N_l}{\sum e_t^2 / n}
 
@@ -49,7 +49,7 @@ def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> I
     previous : ndarray of int, shape (n_values,)
         The value before each one in its series, −1 for none.
     of : ndarray of bool, shape (n_values,)
-        Which values are asked.
+        Which values are tested.
     """
     here = np.flatnonzero(of)
     if not np.any(residuals[here]):

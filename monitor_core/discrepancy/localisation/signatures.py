@@ -1,18 +1,16 @@
-"""How residuals move with stiffnesses, masses, dampings and delays: what a misfit is compared with to say its kind."""
+"""Compute how residuals move with stiffnesses, masses, dampings and delays: the signatures of kinds of misfit."""
 
 from collections.abc import Sequence
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.explanation import MisfitKind
 from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.solver.hypothesis_fit import Fitted, derivative
-
-Physics = TypeVar("Physics")
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.fitting.solver.jacobian import derivative
 
 #: By the unit that ends the name of what an effect, or a wrong parameter, is stated in.
 _KINDS = (

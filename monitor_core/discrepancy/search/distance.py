@@ -1,18 +1,15 @@
-"""How far a fit is from the data, and what can be relied upon at that distance.
+"""Judge how far a fit is from the data, and what can be relied upon at that distance.
 
-By its gap, in floors of the data: at 1 nothing is left to find, below ``_ONE_MINIMUM`` a fit has not ended in a false
-minimum, beyond ``_FAR`` nothing makes up by chance for what is missing. And by its misfits: where they are small the
-model is nearly linear in what may be added, and looks (``scan``) foretell what refits find.
+The gap is measured in noise floors: at 1 nothing is left to find, below ``_ONE_MINIMUM`` a fit has not ended in a false
+minimum, beyond ``_FAR`` nothing makes up by chance for what is missing. Where misfits are small the model is nearly
+linear in what may be added, and screening foretells what refits find.
 """
-
-from typing import TypeVar
 
 import numpy as np
 
+from monitor_core.effects.effect import Physics
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
-
-Physics = TypeVar("Physics")
 
 _ONE_MINIMUM, _FAR = 1.5, 10.0  # gaps, in floors
 _SMALL_MISFIT, _ALMOST_ALL = 0.15, 0.98  # a misfit that this share of the values stays within
@@ -24,26 +21,26 @@ def gap(fitted: Fitted[Physics]) -> float:
 
 
 def is_near(fitted: Fitted[Physics]) -> bool:
-    """Tell whether looks foretell what refits find."""
+    """Return whether screening foretells what refits find."""
     return float(np.quantile(np.abs(fitted.misfit[fitted.fitted]), _ALMOST_ALL)) < _SMALL_MISFIT
 
 
 def is_far(fitted: Fitted[Physics]) -> bool:
-    """Tell whether nothing makes up by chance for what this fit is without."""
+    """Return whether nothing makes up by chance for what this fit is without."""
     return gap(fitted) > _FAR
 
 
-def looks_mislead(fitted: Fitted[Physics]) -> bool:
-    """Tell whether looks promise much less than refits gain: of frequencies of modes, far from the data."""
+def screening_misleads(fitted: Fitted[Physics]) -> bool:
+    """Return whether screening predicts much less than refits gain: for frequencies of modes, far from the data."""
     return not has_lines(fitted.comparison.layout) and is_far(fitted)
 
 
 def may_be_elsewhere(fitted: Fitted[Physics]) -> bool:
-    """Tell whether so much is left that a better minimum may lie elsewhere."""
+    """Return whether so much is left that a better minimum may lie elsewhere."""
     return gap(fitted) >= _ONE_MINIMUM
 
 
 def has_one_minimum(fitted: Fitted[Physics]) -> bool:
-    """Tell whether a fit that improves is the best one: false minima come from phases, far from the data."""
+    """Return whether a fit that improves is the best one: false minima come from phases, far from the data."""
     phases = np.any(np.isfinite(fitted.comparison.layout.period))
     return not phases or not may_be_elsewhere(fitted)

@@ -1,34 +1,31 @@
-"""Starts of fits with an effect in the place of something that may stand in for it.
+"""Find starts of fits with an effect substituted for a pulled parameter, or for another effect.
 
-Of a parameter that has been pulled far from what is stated: the two may add up to the same along a valley too long and
-bent for a fit to go through. And of another effect, once that one has brought the model to the data: looks from far
-away pass by effects that would do as well.
+A parameter that has been pulled far from what is stated may stand in for an effect: the two may add up to the same
+along a valley that is too long and bent for a fit to go through. And once an effect has brought the model to the data,
+others may do as well that screening from far away has missed.
 """
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.screening import Projection
-from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.discrepancy.screening.projection import Projection
+from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import is_size, searched_coordinates
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-Physics = TypeVar("Physics")
-
 #: Standard deviations: a parameter so far from what is stated may stand in for an effect.
 _PULLED = 3.0
 _SMALLEST, _LARGEST = 0.1, 1e4  # sizes that are tried, in scales: a range may have no end
-_FINE = 1.25  # ratio of sizes of which one brings modes near to where the parameter has brought them
+_FINE = 1.25  # ratio of sizes: some size then brings modes near to where the parameter has brought them
 _COARSE, _FINER = 2.0, (2.0**0.5, 2.0**0.25, 2.0**0.125)  # the same, and then about the best of them
 
 
-def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | None:
-    """Return the coordinates of a fit with an effect in the place of the parameter that is pulled furthest.
+def substitute_parameter(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | None:
+    """Return the coordinates of a fit with an effect substituted for the parameter that is pulled furthest.
 
     Parameters
     ----------
@@ -39,7 +36,7 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
     Returns
     -------
     ndarray, shape (n_coordinates,), or None
-        With the size that fits best and the parameter as stated. None where no parameter is pulled far but one that
+        With the size that fits best and the parameter as stated. None where no parameter is pulled far except one that
         the effect itself frees, where the effect has a frequency of its own, or where the model has no answer with it.
     """
     hypothesis = fitted.hypothesis.with_effect(effect)
@@ -58,8 +55,10 @@ def instead(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | No
     return best if math.isfinite(least) else None
 
 
-def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[Physics]) -> tuple[float, FloatArray]:
-    """Return by how much χ² rises with another effect in the place of one that was found, and where.
+def substitute_effect(
+    found: Fitted[Physics], effect: Effect[Physics], other: Effect[Physics]
+) -> tuple[float, FloatArray]:
+    """Return by how much χ² rises with another effect substituted for a found effect, and where.
 
     Parameters
     ----------
@@ -71,7 +70,7 @@ def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[P
     -------
     float
         Rise of χ² at the best of the sizes of the other effect, what is left taken up linearly. Infinite where the
-        model has no answer, and for what has a frequency of its own: a few sizes do not tell of that.
+        model has no answer, and for an effect with a frequency of its own, of which a few sizes tell nothing.
     ndarray, shape (n_coordinates,)
         Coordinates there, of the hypothesis with the other effect as its last.
     """
@@ -88,11 +87,11 @@ def in_place_of(found: Fitted[Physics], effect: Effect[Physics], other: Effect[P
 
     first = there.size - len(other.parameters)
     least, best = math.inf, there
-    for at, one in enumerate(other.parameters, first):
-        if not is_size(one):
+    for at, parameter in enumerate(other.parameters, first):
+        if not is_size(parameter):
             continue
-        found_there = _best(there, at, _sizes(other, one, _COARSE), rise)
-        low, high = searched_coordinates(other, one)
+        found_there = _best(there, at, _sizes(other, parameter, _COARSE), rise)
+        low, high = searched_coordinates(other, parameter)
         for factor in _FINER:
             size = found_there[1][at]
             around = [finer for finer in (size * factor, size / factor) if low <= finer <= high]
@@ -118,8 +117,8 @@ def _best(
     return least, best
 
 
-def _sizes(effect: Effect[Physics], one: EffectParameter, ratio: float) -> Iterator[float]:
-    low, high = searched_coordinates(effect, one)
+def _sizes(effect: Effect[Physics], parameter: EffectParameter, ratio: float) -> Iterator[float]:
+    low, high = searched_coordinates(effect, parameter)
     largest = min(max(-low, high), _LARGEST)
     for size in np.geomspace(_SMALLEST, largest, math.ceil(math.log(largest / _SMALLEST, ratio)) + 1).tolist():
         yield from (signed for signed in (size, -size) if low <= signed <= high)

@@ -1,1 +1,1 @@
-"""What data were taken under: settings, groups of values, and errors that a setting shares."""
+"""Describe what data were taken under: settings, groups of values, and condition errors."""

@@ -1,4 +1,4 @@
-r"""Errors of settings, which every value of a setting shares, and what is left when they are accounted for.
+r"""Account for condition errors: errors of a setting that all its values share.
 
 With the misfit in its standard deviations, r, and its change T by the standard normal errors of its setting, the
 covariance within a setting is :math:`V = I + T^T T`. Multiplied by :math:`V^{-1/2}` the residuals are independent and
@@ -9,7 +9,7 @@ standard normal where the model is right. With :math:`T T^T = U \Lambda U^T`, k 
     V^{-1/2} = I - T^T U \, \mathrm{diag}\!\left( \frac{1 - (1 + \lambda)^{-1/2}}{\lambda} \right) U^T T
 
 so that nothing larger than k by k is ever factorised. Values of different settings may share an error, too, as that of
-the form of a model at one frequency: what is left is then whitened again, by one direction for each such error.
+the form of a model at one frequency: what is left is then whitened again, with a direction for each such error.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.fitting.comparison import CommonErrors
 
-#: Share of its own variance that the values must tell of an error for it to have an estimate.
+#: Share of its variance that the values must determine for an error to have an estimate.
 _LEAST_KNOWN = 1e-3
 
 
@@ -88,7 +88,7 @@ class Whitening:
         return np.where(known, estimate / np.sqrt(np.where(known, variance, 1.0)), np.nan)
 
     def share_of(self, errors: FloatArray) -> FloatArray:
-        """Return the change of the misfit by errors of the settings, shape (n_values,)."""
+        """Return the change of the misfit by condition errors, shape (n_values,)."""
         scaled = np.zeros_like(self.deviation)
         for k, row in enumerate(self.directions):
             scaled += row * errors[self.setting, k]

@@ -1,4 +1,4 @@
-"""Values of a comparison in groups by what they have in common: a band, a position, a preload, a direction."""
+"""Group the values of a comparison by what they have in common: a band, a position, a preload, a direction."""
 
 import itertools
 from collections.abc import Sequence
@@ -57,7 +57,7 @@ class Grouping:
     @property
     def names(self) -> tuple[str, ...]:
         """What each group is called by itself."""
-        return tuple(self.words([one]).strip() for one in range(self.n_groups))
+        return tuple(self.words([group]).strip() for group in range(self.n_groups))
 
     @property
     def ordered(self) -> bool:
@@ -65,7 +65,7 @@ class Grouping:
         return self.axis is not None and self.axis not in _WITHOUT_ORDER
 
     def holds(self, groups: Sequence[int]) -> BoolArray:
-        """Tell which values are in one of the groups, shape (n_values,)."""
+        """Return which values are in one of the groups, shape (n_values,)."""
         return np.isin(self.group, groups)
 
     def words(self, groups: Sequence[int]) -> str:
@@ -74,7 +74,7 @@ class Grouping:
             low, high = self.lowest[groups[0]], self.highest[groups[-1]]
             levels = low if low == high else f"{low}..{high}"
         else:
-            levels = " and ".join(self.lowest[one] for one in groups)
+            levels = " and ".join(self.lowest[group] for group in groups)
         return f"{self.name} {levels}{self.unit}"
 
     def sums(self, values: FloatArray, of: BoolArray) -> FloatArray:
@@ -96,7 +96,7 @@ def groupings(layout: Layout, n_bands: int) -> tuple[Grouping, ...]:
     """
     found = [by_condition(layout, axis) for axis in CONDITIONS]
     found += [_by_channel(layout), by_frequency(layout, n_bands)]
-    return tuple(one for one in found if one is not None and one.n_groups > 1)
+    return tuple(grouping for grouping in found if grouping is not None and grouping.n_groups > 1)
 
 
 def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
@@ -110,13 +110,15 @@ def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
         name, edges = "band", np.geomspace(np.min(frequency), np.max(frequency), n_bands + 1)[1:-1]
     group = np.full(layout.n_values, -1, dtype=np.intp)
     _, group[stated] = np.unique(np.searchsorted(edges, frequency, side="right"), return_inverse=True)
-    of_groups = [layout.frequency[group == one] for one in range(int(np.max(group)) + 1)]
-    lowest, highest = (tuple(f"{float(f'{at(one):.3g}'):g}" for one in of_groups) for at in (np.min, np.max))
+    of_groups = [layout.frequency[group == number] for number in range(int(np.max(group)) + 1)]
+    lowest, highest = (
+        tuple(f"{float(f'{at(frequencies):.3g}'):g}" for frequencies in of_groups) for at in (np.min, np.max)
+    )
     return Grouping(name, ConditionAxis.FREQUENCY, group, lowest, highest, " Hz")
 
 
 def has_lines(layout: Layout) -> bool:
-    """Tell whether the values are lines of responses rather than natural frequencies or forces."""
+    """Return whether the values are lines of responses rather than natural frequencies or forces."""
     series = series_of(layout)[np.isfinite(layout.frequency)]
     return bool(series.size) and bool(np.median(np.unique_counts(series).counts) >= _FEWEST_LINES)
 
@@ -146,7 +148,7 @@ def by_condition(layout: Layout, axis: ConditionAxis) -> Grouping | None:
     name, per_unit = _AT_THE_EDGE[axis]
     levels = levels_of(layout, axis) * per_unit
     stated = np.isfinite(levels)
-    distinct = sorted({float(f"{one:.6g}") for one in levels[stated]})
+    distinct = sorted({float(f"{level:.6g}") for level in levels[stated]})
     if not distinct:
         return None
     n_groups = len(distinct) if axis in _WITHOUT_ORDER else min(len(distinct), _MOST_LEVELS)
@@ -159,7 +161,7 @@ def by_condition(layout: Layout, axis: ConditionAxis) -> Grouping | None:
 
 def levels_of(layout: Layout, axis: ConditionAxis) -> FloatArray:
     """Return what each setting states of an axis, NaN for nothing, shape (n_settings,)."""
-    return np.array([one.values.get(axis, np.nan) for one in layout.settings], dtype=np.float64)
+    return np.array([setting.values.get(axis, np.nan) for setting in layout.settings], dtype=np.float64)
 
 
 def series_of(layout: Layout) -> Indices:
@@ -187,7 +189,7 @@ def by_stretch(layout: Layout, n_stretches: int) -> Grouping:
 
 
 def _by_channel(layout: Layout) -> Grouping:
-    quoted = tuple(f'"{one}"' for one in layout.channels)  # a name has commas of its own
+    quoted = tuple(f'"{channel}"' for channel in layout.channels)  # a name has commas of its own
     return Grouping("channel", None, layout.channel, quoted, quoted)
 
 

@@ -1,18 +1,15 @@
-"""Conditions of measurements as the workflow sees them: names, errors of settings, what is held out."""
+"""Describe the conditions of measurements: names, tolerances, what is held out, what varies."""
 
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
-from monitor_core.effects.effect import ConditionAxis, Effect
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.groups import has_lines, modes_that_stay
 from monitor_core.models.protocol import DriveConditions
-
-Physics = TypeVar("Physics")
 
 #: With fewer positions or preloads than this every one is needed for the fit.
 _FEWEST_TO_HOLD_OUT = 5
@@ -52,40 +49,42 @@ def setting_of(conditions: DriveConditions) -> Setting:
 
 
 def default_folds(conditions: Iterable[DriveConditions]) -> tuple[frozenset[DriveConditions], ...]:
-    """Return what to hold out where nobody says: two inner positions of five or more, else each preload in turn.
+    """Return what to hold out by default: two inner positions of five or more, else each preload in turn.
 
     With five positions or more a model is judged where it was not fitted, and of payloads, temperatures and levels that
     were varied the last measurement each is held out, too. A table of few positions cannot spare one,
     and leaves out each of at least four preloads in turn; with fewer than that nothing is held out.
     """
     distinct = list(dict.fromkeys(conditions))
-    positions = sorted({one.position for one in distinct})
+    positions = sorted({setting.position for setting in distinct})
     if len(positions) >= _FEWEST_TO_HOLD_OUT:
         inner = {positions[1], positions[-2]}
-        held_out = {one for one in distinct if one.position in inner}
-        return (frozenset(held_out | _last_of_each_variation(one for one in distinct if one not in held_out)),)
-    preloads = sorted({one.preload for one in distinct if one.preload is not None})
+        held_out = {setting for setting in distinct if setting.position in inner}
+        return (
+            frozenset(held_out | _last_of_each_variation(setting for setting in distinct if setting not in held_out)),
+        )
+    preloads = sorted({setting.preload for setting in distinct if setting.preload is not None})
     if len(preloads) >= _FEWEST_TO_LEAVE_OUT_IN_TURN:
-        return tuple(frozenset(one for one in distinct if one.preload == preload) for preload in preloads)
+        return tuple(frozenset(setting for setting in distinct if setting.preload == preload) for preload in preloads)
     return ()
 
 
 def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveConditions]:
     """Return the last of several conditions that differ from most in one payload, temperature or level.
 
-    Without them nothing held out would tell of an effect that only such a variation shows.
+    Without them nothing held out would respond to an effect that only such a variation shows.
     """
     remaining = list(conditions)
     last: set[DriveConditions] = set()
     for name in ("payload_mass", "temperature_deviation", "excitation_level"):
-        counts = Counter(getattr(one, name) for one in remaining)
+        counts = Counter(getattr(setting, name) for setting in remaining)
         usual = counts.most_common(1)[0][0] if counts else None
         several = sorted(value for value, count in counts.items() if count >= _FEWEST_OF_A_VARIATION)
-        if name == "temperature_deviation":  # one that drifts comes by every kelvin: the coldest and the warmest tell
+        if name == "temperature_deviation":  # many where it drifts: the coldest and the warmest
             several = [*several[:1], *several[-1:]]
         for value in several:
             if value != usual:
-                last.add([one for one in remaining if getattr(one, name) == value][-1])
+                last.add([setting for setting in remaining if getattr(setting, name) == value][-1])
     return last
 
 
@@ -102,7 +101,7 @@ def varied_conditions(layout: Layout) -> frozenset[ConditionAxis]:
 
 
 def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
-    """Tell whether the data vary what an effect needs to be seen as such.
+    """Return whether the data vary what an effect needs to be seen as such.
 
     What has a frequency of its own shows in a natural frequency, too, if one stays where it is.
     """
@@ -111,4 +110,4 @@ def is_testable(effect: Effect[Physics], layout: Layout) -> bool:
     if missing != {ConditionAxis.FREQUENCY} or own is None:
         return not missing
     stays = [layout.frequency[layout.channel == channel] for channel in modes_that_stay(layout)]
-    return any(own.lower <= float(np.nanmean(one)) <= own.upper for one in stays)
+    return any(own.lower <= float(np.nanmean(frequency)) <= own.upper for frequency in stays)

@@ -1,4 +1,4 @@
-"""By how much a model of an axis is off even where nothing is missing: its own reductions, as a spectrum."""
+"""State the form error of a model as a spectrum: by how much it is off even where nothing is missing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -49,7 +49,7 @@ def steepness(frequency: FloatArray, response: ComplexArray) -> FloatArray:
     return np.asarray(np.abs(np.gradient(logarithm, np.log(frequency))))
 
 
-#: Where nobody has measured it: about two to three times what the models here leave of simulated machines that damp by
+#: Where it was not measured: about two to three times what the models here leave of simulated machines that damp by
 #: other laws than theirs and whose responses were estimated by averaging (benchmarks/hidden_effects.py).
 DEFAULT_SPECTRUM = FormSpectrum((20.0, 200.0, 600.0, 1500.0), (0.0015, 0.0015, 0.003, 0.012), (1e-4,) * 4, learnt=False)
 

@@ -1,7 +1,7 @@
-r"""What the finite windows of an estimate do to a frequency response: it spreads over the lines beside.
+r"""Model how the finite windows of an estimate spread a frequency response over neighbouring lines.
 
-Of windows whose excitation is at hand :func:`monitor_core.spectral.line_spread` says it. Without them, H1 of a random
-excitation that is flat around a line, averaged over segments under a window w, is in expectation
+Where the excitation of the windows is at hand, :func:`monitor_core.spectral.line_spread` computes it. Otherwise H1 of a
+random excitation that is flat around a line, averaged over segments under a window w, is in expectation
 
 .. math:: \bar H(f) = \frac{\int |W(\nu)|^2 H(f - \nu)\,d\nu}{\int |W(\nu)|^2\,d\nu}
 
@@ -25,22 +25,22 @@ from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import ResponsePoint
 from monitor_core.response import LineSpread
 
-#: From a line, in resolutions 1/T: the line itself, then those beside it.
+#: From a line, in resolutions 1/T: the line itself, then its neighbours.
 STEPS = np.array([0.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5])
 #: |W|² of Hann's window, whose transform is that of a cut in halves: sinc(ν) + [sinc(ν − 1) + sinc(ν + 1)]/2.
 _POWERS = (np.sinc(STEPS) + 0.5 * (np.sinc(STEPS - 1.0) + np.sinc(STEPS + 1.0))) ** 2
 WEIGHTS = _POWERS / np.sum(_POWERS)
 #: Of a line: a model has no answer at 0 Hz, where the mean of a window lies.
 _LEAST_SHARE = 0.01
-_DECIMALS = 9  # of a hertz: lines beside different ones are one, whatever the last bits of their sums are
+_DECIMALS = 9  # of a hertz: neighbours of different lines are the same line, whatever the last bits of their sums are
 
 
 @dataclass(frozen=True, eq=False)
 class Smearing:
-    """The measured lines with those beside them; build it with :func:`smearing`."""
+    """The measured lines with their neighbours; build it with :func:`smearing`."""
 
     lines: PreparedLines
-    place: npt.NDArray[np.intp]  # of each line and those beside it among them, shape (n_steps, n_lines)
+    place: npt.NDArray[np.intp]  # of each line and its neighbours among them, shape (n_steps, n_lines)
     mirrored: BoolArray  # whether it lies below zero, where a response is the conjugate, shape (n_steps, n_lines)
     weights: ComplexArray  # of their responses, shape (n_steps, n_lines)
 
@@ -61,7 +61,7 @@ def spread_under_random_excitation(resolution: float, n_lines: int) -> LineSprea
 
 
 def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]) -> Smearing | None:
-    """Return what estimating does to responses; None where nothing is known of any.
+    """Return how estimates spread responses; None where this is not known of any.
 
     Parameters
     ----------
@@ -79,12 +79,12 @@ def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]
         of_case[0] = 1.0
         if spread is not None:
             offsets[: spread.offsets.size], of_case[: spread.offsets.size] = spread.offsets, spread.weights
-        beside = case.frequency + offsets[:, None]
-        wanted = np.maximum(np.abs(beside), _LEAST_SHARE * case.frequency)
+        neighbours = case.frequency + offsets[:, None]
+        wanted = np.maximum(np.abs(neighbours), _LEAST_SHARE * case.frequency)
         frequency, place = np.unique(np.asarray(np.round(wanted, _DECIMALS), dtype=np.float64), return_inverse=True)
         widened.append(replace(case, frequency=frequency))
         places.append(place.reshape(wanted.shape) + n_before)
-        mirrored.append(beside < 0.0)
+        mirrored.append(neighbours < 0.0)
         weights.append(of_case * _of_recorded(case.response, wanted / case.frequency))
         n_before += frequency.size
     return Smearing(
@@ -96,5 +96,5 @@ def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]
 
 
 def _of_recorded(point: ResponsePoint, ratio: FloatArray) -> FloatArray:
-    """Return how much an acceleration beside a line counts in the quotient by the line's frequency, by their ratio."""
+    """Return the weight of a neighbouring acceleration in the quotient by the line's frequency, by their ratio."""
     return np.ones_like(ratio) if point.is_acceleration else np.asarray(ratio**2)

@@ -1,4 +1,4 @@
-r"""Frequency responses against an axis: the misfit is the complex logarithm of model over measurement.
+r"""Compare frequency responses with an axis: the misfit is the complex logarithm of model over measurement.
 
 .. math::
 
@@ -12,23 +12,21 @@ difference of two peaks side by side has no slope that leads there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.comparison import CommonErrors, Layout, Panel
+from monitor_core.fitting.comparison import CommonErrors, GapInSigma, Layout, Panel, amplitude_panels
 from monitor_core.fitting.conditions.settings import KNOWN_MASS, WARMER, SettingTolerances, setting_of
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
+from monitor_core.fitting.residuals.clear_lines import case_of, clear_responses, with_phase_within_half_a_turn
 from monitor_core.fitting.residuals.model_form import ModelFormError
-from monitor_core.fitting.residuals.resolution import Smearing, smearing, spread_under_random_excitation
+from monitor_core.fitting.residuals.resolution import Smearing, smearing
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import DriveConditions, MotorEnd
-from monitor_core.response import LineSpread
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 8.0
@@ -37,7 +35,7 @@ _STEP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class ResponsesComparison:
+class ResponsesComparison(GapInSigma):
     """Measured responses of one axis under several conditions; build it with :func:`compare_responses`."""
 
     layout: Layout
@@ -58,7 +56,7 @@ class ResponsesComparison:
     least_delta_bic = 50.0  # thousands of lines, and the form of the model is in all of them alike
 
     @property
-    def setting_error_names(self) -> tuple[str, ...]:
+    def condition_error_names(self) -> tuple[str, ...]:
         """Return position, preload, and one gain for each response of a setting."""
         return ("position", "preload", *(f"gain {index + 1}" for index in range(int(np.max(self.gain_column)) + 1)))
 
@@ -66,7 +64,7 @@ class ResponsesComparison:
         """Return Re and Im of ln(H/Y), shape (n_values,)."""
         return self._values(self.log_responses(physics) - self.measured)
 
-    def setting_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
+    def condition_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by position, preload and the gain of each response of a setting."""
         conditions, rows = self.lines.conditions, []
         for name, step in (
@@ -103,39 +101,19 @@ class ResponsesComparison:
         }
         return {words: self._under(conditions) for words, conditions in others.items()}
 
-    def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
-        """Return the rms of the standardised misfit over the chosen values."""
-        del misfit
-        return float(np.sqrt(np.mean(standardised[chosen] ** 2)))
-
     def panels(self, models: Mapping[str, AxisPhysics]) -> tuple[Panel, ...]:
         """Return the amplitude of every response, measured and modelled."""
-        frequency = self.lines.omega / (2.0 * np.pi)
-        amplitudes = {name: np.exp(self.log_responses(physics).real) for name, physics in models.items()}
-        held_out = self._held_out_responses
-        pictures = []
-        for index, title in enumerate(self.titles):
-            at = self.response_of_line == index
-            pictures.append(
-                Panel(
-                    title=title,
-                    x_name="frequency [Hz]",
-                    y_name="amplitude of the response",
-                    x=frequency[at],
-                    measured=np.exp(self.measured[at].real),
-                    models={name: values[at] for name, values in amplitudes.items()},
-                    logarithmic=True,
-                    held_out=bool(held_out[index]),
-                )
-            )
-        return tuple(pictures)
-
-    @cached_property
-    def _held_out_responses(self) -> BoolArray:
-        held = np.zeros(len(self.titles), dtype=np.bool_)
+        held_out = np.zeros(len(self.titles), dtype=np.bool_)
         for fold in self.layout.held_out if len(self.layout.held_out) == 1 else ():
-            held[self.response_of_line[self.line_of_value[fold]]] = True
-        return held
+            held_out[self.response_of_line[self.line_of_value[fold]]] = True
+        return amplitude_panels(
+            [(title, self.response_of_line == index) for index, title in enumerate(self.titles)],
+            "amplitude of the response",
+            self.lines.omega / (2.0 * np.pi),
+            np.exp(self.measured.real),
+            {name: np.exp(self.log_responses(physics).real) for name, physics in models.items()},
+            held_out=held_out.tolist(),
+        )
 
     def log_responses(self, physics: AxisPhysics) -> ComplexArray:
         """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
@@ -190,14 +168,13 @@ def compare_responses(
         If no line stands above its noise.
     """
     tolerances, form = tolerances or SettingTolerances(), form or ModelFormError()
-    ordered = _by_setting(observations)
-    kept = [(number, gain, one, clear_lines(one, _LEAST_SIGNAL_TO_NOISE)) for number, gain, one in ordered]
-    kept = [entry for entry in kept if np.any(entry[3])]
+    kept = clear_responses(observations, _LEAST_SIGNAL_TO_NOISE)
     if not kept:
         raise NotIdentifiableError(
             f"a comparison needs lines that stand {_LEAST_SIGNAL_TO_NOISE:g} times above their noise; got none"
         )
-    cases = [case_of(one, clear, otherwise_held) for _, _, one, clear in kept]
+    observed = [response.observation for response in kept]
+    cases = [case_of(response.observation, response.clear, otherwise_held) for response in kept]
     lines = prepare_lines(cases)
     sizes = [case.frequency.size for case in cases]
     starts = np.r_[0, np.cumsum(sizes)[:-1]]
@@ -205,71 +182,51 @@ def compare_responses(
         [np.tile(np.arange(start, start + size), 2) for start, size in zip(starts, sizes, strict=True)]
     )
     imaginary = np.concatenate([np.repeat([False, True], size) for size in sizes])
-    frequency = lines.omega / (2.0 * np.pi)
-    noise = np.concatenate([(one.standard_deviation / np.abs(one.response))[clear] for _, _, one, clear in kept])
-    of_form = np.concatenate([_form_deviation(one, clear, form) for _, _, one, clear in kept])
-    deviation = np.hypot(noise, of_form)
-    unlearnt = np.concatenate(
-        [np.full(np.count_nonzero(clear), not form.of(one.response_point).learnt) for _, _, one, clear in kept]
+    frequency = (lines.omega / (2.0 * np.pi))[line_of_value]
+    spectra = [form.of(observation.response_point) for observation in observed]
+    noise = np.concatenate([response.noise for response in kept])
+    of_form = np.concatenate(
+        [response.form_deviation(spectrum) for response, spectrum in zip(kept, spectra, strict=True)]
     )
-    points = list(dict.fromkeys(one.response_point for _, _, one, _ in kept))
-    point_of_line = np.repeat([points.index(one.response_point) for _, _, one, _ in kept], sizes)
-    numbers = [number for number, _, _, _ in kept]
-    distinct = sorted(set(numbers))
-    setting = np.repeat([distinct.index(number) for number in numbers], sizes)[line_of_value]
-    conditions = {number: one.conditions for number, _, one, _ in kept}
-    in_fold = [np.array([conditions[number] in fold for number in distinct]) for fold in held_out]
+    deviation = np.hypot(noise, of_form)
+    unlearnt = np.repeat([not spectrum.learnt for spectrum in spectra], sizes)
+    points = list(dict.fromkeys(observation.response_point for observation in observed))
+    point_of_line = np.repeat([points.index(observation.response_point) for observation in observed], sizes)
+    distinct = sorted({response.setting for response in kept})
+    setting_of_response = np.array([distinct.index(response.setting) for response in kept])
+    setting = np.repeat(setting_of_response, sizes)[line_of_value]
+    conditions = list({response.setting: response.observation.conditions for response in kept}.values())
+    in_fold = [np.array([stated in fold for stated in conditions])[setting] for fold in held_out]
     channel = 2 * point_of_line[line_of_value] + imaginary
-    held = np.any([fold[setting] for fold in in_fold], axis=0) if in_fold else np.zeros(setting.size, dtype=np.bool_)
-    shared = np.column_stack([channel, frequency[line_of_value], held])
-    group = np.unique(shared, axis=0, return_inverse=True)[1].reshape(-1)
+    held = np.any(in_fold, axis=0) if in_fold else np.zeros(setting.size, dtype=np.bool_)
+    group = np.unique(np.column_stack([channel, frequency, held]), axis=0, return_inverse=True)[1].reshape(-1)
     return ResponsesComparison(
         layout=Layout(
-            settings=tuple(setting_of(conditions[number]) for number in distinct),
+            settings=tuple(setting_of(stated) for stated in conditions),
             setting=setting,
             channel=channel,
             channels=tuple(f"{point}, {part}" for point in points for part in ("amplitude", "phase")),
-            frequency=frequency[line_of_value],
+            frequency=frequency,
             standard_deviation=deviation[line_of_value],
             period=np.where(imaginary, 2.0 * np.pi, np.inf),
             common=CommonErrors(group, of_form[line_of_value]),
-            held_out=tuple(fold[setting] for fold in in_fold),
+            held_out=tuple(in_fold),
         ),
         lines=lines,
-        smearing=smearing(cases, [_spread(one, clear) for _, _, one, clear in kept]),
-        measured=np.log(np.concatenate([one.response[clear] for _, _, one, clear in kept])),
+        smearing=smearing(cases, [response.spread() for response in kept]),
+        measured=np.log(np.concatenate([response.response for response in kept])),
         line_of_value=line_of_value,
         imaginary=imaginary,
         response_of_line=np.repeat(np.arange(len(kept)), sizes),
-        setting_of_response=np.array([distinct.index(number) for number in numbers]),
-        gain_column=np.array([gain for _, gain, _, _ in kept]),
+        setting_of_response=setting_of_response,
+        gain_column=np.array([response.gain for response in kept]),
         tolerances=tolerances,
         noise=noise[line_of_value],
         noise_floor=_floor(group, ((of_form / deviation) ** 2)[line_of_value], unlearnt[line_of_value]),
-        titles=tuple(f"{setting_of(one.conditions).name}, {one.response_point}" for _, _, one, _ in kept),
+        titles=tuple(
+            f"{setting_of(observation.conditions).name}, {observation.response_point}" for observation in observed
+        ),
     )
-
-
-def _by_setting(
-    observations: Sequence[FrequencyResponseObservation],
-) -> list[tuple[int, int, FrequencyResponseObservation]]:
-    """Return each response with the number of its setting and of its gain in it, settings in order of appearance.
-
-    Equal conditions are one setting until a point repeats: a second response of the same point was taken another time.
-    """
-    numbers: dict[tuple[DriveConditions, int], int] = {}
-    seen: dict[tuple[DriveConditions, str, str], int] = {}
-    gains: dict[int, int] = {}
-    found = []
-    for one in observations:
-        point = (one.conditions, str(one.excitation), str(one.response_point))
-        repeat = seen.get(point, 0)
-        seen[point] = repeat + 1
-        number = numbers.setdefault((one.conditions, repeat), len(numbers))
-        gain = gains.get(number, 0)
-        gains[number] = gain + 1
-        found.append((number, gain, one))
-    return sorted(found, key=lambda entry: entry[:2])
 
 
 def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) -> float:
@@ -281,17 +238,3 @@ def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) 
     """
     of_group = np.bincount(group, weights=share)[group]
     return float(np.sqrt(np.mean(np.where(unlearnt, 1.0, 1.0 - share + share**2 / (1.0 + of_group)))))
-
-
-def _spread(one: FrequencyResponseObservation, clear: BoolArray) -> LineSpread | None:
-    if one.spread is not None:
-        return one.spread.of_lines(clear)
-    if one.resolution:
-        return spread_under_random_excitation(one.resolution, int(np.count_nonzero(clear)))
-    return None
-
-
-def _form_deviation(one: FrequencyResponseObservation, clear: BoolArray, form: ModelFormError) -> FloatArray:
-    """Return the standard deviation that the form of the model adds to the logarithm on the clear lines."""
-    spectrum = form.of(one.response_point)
-    return spectrum.relative_deviation(one.frequency[clear], one.response[clear])

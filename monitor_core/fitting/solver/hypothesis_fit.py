@@ -1,4 +1,4 @@
-r"""The fit of a hypothesis to a comparison: whitened least squares, reached through a tolerance that is taken away.
+r"""Fit a hypothesis to a comparison: whitened least squares, reached through a tolerance that is taken away.
 
 .. math::
 
@@ -6,7 +6,7 @@ r"""The fit of a hypothesis to a comparison: whitened least squares, reached thr
 
 over the coordinates u of a hypothesis, those of uncertain parameters in their prior standard deviations. Far from the
 data the logarithmic misfit is first fitted with an extra tolerance under which :math:`\chi^2/n \approx 4`; it shrinks
-as the fit improves and is gone at the end. The misfit is taken as linear in the errors of the settings, around those
+as the fit improves and is gone at the end. The misfit is taken as linear in the condition errors, around those
 that are likely at the coordinates of each step.
 """
 
@@ -14,26 +14,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.hypothesis import Hypothesis
-from monitor_core.fitting.solver.linearised import Linearised, linearise
-
-Physics = TypeVar("Physics")
-Answer = TypeVar("Answer")
+from monitor_core.fitting.solver.jacobian import one_sided_derivative, residual_jacobian
+from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0
 _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
-_LIKELY = 3.0  # standard deviations: an error of a setting that seems larger is another misfit, and taken as linear
-_STEP = 1e-4  # of a coordinate, for derivatives
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _MOST_EVALUATIONS = 60
 _MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
@@ -73,15 +70,15 @@ class Fitted(Generic[Physics]):
     @cached_property
     def jacobian(self) -> FloatArray:
         """Derivatives of the residuals of all values, shape (n_values, n_coordinates)."""
-        return _jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
+        return residual_jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
 
     @cached_property
     def n_seen(self) -> int:
-        """How many unknowns of the effects move what was measured: of a resonance, no frequency tells the damping."""
-        hypothesis, first = self.hypothesis, self.hypothesis.n_uncertain
-        others = [n for n, (effect, one) in enumerate(hypothesis.unknowns, first) if one is not effect.parameters[0]]
-        still = [n for n in others if not np.any(_one_sided(self.around, hypothesis, self.coordinates, self.misfit, n))]
-        return len(hypothesis.unknowns) - len(still)
+        """How many unknowns of the effects move what was measured: frequencies, for one, do not show a damping."""
+        unknowns, first = self.hypothesis.unknowns, self.hypothesis.n_uncertain
+        others = [n for n, (effect, parameter) in enumerate(unknowns, first) if parameter is not effect.parameters[0]]
+        at = (self.around, self.hypothesis, self.coordinates, self.misfit)
+        return len(unknowns) - sum(1 for n in others if not np.any(one_sided_derivative(*at, n)))
 
     @cached_property
     def held_out(self) -> HeldOut | None:
@@ -111,7 +108,7 @@ class Fitted(Generic[Physics]):
     def cost(self) -> float:
         """Twice the negative logarithm of the posterior, but for a constant: χ², the priors, and ln det V.
 
-        V is the covariance with the errors of the settings, which a hypothesis may make larger or smaller.
+        V is the covariance with the condition errors, which a hypothesis may make larger or smaller.
         """
         chi_squared = float(np.sum(self.standardised[self.fitted] ** 2))
         return chi_squared + self.prior_cost + self.around.whitened_by.log_determinant(self.fitted)
@@ -165,8 +162,8 @@ def fit(
     layout = comparison.layout
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
     at = np.clip(start, *hypothesis.bounds)
-    errors = np.zeros((len(layout.settings), len(comparison.setting_error_names)))
-    likely_from = partial(_at_likely_errors, comparison, hypothesis)
+    errors = np.zeros((len(layout.settings), len(comparison.condition_error_names)))
+    likely_from = partial(linearise_at_likely_errors, comparison, hypothesis)
     tolerance = math.inf
     for _ in range(_MOST_STAGES):
         before = tolerance
@@ -187,7 +184,7 @@ def fit(
 
 
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
-    """Return the same hypothesis at other coordinates, around the errors of the settings that are likely there.
+    """Return the same hypothesis at other coordinates, around the condition errors that are likely there.
 
     Raises
     ------
@@ -196,41 +193,13 @@ def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Phys
     """
     comparison, hypothesis, errors = fitted.comparison, fitted.hypothesis, fitted.around.errors
     for _ in range(_MOST_ROUNDS):
-        around = _at_likely_errors(comparison, hypothesis, errors, comparison.layout.standard_deviation, coordinates)
+        around = linearise_at_likely_errors(
+            comparison, hypothesis, errors, comparison.layout.standard_deviation, coordinates
+        )
         if np.max(np.abs(around.errors - errors), initial=0.0) < _SAME_ERRORS:
             break
         errors = around.errors
     return Fitted(comparison, hypothesis, coordinates, around, fitted.fitted)
-
-
-def _at_likely_errors(
-    comparison: Comparison[Physics],
-    hypothesis: Hypothesis[Physics],
-    errors: FloatArray,
-    deviation: FloatArray,
-    coordinates: FloatArray,
-) -> Linearised[Physics]:
-    """Return the comparison linearised around the errors that are likely at coordinates, sought from others.
-
-    Errors that are kept where they were likely before let a search run far along what they almost make up for: the
-    nut's stiffness, say, against a preload that was wrong in all settings alike.
-    """
-    physics = hypothesis.physics(coordinates)
-    resolved = _answered(partial(comparison.resolved, physics), errors)
-    around = partial(linearise, resolved, physics, deviation=deviation)
-    return _answered(around, _likely_errors(_answered(around, errors)))
-
-
-def _likely_errors(around: Linearised[Physics]) -> FloatArray:
-    return np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
-
-
-def _answered(at: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:
-    """Return what is answered with errors of the settings, or without where the model has no answer at those."""
-    try:
-        return at(errors)
-    except OutsideValidityError:
-        return at(np.zeros_like(errors))
 
 
 def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> float:
@@ -270,7 +239,7 @@ def _least_squares(
 
     def jacobian(coordinates: FloatArray) -> FloatArray:
         around_here = at_last(coordinates.tobytes())
-        return np.vstack([_jacobian(around_here, hypothesis, coordinates, around_here.here)[chosen], prior])
+        return np.vstack([residual_jacobian(around_here, hypothesis, coordinates, around_here.here)[chosen], prior])
 
     if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
         return start
@@ -287,68 +256,3 @@ def _least_squares(
         max_nfev=most_evaluations,
     )
     return np.asarray(found.x)
-
-
-def _jacobian(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    coordinates: FloatArray,
-    misfit: FloatArray,
-    *,
-    central: bool = False,
-) -> FloatArray:
-    """Return the derivatives of the residuals, shape (n_values, n_coordinates)."""
-    if not coordinates.size:
-        return np.zeros((misfit.size, 0))
-    take = derivative if central else _one_sided
-    columns = [take(around, hypothesis, coordinates, misfit, index) for index in range(coordinates.size)]
-    whitened: FloatArray = around.whitened_by(np.array(columns)).T
-    return whitened
-
-
-def derivative(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    coordinates: FloatArray,
-    misfit: FloatArray,
-    index: int,
-) -> FloatArray:
-    """Return the derivative of the misfit to one coordinate, shape (n_values,).
-
-    A central difference, so that what other coordinates can take up of it cancels to rounding; one-sided where the
-    model has no answer on the other side.
-    """
-    sides = []
-    for way in (_STEP, -_STEP):
-        try:
-            sides.append((way, _moved(around, hypothesis, coordinates, index, way)))
-        except OutsideValidityError:
-            sides.append((0.0, misfit))
-    (ahead, there), (behind, back) = sides
-    if ahead == behind:
-        return np.zeros_like(misfit)
-    return around.comparison.layout.difference(there, back) / (ahead - behind)
-
-
-def _one_sided(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    coordinates: FloatArray,
-    misfit: FloatArray,
-    index: int,
-) -> FloatArray:
-    """Return a cheaper derivative, good enough on the way to a minimum."""
-    way = _STEP if coordinates[index] + _STEP <= hypothesis.bounds[1][index] else -_STEP
-    try:
-        there = _moved(around, hypothesis, coordinates, index, way)
-    except OutsideValidityError:
-        return derivative(around, hypothesis, coordinates, misfit, index)
-    return around.comparison.layout.difference(there, misfit) / way
-
-
-def _moved(
-    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, index: int, way: float
-) -> FloatArray:
-    moved = coordinates.copy()
-    moved[index] += way
-    return around.misfit(hypothesis.physics(moved))

@@ -1,7 +1,7 @@
-r"""The posterior of a fit with one error of every setting integrated, where it acts too strongly to be linear.
+r"""Integrate the posterior of a fit over that error of each setting which acts too strongly to be linear.
 
-A preload that varies by a third over a lead of 6 mm is another one 0.3 mm beside the tag of a position: by more than
-its slope says, and near an extreme to the same side whichever way the table is off. With that error e of a setting
+A preload that varies by a third over a lead of 6 mm differs at 0.3 mm from the stated position by more than its slope
+says, and near an extreme to the same side whichever way the table is off. With that error e of a setting
 held, the others (preload, gains) still act linearly and go out in closed form,
 
 .. math::
@@ -14,22 +14,19 @@ polynomials through some nodes. Settings count as independent here; what they sh
 frequency, is as the linearisation has it.
 """
 
-from typing import TypeVar
-
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-Physics = TypeVar("Physics")
-
-#: Of the errors of a setting the first is the one that may act strongly: where the table stood.
+#: The first condition error is the error that may act strongly: where the table stood.
 _INTEGRATED = 0
 _REACH = 4.0  # standard deviations to either side
 _NODES = _REACH * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # Chebyshev's
 _GRID, _STEP = np.linspace(-_REACH, _REACH, 321, retstep=True)
 _AT_GRID = np.vander(_GRID / _REACH, _NODES.size) @ np.linalg.inv(np.vander(_NODES / _REACH, _NODES.size))
-#: An error that the data tell to less than that has no room to act but linearly, and would fall between the grid.
+#: An error that the data determine to better than that acts linearly, and would fall between the points of the grid.
 _WELL_KNOWN = 2.0 * _STEP
 
 
@@ -71,7 +68,7 @@ def _rows_at_nodes(fitted: Fitted[Physics]) -> FloatArray:
         moved[:, _INTEGRATED] = node - around.errors[:, _INTEGRATED]
         there = around.comparison.shifted(moved)
         misfit = there.misfit(physics)
-        others = np.delete(there.setting_errors(physics, misfit), _INTEGRATED, axis=0)
+        others = np.delete(there.condition_errors(physics, misfit), _INTEGRATED, axis=0)
         likely = np.delete(around.errors, _INTEGRATED, axis=1)[layout.setting]
         rows.append(np.vstack([misfit - np.einsum("kv,vk->v", others, likely), others]) / layout.standard_deviation)
     return np.asarray(np.stack(rows, axis=1))
@@ -90,15 +87,15 @@ def _marginal(products: FloatArray) -> float:
 
 def _linearised(fitted: Fitted[Physics]) -> FloatArray:
     """Return −2 ln L of each setting as :attr:`Fitted.cost` has it, shape (n_settings,)."""
-    by = fitted.around.whitened_by
-    scaled = fitted.misfit / by.deviation
-    along = np.stack([np.add.reduceat(scaled * row, by.starts) for row in by.directions], axis=-1)
-    covariance = np.eye(along.shape[1]) + by.grams
+    whitened_by = fitted.around.whitened_by
+    scaled = fitted.misfit / whitened_by.deviation
+    along = np.stack([np.add.reduceat(scaled * row, whitened_by.starts) for row in whitened_by.directions], axis=-1)
+    covariance = np.eye(along.shape[1]) + whitened_by.grams
     taken = np.einsum("sk,sk->s", along, np.linalg.solve(covariance, along[..., None])[..., 0])
-    return np.asarray(np.add.reduceat(scaled**2, by.starts) - taken + np.linalg.slogdet(covariance)[1])
+    return np.asarray(np.add.reduceat(scaled**2, whitened_by.starts) - taken + np.linalg.slogdet(covariance)[1])
 
 
 def _deviations(fitted: Fitted[Physics]) -> FloatArray:
-    """Return the standard deviation of that error as the data of each setting tell it, shape (n_settings,)."""
+    """Return the standard deviation of that error as the data of each setting determine it, shape (n_settings,)."""
     grams = fitted.around.whitened_by.grams
     return np.asarray(np.sqrt(np.linalg.inv(np.eye(grams.shape[1]) + grams)[:, _INTEGRATED, _INTEGRATED]))

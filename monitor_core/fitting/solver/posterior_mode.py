@@ -1,25 +1,23 @@
-r"""A fit moved to the mode of its posterior, where the errors of the settings depend on what was fitted.
+r"""Move a fit to the mode of its posterior, where the condition errors depend on what was fitted.
 
-Least squares take the covariance V of the misfit as it is at each step. Where the errors of the settings act the more
-on the data the larger an effect is (a table that stands 0.3 mm beside its tag, under a preload that varies over a lead
-of 6 mm), they make the effect too large: the wider V is, the less of a misfit counts, and that is free. What counts
-it is :math:`\ln \det V`; but V is a linearisation, and the minimum with it is too small an effect. So the error that
-acts strongly is integrated (:func:`integrated_cost`), and the minimum of that is sought in coordinates in which the
-data and the priors tell every direction to one.
+Least squares take the covariance V of the misfit as it is at each step. Some condition errors act more on the data the
+larger an effect is (a table that stands 0.3 mm from its stated position, under a preload that varies over a lead of
+6 mm). They make the effect too large, because a wider V makes a misfit count less and costs nothing. The term
+:math:`\ln \det V` is that cost; but V is a linearisation, and with it the effect becomes too small. So the error that
+acts strongly is integrated (:func:`integrated_cost`), and the minimum of that cost is sought in coordinates in which
+data and priors together determine every direction to one standard deviation.
 """
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, resolved_at
 from monitor_core.fitting.solver.integrated_cost import integrated_cost
-
-Physics = TypeVar("Physics")
 
 #: Of its standard deviation: where ln det V draws no parameter of an effect further away, a fit is left as it is.
 _NEGLIGIBLE = 0.25
@@ -28,14 +26,14 @@ _NEAR = 0.15  # of a standard deviation: so near the mode the search ends
 _SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
 _FARTHEST = 5.0  # standard deviations: beyond lies no mode of what least squares have found
-_LEAST_TOLD = 1e-3  # of a coordinate's own scale, inverse squared: what is told less has no scale but its own
+_LEAST_PRECISION = 1e-3  # of a coordinate's own scale, inverse squared: what is known less has no scale but its own
 _NO_ANSWER = 1e6  # in the place of half the cost
 
 
 def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
-    """Return a fit at the mode of its posterior; the same one where that is as good as where it is.
+    """Return a fit at the mode of its posterior, or the same fit where it is already as good.
 
-    And where that cannot be told, because the model has no answer with the table four standard deviations off.
+    The same fit is also returned where the model has no answer with the table four standard deviations off.
     """
     hypothesis = fitted.hypothesis
     if not hypothesis.effects:
@@ -49,7 +47,7 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
             return None
 
     still, here = np.zeros(hypothesis.n_coordinates), _log_determinant(fitted)
-    slope = np.array([_log_determinant(at(_STEP * one)) - here for one in np.eye(still.size)]) / _STEP
+    slope = np.array([_log_determinant(at(_STEP * direction)) - here for direction in np.eye(still.size)]) / _STEP
     of_effects = scales[hypothesis.n_uncertain :]
     if np.all(np.abs(of_effects @ slope) / 2.0 < _NEGLIGIBLE * np.linalg.norm(of_effects, axis=1)):
         return fitted
@@ -76,9 +74,9 @@ def _integrated(there: Fitted[Physics] | None) -> float:
 
 
 def _scales(fitted: Fitted[Physics]) -> FloatArray:
-    """Return the directions that data and priors tell, each of one standard deviation, as columns."""
+    """Return the principal directions of data and priors as columns, each one standard deviation long."""
     values, vectors = np.linalg.eigh(fitted.precision())
-    return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_TOLD)))
+    return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_PRECISION)))
 
 
 def _log_determinant(fitted: Fitted[Physics] | None) -> float:

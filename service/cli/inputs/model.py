@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.models.protocol import DriveModel
+from monitor_core.models import DriveModel
 from monitor_core.recordings.model_file import read_model_file
 
 

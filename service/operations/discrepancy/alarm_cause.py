@@ -13,11 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from monitor_core.change.attribution import ChangeExplanation, explain_change
-from monitor_core.change.cells import places_of
-from monitor_core.change.reference_ratio import FEWEST_PLACES
+from monitor_core.change import FEWEST_POSITIONS, ChangeAttribution, attribute_change, positions_of
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
-from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting import FrequencyResponseObservation
 from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recordings.elements.units import metres
@@ -59,7 +57,7 @@ class _Case:
     def n_places(self) -> int:
         """At how many places the recent measurements were made."""
         positions = np.array([metres(row.position_mm) for row in self.recent])
-        return places_of(positions).size if positions.size else 0
+        return positions_of(positions).size if positions.size else 0
 
     @property
     def settled(self) -> bool:
@@ -96,7 +94,7 @@ class AlarmExplanations:
             if not newest or newest[0].status == alarms.CLEARED or axis_id in waiting:
                 return
             case = self._case(newest[0].id)
-            if case.n_places >= FEWEST_PLACES and not case.settled:
+            if case.n_places >= FEWEST_POSITIONS and not case.settled:
                 self._jobs.submit(KIND, axis_id, {"alarm": case.alarm.id})
         except (ServiceError, MonitorCoreError) as error:
             log.warning("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
@@ -113,9 +111,9 @@ class AlarmExplanations:
         """
         case = self._case(alarm_id)
         axis_drive(_model(case.configuration))
-        if case.n_places < FEWEST_PLACES:
+        if case.n_places < FEWEST_POSITIONS:
             raise NotIdentifiableError(
-                f"expected measurements at {FEWEST_PLACES} places or more since {case.alarm.evidence['onset']}; got "
+                f"expected measurements at {FEWEST_POSITIONS} places or more since {case.alarm.evidence['onset']}; got "
                 f"{case.n_places}"
             )
         return self._jobs.submit(KIND, case.alarm.axis_id, {"alarm": alarm_id})
@@ -146,7 +144,7 @@ class AlarmExplanations:
                 newest_monitored(session, alarm.axis_id, onset, None, MOST_RECENT),
             )
 
-    def _explained(self, case: _Case, job: JobHandle) -> ChangeExplanation:
+    def _explained(self, case: _Case, job: JobHandle) -> ChangeAttribution:
         job.report(0, 2, {"progress": "measuring the responses"})
         reference, recent = self._responses(case)
         preload = case.alarm.evidence["baseline_preload_n"]
@@ -204,7 +202,7 @@ def _explain(
     recent: Sequence[FrequencyResponseObservation],
     preload: float,
     report: Report,
-) -> ChangeExplanation:
+) -> ChangeAttribution:
     """Work in the process of its own."""
     report(Progress(1, 2, "fitting the reference, then each change"))
-    return explain_change(axis_drive(model), reference, recent, preload=preload)
+    return attribute_change(axis_drive(model), reference, recent, preload=preload)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from monitor_core.change.attribution import ChangeExplanation, explain_change
+from monitor_core.change.attribution import ChangeAttribution, attribute_change
 from monitor_core.change.changes import Cause
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.fitting.observations import FrequencyResponseObservation
@@ -54,7 +54,7 @@ def test_bundled_session_with_positions_as_they_came(
         assert abs(found.value - size) < 3.0 * found.standard_uncertainty
 
 
-def explained_session(session: str) -> ChangeExplanation:
+def explained_session(session: str) -> ChangeAttribution:
     """Explain the last eight measurements of a bundled session by its first twenty."""
     windows = read_session(BUNDLED / f"{session}.session.h5").windows
     measurements = [list(one) for _, one in groupby(windows, key=lambda window: window.measurement)]
@@ -63,7 +63,7 @@ def explained_session(session: str) -> ChangeExplanation:
         modal = measure_mode(of_measurement, band=BAND, gate=ModeGate())
         assert isinstance(modal, ModalMeasurement)
         responses.append(_with_its_temperature(modal))
-    return explain_change(described_axis(), responses[:20], responses[20:], preload=PRELOAD)
+    return attribute_change(described_axis(), responses[:20], responses[20:], preload=PRELOAD)
 
 
 def _with_its_temperature(modal: ModalMeasurement) -> FrequencyResponseObservation:

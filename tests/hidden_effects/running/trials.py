@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor_core.change.attribution import ChangeExplanation, explain_change
-from monitor_core.change.cell_errors import RunningTolerances
+from monitor_core.change.attribution import ChangeAttribution, attribute_change
+from monitor_core.change.cell_errors import ChangeTolerances
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.fitting.described_axis import DescribedDrive
@@ -30,7 +30,7 @@ class Trial:
 
     truth: str  # the cause that is to be named
     happened: Happened
-    explanation: ChangeExplanation
+    explanation: ChangeAttribution
     n_values: int  # compared: real and imaginary parts of all cells
     seconds: float  # of the explanation alone
 
@@ -63,7 +63,7 @@ def trials(
     for truth, happened in happenings.items():
         recent = measured(machine, happened, rng, positions=positions, days=days[1])
         began = time.perf_counter()
-        explanation = explain_change(drive, reference, recent, preload=PRELOAD)
+        explanation = attribute_change(drive, reference, recent, preload=PRELOAD)
         seconds = time.perf_counter() - began
-        comparison = compare_times(reference, recent, RunningTolerances())
+        comparison = compare_times(reference, recent, ChangeTolerances())
         yield Trial(truth, happened, explanation, comparison.layout.n_values, seconds)

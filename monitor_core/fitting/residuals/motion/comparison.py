@@ -1,6 +1,6 @@
-"""A motion record against the motor force that a rigid axis needs for it.
+"""Compare a motion record with the motor force that a rigid axis needs for it.
 
-Judged is the force. In closed loop the position follows the reference whatever the model of the axis, so that a model
+The force is judged. In closed loop the position follows the reference whatever the model of the axis, so that a model
 without friction would seem right to a hundredth of a percent.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import Layout, Panel
+from monitor_core.fitting.comparison import AsMeasured, Layout, Panel
 from monitor_core.fitting.residuals.motion.noise import force_noise
 from monitor_core.fitting.residuals.motion.sampling import MotionSampling, sampling_of
 from monitor_core.fitting.residuals.motion.strokes import stroke_settings, strokes_of
@@ -28,13 +28,17 @@ _BINS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class MotionComparison:
-    """One motion, and how far the force of a rigid axis is from the measured one."""
+class MotionComparison(AsMeasured):
+    """A motion, and how far the force of a rigid axis is from the measured force."""
 
     layout: Layout
     motion: Kinematics
     sampling: MotionSampling
     force: FloatArray  # values of the measured force, shape (n_values,) [N]
+
+    unit = "%"
+    least_delta_bic = 25.0  # its values are correlated, but no form error is in all of them alike
+    condition_error_names = ()  # a motion is set to nothing that could be wrong
 
     @classmethod
     def of(cls, record: MotionRecord, parameters: MotionParameters) -> Self:
@@ -62,25 +66,10 @@ class MotionComparison:
         return cls(layout, motion, sampling, sampling.values(force))
 
     @property
-    def least_delta_bic(self) -> float:
-        """Evidence that an effect needs: its values hang together, but no form error is in all of them alike."""
-        return 25.0
-
-    @property
-    def unit(self) -> str:
-        """Unit of a gap."""
-        return "%"
-
-    @property
     def noise_floor(self) -> float:
         """Relative force error that the noise alone leaves [%]."""
         deviation = self.layout.standard_deviation
         return self.gap(deviation, deviation, np.ones(deviation.size, dtype=np.bool_))
-
-    @property
-    def setting_error_names(self) -> tuple[str, ...]:
-        """Return none: a motion is set to nothing that could be wrong."""
-        return ()
 
     def misfit(self, physics: MotionPhysics) -> FloatArray:
         """Return predicted less measured force, shape (n_values,) [N]."""
@@ -92,7 +81,7 @@ class MotionComparison:
             )
         return self.sampling.values(forces(physics, self.motion)) - self.force
 
-    def setting_errors(self, physics: MotionPhysics, misfit: FloatArray) -> FloatArray:
+    def condition_errors(self, physics: MotionPhysics, misfit: FloatArray) -> FloatArray:
         """Return none, shape (0, n_values)."""
         del physics, misfit
         return np.zeros((0, self.force.size))
@@ -101,15 +90,6 @@ class MotionComparison:
         """Return the comparison as it is."""
         del errors
         return self
-
-    def resolved(self, physics: MotionPhysics, errors: FloatArray) -> Self:
-        """Return the comparison as it is."""
-        del physics, errors
-        return self
-
-    def imagined(self) -> Mapping[str, Self]:
-        """Return nothing: another motion is another record."""
-        return {}
 
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the relative force error, 100 ‖misfit‖/‖force‖, over the chosen values [%]."""

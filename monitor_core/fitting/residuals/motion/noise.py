@@ -1,4 +1,4 @@
-"""How well a force is measured: from a motion that repeats, or else from what no motion makes."""
+"""Estimate the noise of a measured force from a motion that repeats, or else from frequencies above any motion."""
 
 import numpy as np
 from scipy import fft
@@ -7,8 +7,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.fitting.residuals.motion.sampling import MotionSampling
 from monitor_core.motion import MotionRecord
 
-#: Root-mean-square difference of a repeated motion, as a share of its range. A sample beside the repetition of a motion
-#: of seconds at 1 kHz is more.
+#: Root-mean-square difference of a repeated motion, as a share of its range. A shift of a sample from the
+#: repetition of a motion of seconds at 1 kHz makes more.
 _SAME = 1e-4
 #: What repeats must have been elsewhere between.
 _ELSEWHERE = 0.1
@@ -21,12 +21,12 @@ _NORMAL_MEDIAN = 0.6745
 
 
 def force_noise(record: MotionRecord, force: FloatArray, sampling: MotionSampling) -> float:
-    """Return the standard deviation of the values of a measured force about what the same motion needs again.
+    """Return the standard deviation of the values of a measured force between repetitions of the same motion.
 
-    Where the reference repeats, or else the position, it is that between times a whole number of repetitions apart, as
-    near to half the record as there is: between what is fitted and what is held out. Where nothing repeats it is the
-    noise above the cut-off frequency of the kinematics, taken as white; that is a lower bound, which knows nothing of
-    friction that changes from stroke to stroke.
+    Where the reference repeats, or else the position, it is the deviation between times that are a whole number of
+    repetitions apart, as near to half the record as possible: between what is fitted and what is held out. Where
+    nothing repeats it is the noise above the cut-off frequency of the kinematics, taken as white. That is a lower bound
+    that ignores friction which changes from stroke to stroke.
 
     Parameters
     ----------

@@ -1,16 +1,14 @@
-"""Which values of a motion record are compared: a low-passed, slower copy of it, without its ends and standstill."""
+"""Choose the values of a motion record to compare: a low-passed, slower copy without its ends and standstill."""
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.models.motion import Kinematics, cutoff_frequency
-
-Indices = npt.NDArray[np.intp]
 
 #: A motion of fewer values says little of friction: half a second at 100 Hz, and as much to judge it on.
 _FEWEST_VALUES = 100
@@ -24,7 +22,7 @@ _ORDER, _RIPPLE, _BAND = 8, 0.05, 0.4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSampling:
-    """From samples as recorded to values that are compared."""
+    """How recorded samples become the values that are compared."""
 
     sample_rate: float  # [Hz]
     cutoff: float  # up to which the kinematics are those of the axis [Hz]
@@ -73,7 +71,7 @@ def sampling_of(motion: Kinematics) -> MotionSampling:
     As many values per second as the cut-off frequency of the kinematics has periods, up to 0.4 of it: there central
     differences err by a percent at most. Measured and predicted force pass the same filter, and friction is formed
     before it, so that a jump stays as sharp in one as in the other. Standstill is left out: friction balances there
-    what no velocity tells.
+    what no velocity shows.
 
     Raises
     ------
@@ -87,8 +85,8 @@ def sampling_of(motion: Kinematics) -> MotionSampling:
     if np.count_nonzero(moves) < _FEWEST_VALUES:
         needed, got = _FEWEST_VALUES * step, np.count_nonzero(moves) * step
         raise OutsideValidityError(
-            f"a motion to be compared must last at least {needed / rate:g} s beside {n_end / rate:g} s at each end and "
-            f"standstill; got {got / rate:g} s"
+            f"a motion to be compared must last at least {needed / rate:g} s besides {n_end / rate:g} s at each end "
+            f"and standstill; got {got / rate:g} s"
         )
     filtering = signal.cheby1(_ORDER, _RIPPLE, _BAND * rate / step, output="sos", fs=rate)
     return MotionSampling(rate, cutoff, n, n_end, step, np.flatnonzero(moves), filtering)

@@ -1,15 +1,13 @@
-"""The strokes of a motion: from one reversal to the next."""
+"""Cut a motion into strokes, each from one reversal to the next."""
 
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.comparison import Setting
-
-Indices = npt.NDArray[np.intp]
+from monitor_core.fitting.conditions.groups import Indices
 
 #: A way back that is shorter is a hesitation and no reversal, as a share of the whole way.
 _HESITATION = 0.01

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from monitor_core.change.attribution import ChangeExplanation, explain_change
-from monitor_core.change.cell_errors import RunningTolerances
-from monitor_core.change.cells import places_of
+from monitor_core.change.attribution import ChangeAttribution, attribute_change
+from monitor_core.change.cell_errors import ChangeTolerances
+from monitor_core.change.cells import positions_of
 from monitor_core.change.changes import Cause
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.change.then_and_now import ThenAndNow
@@ -74,14 +74,14 @@ def observed(
 
 def explained(
     *changes: tuple[Effect[AxisPhysics], dict[str, float]], seed: int = 1, told: float = 0.0
-) -> ChangeExplanation:
+) -> ChangeAttribution:
     """Explain one reference of the described axis against one recent measurement of it with changes."""
     rng, now = np.random.default_rng(seed), axis()
     for effect, values in changes:
         now = effect.added_to(now, values)
     reference = observed(axis(), rng)
     recent = observed(now, rng, temperature=told)
-    return explain_change(described_axis(), reference, recent, preload=PRELOAD)
+    return attribute_change(described_axis(), reference, recent, preload=PRELOAD)
 
 
 @pytest.mark.parametrize("position", [0.2, 0.7])
@@ -154,7 +154,7 @@ def test_change_of_a_bearing_is_a_ratio_of_what_it_has(effect: Effect[AxisPhysic
 
 def test_what_a_model_is_wrong_in_at_both_times_cancels() -> None:
     measured = observed(axis(), np.random.default_rng(3))
-    comparison = compare_times(measured, measured, RunningTolerances())
+    comparison = compare_times(measured, measured, ChangeTolerances())
     wrong = replace(axis(), bodies=replace(axis().bodies, table_mass=35.0))
     np.testing.assert_allclose(comparison.misfit(ThenAndNow(then=wrong, now=wrong)), 0.0, atol=1e-12)
     changed = comparison.misfit(ThenAndNow(then=wrong, now=WARMING.added_to(wrong, {"temperature_k": 10.0})))
@@ -163,14 +163,14 @@ def test_what_a_model_is_wrong_in_at_both_times_cancels() -> None:
 
 def test_gain_of_the_sensors_adds_to_amplitudes_alone() -> None:
     measured = observed(axis(), np.random.default_rng(3))
-    comparison = compare_times(measured, measured, RunningTolerances())
+    comparison = compare_times(measured, measured, ChangeTolerances())
     misfit = comparison.misfit(ThenAndNow(then=axis(), now=axis(), log_gain=0.1))
     np.testing.assert_allclose(misfit, np.where(comparison.layout.channel == 0, 0.1, 0.0), atol=1e-12)
 
 
 def test_errors_of_places_act_as_the_changes_they_are() -> None:
-    comparison = compare_times(*two_times(), RunningTolerances())
-    errors = np.zeros((len(POSITIONS), len(comparison.setting_error_names)))
+    comparison = compare_times(*two_times(), ChangeTolerances())
+    errors = np.zeros((len(POSITIONS), len(comparison.condition_error_names)))
     now = {
         "position": POSITION_OFFSET.added_to(axis(), {"offset_m": 4e-3}),
         "preload": PRELOAD_CHANGE.added_to(axis(), {"preload_n": -20.0}),
@@ -180,23 +180,23 @@ def test_errors_of_places_act_as_the_changes_they_are() -> None:
     of_one = {"position": 4e-3 / 0.2e-3, "preload": -20.0 / (0.005 * PRELOAD), "temperature": 5.0 / 0.6, "delay": 40.0}
     unchanged = comparison.misfit(ThenAndNow(then=axis(), now=axis()))
     for name, physics in now.items():
-        column = comparison.setting_error_names.index(name)
+        column = comparison.condition_error_names.index(name)
         moved = comparison.shifted(errors + of_one[name] * np.eye(errors.shape[1])[column] / comparison.spread[:, None])
         expected = comparison.misfit(ThenAndNow(then=axis(), now=physics)) - unchanged
         change = moved.misfit(ThenAndNow(then=axis(), now=axis())) - unchanged
         # dampers are not of steel, and a place is tagged to the micrometre
         np.testing.assert_allclose(change, expected, atol=2e-3 * np.max(np.abs(expected)))
-        row = comparison.setting_errors(ThenAndNow(then=axis(), now=axis()), unchanged)[column]
+        row = comparison.condition_errors(ThenAndNow(then=axis(), now=axis()), unchanged)[column]
         small = 1e-3 * np.eye(errors.shape[1])[column]
         by_small = comparison.shifted(errors + small).misfit(ThenAndNow(then=axis(), now=axis())) - unchanged
         np.testing.assert_allclose(by_small / 1e-3, row, atol=2e-3 * np.max(np.abs(row)))
 
 
 def test_cost_of_a_change_is_the_same_around_whatever_errors_of_places() -> None:
-    comparison = compare_times(*two_times(), RunningTolerances())
+    comparison = compare_times(*two_times(), ChangeTolerances())
     physics = ThenAndNow(then=axis(), now=WARMING.added_to(axis(), {"temperature_k": 2.0}))
     rng = np.random.default_rng(8)
-    shape = (len(POSITIONS), len(comparison.setting_error_names))
+    shape = (len(POSITIONS), len(comparison.condition_error_names))
     costs = []
     for size in (0.0, 0.05, 0.1):
         around = linearise(comparison, physics, size * rng.standard_normal(shape), comparison.layout.standard_deviation)
@@ -211,7 +211,7 @@ def two_times() -> tuple[tuple[FrequencyResponseObservation, ...], tuple[Frequen
 
 
 def test_standardised_differences_of_an_unchanged_axis_are_standard_normal() -> None:
-    comparison = compare_times(*two_times(), RunningTolerances())
+    comparison = compare_times(*two_times(), ChangeTolerances())
     values = comparison.misfit(ThenAndNow(then=axis(), now=axis())) / comparison.layout.standard_deviation
     # the share of changes and σ_0 make deviations a little large: 0.9 of those of the noise alone
     assert 0.8 < np.std(values) < 1.05
@@ -220,14 +220,14 @@ def test_standardised_differences_of_an_unchanged_axis_are_standard_normal() -> 
 def test_lines_beside_each_other_share_wider_bands() -> None:
     rng = np.random.default_rng(5)
     first, second = observed(axis(), rng), observed(axis(), rng, frequency=FREQUENCY + 1.0)
-    comparison = compare_times(first, second, RunningTolerances())
+    comparison = compare_times(first, second, ChangeTolerances())
     assert comparison.layout.n_values == 2 * len(POSITIONS) * FREQUENCY.size
     # the model is right, so that its own slope between the lines carries one over to the other
     assert np.std(comparison.misfit(ThenAndNow(then=axis(), now=axis()))) < 2.0 * NOISE
 
 
 def test_positions_a_few_millimetres_apart_are_one_place() -> None:
-    np.testing.assert_allclose(places_of(np.array([0.301, 0.5, 0.3, 0.305, 0.7])), [0.302, 0.5, 0.7])
+    np.testing.assert_allclose(positions_of(np.array([0.301, 0.5, 0.3, 0.305, 0.7])), [0.302, 0.5, 0.7])
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_unchanged_axis_has_no_cause() -> None:
 def test_cause_beyond_the_catalogue_is_unknown() -> None:
     rng = np.random.default_rng(2)
     other = replace(axis(), joints=replace(axis().joints, bracket_stiffness=0.7 * axis().joints.bracket_stiffness))
-    answer = explain_change(described_axis(), observed(axis(), rng), observed(other, rng), preload=PRELOAD)
+    answer = attribute_change(described_axis(), observed(axis(), rng), observed(other, rng), preload=PRELOAD)
     assert answer.outcome is Outcome.UNKNOWN
     assert "no single change explains it" in answer.sentence
 
@@ -287,15 +287,15 @@ def test_places_that_the_reference_lacks_are_left_out() -> None:
     rng = np.random.default_rng(6)
     reference = observed(axis(), rng)
     recent = observed(axis(), rng, positions=(0.05, *POSITIONS[:2], 0.45, *POSITIONS[2:]))
-    comparison = compare_times(reference, recent, RunningTolerances())
+    comparison = compare_times(reference, recent, ChangeTolerances())
     assert [one.name for one in comparison.layout.settings] == ["150 mm", "350 mm", "550 mm", "750 mm"]
 
 
 def test_two_places_are_too_few() -> None:
     rng = np.random.default_rng(4)
     few = observed(axis(), rng, positions=POSITIONS[:2])
-    with pytest.raises(NotIdentifiableError, match="expected 3 places or more at both times; got 2"):
-        explain_change(described_axis(), observed(axis(), rng), few, preload=PRELOAD)
+    with pytest.raises(NotIdentifiableError, match="expected 3 positions or more at both times; got 2"):
+        attribute_change(described_axis(), observed(axis(), rng), few, preload=PRELOAD)
 
 
 def test_model_that_does_not_describe_the_reference_is_refused() -> None:
@@ -303,7 +303,7 @@ def test_model_that_does_not_describe_the_reference_is_refused() -> None:
     wrong = replace(drive, stated=replace(drive.stated, screw_lead=0.010), uncertain={"loss_factor": 0.1})
     reference = observed(axis(), np.random.default_rng(4))
     with pytest.raises(NotIdentifiableError, match="must describe the reference of its axis to 10 % rms; got"):
-        explain_change(wrong, reference, reference, preload=PRELOAD)
+        attribute_change(wrong, reference, reference, preload=PRELOAD)
 
 
 def test_answer_that_is_not_sure_names_what_else_it_may_be() -> None:

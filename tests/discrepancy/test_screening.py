@@ -1,4 +1,4 @@
-"""A look at an effect promises what a refit then gives: exactly so where the misfit is linear."""
+"""Screening an effect predicts what a refit then gains: exactly so where the misfit is linear."""
 
 from dataclasses import dataclass, replace
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.discrepancy.screening import scan
+from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import (
+    LinearAxis,
     LinearComparison,
-    LinearSubject,
     compared,
     covariance_of,
     effects_by_key,
@@ -37,7 +37,7 @@ def linear(seed=0):
     comparison = LinearComparison(
         layout_of((40, 40, 40), 1.0), design, design @ TRUTH + rng.standard_normal(N), rng.standard_normal((2, N))
     )
-    return comparison, LinearSubject(UNCERTAIN, TRUTH.size)
+    return comparison, LinearAxis(UNCERTAIN, TRUTH.size)
 
 
 def fitted(hypothesis, comparison, chosen=None):
@@ -46,38 +46,38 @@ def fitted(hypothesis, comparison, chosen=None):
 
 @pytest.mark.parametrize("index", [3, 4])
 @pytest.mark.parametrize("last", [120, 80])
-def test_promised_decrease_is_that_of_a_refit(index, last) -> None:
+def test_predicted_decrease_is_that_of_a_refit(index, last) -> None:
     """And the start it proposes is the end of the refit; without the values that are held out."""
     comparison, subject_ = linear()
     chosen = np.arange(N) < last
     without = fitted(Hypothesis(subject_, (quantity(2),)), comparison, chosen)
     effect = quantity(index, scale=0.5)
-    (look,) = scan(without, [effect])
+    (result,) = screen(without, [effect])
     fuller = fitted(without.hypothesis.with_effect(effect), comparison, chosen)
-    assert look.score == pytest.approx(without.cost - fuller.cost, rel=1e-4)
-    assert look.decrease == pytest.approx(without.cost - fuller.cost, rel=1e-4)
-    np.testing.assert_allclose(look.starts[0], fuller.coordinates, atol=2e-3)
+    assert result.score == pytest.approx(without.cost - fuller.cost, rel=1e-4)
+    assert result.decrease == pytest.approx(without.cost - fuller.cost, rel=1e-4)
+    np.testing.assert_allclose(result.starts[0], fuller.coordinates, atol=2e-3)
 
 
 def test_information_is_what_the_data_say_of_the_first_parameter() -> None:
     """One over the variance of the refitted size in its scales, by dense algebra."""
     comparison, subject_ = linear()
     without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
-    (look,) = scan(without, [quantity(3, scale=0.5)])
+    (result,) = screen(without, [quantity(3, scale=0.5)])
     design = comparison.design[:, :4] * [0.3, 2.0, 1.0, 0.5]
     precision = design.T @ linalg.solve(covariance_of(comparison), design) + np.diag([1.0, 1.0, 0.0, 0.0])
-    assert look.information == pytest.approx(1.0 / linalg.inv(precision)[3, 3], rel=1e-5)
+    assert result.information == pytest.approx(1.0 / linalg.inv(precision)[3, 3], rel=1e-5)
 
 
-def test_a_look_stays_within_the_range() -> None:
+def test_screening_stays_within_the_range() -> None:
     """Half of the quadratic's decrease is out of reach where the size may not have the sign it wants."""
     comparison, subject_ = linear()
     without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
-    (wanted,) = scan(without, [quantity(3)])
+    (wanted,) = screen(without, [quantity(3)])
     sign = np.sign(wanted.starts[0][-1])
     comparison = replace(comparison, design=comparison.design * np.where(np.arange(5) == 3, -sign, 1.0))
     without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
-    (refused,) = scan(without, [quantity(3, lower=0.0)])
+    (refused,) = screen(without, [quantity(3, lower=0.0)])
     assert (refused.decrease, refused.score) == (0.0, 0.0)
     np.testing.assert_array_equal(refused.starts[0][:-1], without.coordinates)
     assert refused.starts[0][-1] == 0.0
@@ -89,20 +89,20 @@ def test_a_tolerance_that_is_let_go(index, name) -> None:
     comparison, subject_ = linear()
     without = fitted(Hypothesis(subject_, (quantity(2),)), comparison)
     effect = wrong_quantity(index, name)
-    (look,) = scan(without, [effect])
-    freed = fit(comparison, without.hypothesis.with_effect(effect), look.starts[0])
-    assert look.decrease == pytest.approx(without.cost - freed.cost, rel=1e-3)
+    (result,) = screen(without, [effect])
+    freed = fit(comparison, without.hypothesis.with_effect(effect), result.starts[0])
+    assert result.decrease == pytest.approx(without.cost - freed.cost, rel=1e-3)
     design = comparison.design[:, :3]
     prior = np.diag([1.0 / 0.3**2, 1.0 / 2.0**2, 0.0])
     prior[index, index] = 0.0
     precision = design.T @ linalg.solve(covariance_of(comparison), design) + prior
     scale = effect.parameters[0].scale
     variance = linalg.inv(precision)[index, index] + UNCERTAIN[name] ** 2  # of what the data say less what was stated
-    assert look.information == pytest.approx(scale**2 / variance, rel=1e-4)
+    assert result.information == pytest.approx(scale**2 / variance, rel=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
-class FoldedSubject(LinearSubject):
+class FoldedSubject(LinearAxis):
     """An axis whose first quantity comes round again: another value of its parameter says nearly the same.
 
     There may be values between at which there is no axis.
@@ -124,34 +124,34 @@ def test_another_minimum_of_a_wrong_parameter_is_a_start_of_its_own() -> None:
     comparison, plain = linear()
     folded = FoldedSubject(plain.uncertain, plain.size)
     at_fit = fit(comparison, Hypothesis(folded), np.zeros(2))
-    (look,) = scan(at_fit, [wrong_quantity(0, "a")])
-    assert look.elsewhere is not None
+    (result,) = screen(at_fit, [wrong_quantity(0, "a")])
+    assert result.elsewhere is not None
     # in coordinates of a tenth: a period from the fit, as near as steps of a half come
-    apart = np.abs(0.1 * look.elsewhere[-1] - 0.3 * at_fit.coordinates[0])
+    apart = np.abs(0.1 * result.elsewhere[-1] - 0.3 * at_fit.coordinates[0])
     assert apart == pytest.approx(2.5, abs=0.3)
-    (of_plain,) = scan(fitted(Hypothesis(plain), comparison), [wrong_quantity(0, "a")])
+    (of_plain,) = screen(fitted(Hypothesis(plain), comparison), [wrong_quantity(0, "a")])
     assert of_plain.elsewhere is None
     torn = FoldedSubject(plain.uncertain, plain.size, hole=(0.9, 1.1), folds=False)
-    (of_torn,) = scan(fitted(Hypothesis(torn), comparison), [wrong_quantity(0, "a")])
+    (of_torn,) = screen(fitted(Hypothesis(torn), comparison), [wrong_quantity(0, "a")])
     assert of_torn.elsewhere is None
 
 
 def test_most_promising_first() -> None:
     comparison, subject_ = linear()
     without = fitted(Hypothesis(subject_), comparison)
-    looks = scan(without, [quantity(4), quantity(3), quantity(2)])
+    screened = screen(without, [quantity(4), quantity(3), quantity(2)])
     decreases = [
-        without.cost - fitted(Hypothesis(subject_, (look.effect,)), comparison).cost for look in looks
+        without.cost - fitted(Hypothesis(subject_, (result.effect,)), comparison).cost for result in screened
     ]  # fmt: skip
     assert decreases == sorted(decreases, reverse=True)
-    assert looks[0].effect.key == "quantity-2"
+    assert screened[0].effect.key == "quantity-2"
 
 
 def test_of_several_parameters_each_size_is_tried() -> None:
     """The first one is of no use here, the second one is; the start has the second alone."""
     comparison, subject_ = linear()
     comparison = replace(comparison, design=np.column_stack([comparison.design, np.zeros(N)]))
-    subject_ = LinearSubject(UNCERTAIN, 6)
+    subject_ = LinearAxis(UNCERTAIN, 6)
 
     def add(theta, values):
         return theta + values["idle"] * np.eye(6)[5] + values["size"] * np.eye(6)[2]
@@ -161,11 +161,11 @@ def test_of_several_parameters_each_size_is_tried() -> None:
         (EffectParameter("idle", "-", -9.0, 9.0, 1.0), EffectParameter("size", "-", -9.0, 9.0, 1.0)), add,
     )  # fmt: skip
     without = fitted(Hypothesis(subject_), comparison)
-    both_look, alone = scan(without, [both])[0], scan(without, [quantity(2)])[0]
-    assert both_look.decrease == pytest.approx(alone.decrease, rel=1e-6)
-    assert both_look.starts[0][-2] == 0.0
-    assert both_look.starts[0][-1] == pytest.approx(alone.starts[0][-1], rel=1e-6)
-    assert both_look.information == 0.0  # nothing that was measured moves with the first
+    of_both, alone = screen(without, [both])[0], screen(without, [quantity(2)])[0]
+    assert of_both.decrease == pytest.approx(alone.decrease, rel=1e-6)
+    assert of_both.starts[0][-2] == 0.0
+    assert of_both.starts[0][-1] == pytest.approx(alone.starts[0][-1], rel=1e-6)
+    assert of_both.information == 0.0  # nothing that was measured moves with the first
 
 
 def test_effects_without_an_answer_are_passed_over() -> None:
@@ -176,7 +176,7 @@ def test_effects_without_an_answer_are_passed_over() -> None:
         raise OutsideValidityError("no such axis")
 
     never = replace(quantity(3), add=refuse)
-    assert [one.effect.key for one in scan(without, [never, quantity(4)])] == ["quantity-4"]
+    assert [one.effect.key for one in screen(without, [never, quantity(4)])] == ["quantity-4"]
 
 
 # --- an axis ---------------------------------------------------------------------------------------------------------
@@ -193,18 +193,18 @@ def test_a_resonance_is_sought_at_many_frequencies(frequency) -> None:
     comparison = compared(measured(mode.added_to(true_subject(0), values), CONDITIONS))
     hypothesis = Hypothesis(subject())
     without = fit(comparison, hypothesis, hypothesis.null)
-    (look,) = scan(without, [mode])
+    (result,) = screen(without, [mode])
     fuller = hypothesis.with_effect(mode)
-    assert fuller.values(look.starts[0])["second-mode"]["frequency_hz"] == pytest.approx(frequency, rel=0.1)
-    refitted = fit(comparison, fuller, look.starts[0])
+    assert fuller.values(result.starts[0])["second-mode"]["frequency_hz"] == pytest.approx(frequency, rel=0.1)
+    refitted = fit(comparison, fuller, result.starts[0])
     assert fuller.values(refitted.coordinates)["second-mode"]["frequency_hz"] == pytest.approx(frequency, rel=1e-3)
 
 
-def test_a_strong_effect_is_promised_by_its_size_and_not_by_its_slope() -> None:
+def test_a_strong_effect_is_predicted_by_its_size_and_not_by_its_slope() -> None:
     """A far bearing a tenth as stiff as the fixed one; to judge by the slopes, the base yields."""
     far = EFFECTS["far-bearing-stiffness"]
     comparison = compared(measured(far.added_to(true_subject(0), {"stiffness_n_per_m": 1e7}), CONDITIONS))
     hypothesis = Hypothesis(subject())
-    looks = scan(fit(comparison, hypothesis, hypothesis.null), list(EFFECTS.values()))
-    assert max(looks, key=lambda one: one.score).effect.key == "base-compliance"
-    assert max(looks, key=lambda one: one.decrease).effect.key == "far-bearing-stiffness"
+    screened = screen(fit(comparison, hypothesis, hypothesis.null), list(EFFECTS.values()))
+    assert max(screened, key=lambda one: one.score).effect.key == "base-compliance"
+    assert max(screened, key=lambda one: one.decrease).effect.key == "far-bearing-stiffness"

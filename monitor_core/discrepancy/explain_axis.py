@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from monitor_core.discrepancy.augmented_model import augmented_model
-from monitor_core.discrepancy.explain import explain as explain_comparison
+from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
@@ -75,11 +75,11 @@ def explain(
     options = options or ExplainOptions()
     question = _question(axis, measured, options)
     found = explain_comparison(question.comparison, question.described, question.candidates, progress=progress)
-    exact = _taken_as_exact(axis) if found.outcome is not Outcome.NONE else ()
+    exact = _held_exact(axis) if found.outcome is not Outcome.NONE else ()
     augmented = axis
     if found.outcome is not Outcome.UNKNOWN:
         augmented = augmented_model(axis.with_corrected_parameters(), found, question.table)
-    return replace(found, taken_as=(*question.assumptions, *exact), augmented=augmented)
+    return replace(found, assumptions=(*question.assumptions, *exact), augmented=augmented)
 
 
 def require_explainable(axis: AxisDescription, measured: Measured, options: ExplainOptions | None = None) -> None:
@@ -144,7 +144,7 @@ def _drive_question(
     return _Question(comparison, drive, table, (*placed.sentences, *options.assumptions))
 
 
-def _taken_as_exact(axis: AxisDescription) -> tuple[str, ...]:
+def _held_exact(axis: AxisDescription) -> tuple[str, ...]:
     """Say what was not free: the true cause may be there, and is then made up for by what is found."""
     exact = [name for name in axis.parameters if name not in axis.uncertain]
     if not exact:

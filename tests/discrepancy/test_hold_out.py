@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from monitor_core.fitting.evidence import Yardstick
-from monitor_core.fitting.hold_out import fitted_values, gain, gap_of, promised_gain
+from monitor_core.fitting.evidence import EvidenceScale
+from monitor_core.fitting.hold_out import expected_gain, fitted_values, gain, gap_of
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import HeldOut, fit
-from tests.discrepancy.axes import LinearComparison, LinearSubject, layout_of, quantity
+from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
 N = 24
 
@@ -23,7 +23,7 @@ def regression(folds, seed=0):
     deviation = rng.uniform(0.5, 2.0, N)
     data = design @ [1.0, -2.0, 0.5] + deviation * rng.standard_normal(N)
     comparison = LinearComparison(layout_of([1] * N, deviation, held_out=folds), design, data, np.zeros((0, N)))
-    hypothesis = Hypothesis(LinearSubject({}, 3), tuple(quantity(index) for index in range(3)))
+    hypothesis = Hypothesis(LinearAxis({}, 3), tuple(quantity(index) for index in range(3)))
     fitted = fit(comparison, hypothesis, np.full(3, 0.5), fitted_values(comparison.layout))
     weighted = design / deviation[:, None]
     return fitted, weighted @ linalg.pinv(weighted)
@@ -92,7 +92,7 @@ def test_gain_is_the_difference_of_log_likelihoods() -> None:
     rng = np.random.default_rng(1)
     chosen = np.arange(10) < 7
     before, after = (HeldOut(chosen, rng.standard_normal(10), rng.standard_normal(10)) for _ in range(2))
-    by = Yardstick(2.0, 0.25, 10)
+    by = EvidenceScale(2.0, 0.25, 10)
 
     def log_likelihood(held):
         return sum(-0.5 * one**2 / 2.0 for one in held.standardised[:7]) * (0.75 / 1.25)
@@ -105,13 +105,13 @@ def test_promise_is_kept_on_average_by_the_truth() -> None:
     rng = np.random.default_rng(2)
     chosen = np.arange(50) < 30
     difference = rng.standard_normal(50)
-    by = Yardstick(1.0, 0.0, 50)
+    by = EvidenceScale(1.0, 0.0, 50)
     gains = []
     for _ in range(4000):
         noise = rng.standard_normal(50)
         before, after = HeldOut(chosen, noise, noise + difference), HeldOut(chosen, noise, noise)
         gains.append(gain(before, after, by))
-    promised = promised_gain(before, after, by)
+    promised = expected_gain(before, after, by)
     assert promised == pytest.approx(0.5 * np.sum(difference[:30] ** 2))
     scatter = math.sqrt(2.0 * promised)
     assert np.mean(gains) == pytest.approx(promised, abs=4.0 * scatter / math.sqrt(4000))

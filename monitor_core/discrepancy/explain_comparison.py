@@ -1,0 +1,223 @@
+"""Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers."""
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from monitor_core.discrepancy.candidates import candidates_not_found
+from monitor_core.discrepancy.explanation import (
+    Explanation,
+    FoundEffect,
+    FoundParameter,
+    Gap,
+    GapPair,
+    Misfit,
+    MisfitMap,
+    Outcome,
+    Step,
+)
+from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
+from monitor_core.discrepancy.localisation.misfit_map import misfit_map, varied_conditions_of_maps
+from monitor_core.discrepancy.localisation.signatures import signatures
+from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.search import find_steps, judge_found, leave_out
+from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
+from monitor_core.discrepancy.verdict.advice import next_measurement
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
+from monitor_core.discrepancy.verdict.outcome import (
+    OutcomeSettings,
+    explained_share,
+    hidden_in_remainder,
+    outcome_of,
+    remainder_of,
+)
+from monitor_core.discrepancy.verdict.representatives import classes_with_fit
+from monitor_core.effects import PREFIX
+from monitor_core.effects.effect import Effect, Physics
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Comparison, Panel
+from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.evidence import EvidenceScale
+from monitor_core.fitting.hold_out import gap_of
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.fitting.solver.posterior_mode import at_mode
+
+
+@dataclass(frozen=True, slots=True)
+class ExplainSettings:
+    """When an effect is accepted, and when something is left."""
+
+    search: SearchSettings = field(default_factory=SearchSettings)
+    outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
+
+
+def explain_comparison(
+    comparison: Comparison[Physics],
+    axis: DescribedAxis[Physics],
+    candidates: Sequence[Effect[Physics]],
+    *,
+    settings: ExplainSettings | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Explanation:
+    """Find where measurements and a described axis differ, what is missing, and how far it closes the gap.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The measurements.
+    axis : DescribedAxis
+        The described axis.
+    candidates : sequence of Effect
+        What it may lack.
+    settings : ExplainSettings, optional
+    progress : callable, optional
+        Called with a few words on what is being done.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the described axis itself has no answer under one of the conditions.
+    """
+    settings = settings or ExplainSettings()
+    report = progress or (lambda _sentence: None)
+    workspace = Workspace(comparison, axis, tuple(candidates), settings.search, report)
+    steps, hidden = find_steps(workspace), list[str]()
+    while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
+        hidden.append(least.key)
+        steps = leave_out(workspace, steps, least)
+    report("judging what was found")
+    found = judge_found(workspace, steps)
+    classes, final = classes_with_fit(found, candidates)
+    final = at_mode(final)
+    found = replace(found, final=final)
+    remainder = remainder_of(final)
+    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
+    explained = explained_share(found.baseline, final, remainder.misfit)
+    left = remainder.is_left(settings.outcome)
+    outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
+    reported = {key for group in classes for key in group.keys}
+    report("locating the misfit")
+    scale = found.evidence_scale
+    scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
+    values = final.hypothesis.values(final.coordinates)
+    ratios = final.hypothesis.ln_ratios(final.coordinates) | {
+        key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
+    }
+    return Explanation(
+        outcome=outcome,
+        effects=tuple(_found_effect(group, final, scale) for group in classes),
+        localisation=_misfits(found.baseline, candidates, scatter),
+        remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
+        gap=gap,
+        steps=_steps(found, classes),
+        candidates=candidates_not_found(found, candidates, classes),
+        pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
+        least_delta_bic=found.least_delta_bic,
+        next_measurement=next_measurement(found, classes, outcome, candidates),
+        ln_ratios=ratios,
+        added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
+        panels=_panels(found),
+        maps=_maps(found),
+        gap_by_channel=_gap_by_channel(found),
+        pulls_before=_parameter_pulls(found.baseline),
+        # an effect that would do in the place of another is reported there
+        hidden_in_remainder=tuple(key for key in hidden if key not in reported and left),
+    )
+
+
+def _found_effect(group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale) -> FoundEffect:
+    """Return the representative of a class with its parameters and remarks, as the augmented model states it."""
+    member = group.representative
+    parameters = found_parameters(member, stated, scale)
+    remarks = [f"the same finding as {key}" for key in group.aliases]
+    remarks += [
+        f"a stand-in for something else: {name} = {_value(parameter)} is beyond its plausible range"
+        for name, parameter in parameters.items()
+        if not parameter.plausible
+    ]
+    remarks += [
+        f"{name} = {_value(parameter)} is at an end of the range that is searched"
+        for name, parameter in parameters.items()
+        if parameter.at_end
+    ]
+    return FoundEffect(
+        key=member.effect.key,
+        name=member.effect.name,
+        physics=member.effect.physics,
+        parameters=parameters,
+        equivalent_to=group.others,
+        delta_bic=member.delta_bic,
+        held_out_log_likelihood_gain=group.held_out_gain,
+        remarks=tuple(remarks),
+    )
+
+
+def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
+    """Return what was added in each step, by the representatives of their classes, and what it left."""
+    pairs = zip(found.accepted, classes, strict=True)
+    named = {accepted.effect.key: group.representative.effect.key for accepted, group in pairs}
+    steps = []
+    for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False):
+        added = [effect.key for effect in later.hypothesis.effects if effect.key not in earlier.hypothesis.keys]
+        left = found.final if later is found.steps[-1] else later
+        steps.append(Step(" + ".join(named.get(key, key) for key in added), _gap_pair(left)))
+    return tuple(steps)
+
+
+def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
+    """Return the gap of a fit on the values it saw and on those it did not."""
+    return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
+
+
+def _value(parameter: FoundParameter) -> str:
+    return f"{parameter.estimate.value:.3g}" + ("" if parameter.unit == "-" else f" {parameter.unit}")
+
+
+def _misfits(
+    fitted: Fitted[Physics], candidates: Sequence[Effect[Physics]], scatter: HealthyScatter
+) -> tuple[Misfit, ...]:
+    present, physics = fitted.hypothesis.keys, fitted.physics()
+    others = [effect for effect in candidates if effect.key not in present and effect.applies(physics)]
+    return localise(fitted.comparison.layout, fitted.standardised, signatures(fitted, others), scatter)
+
+
+def _panels(found: Found[Physics]) -> tuple[Panel, ...]:
+    """Return pictures of both models, if they have an answer at the settings as stated and not only as fitted."""
+    comparison, models = found.final.comparison, {}
+    for name, fitted in (("before", found.baseline), ("after", found.final)):
+        physics = fitted.physics()
+        with suppress(OutsideValidityError):
+            comparison.misfit(physics)
+            models[name] = physics
+    return comparison.panels(models)
+
+
+def _maps(found: Found[Physics]) -> tuple[MisfitMap, ...]:
+    layout = found.final.comparison.layout
+    maps = []
+    for over in varied_conditions_of_maps(layout) or (None,):
+        rows, columns, before = misfit_map(layout, found.baseline.standardised, over)
+        _, _, after = misfit_map(layout, found.final.standardised, over)
+        title = "Misfit in standard deviations" + ("" if over is None else f" over {over}")
+        maps.append(MisfitMap(title, rows, columns, before, after))
+    return tuple(maps)
+
+
+def _gap_by_channel(found: Found[Physics]) -> dict[str, tuple[float, float]]:
+    comparison, both = found.final.comparison, (found.baseline, found.final)
+    gaps = {}
+    for channel, name in enumerate(comparison.layout.channels):
+        chosen = found.final.fitted & (comparison.layout.channel == channel)
+        if np.any(chosen):
+            before, after = (comparison.gap(fitted.misfit, fitted.standardised, chosen) for fitted in both)
+            gaps[name] = (before, after)
+    return gaps
+
+
+def _parameter_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
+    hypothesis = fitted.hypothesis
+    pulls = fitted.coordinates[: hypothesis.n_uncertain].tolist()
+    return dict(zip(hypothesis.uncertain, pulls, strict=True))

@@ -1,0 +1,167 @@
+r"""Locate a misfit: where data and model differ, and what the difference looks like.
+
+Residuals that are standard normal and independent where the model is right are tested, together at one level (Holm):
+is their sum of squares too large, over all and over every band, channel, position, preload, payload, temperature,
+excitation level and direction (χ²); do they follow one another along a series (Ljung and Box, and the runs of their
+signs); does their size go with a condition (rank correlation); do they go along a signature, or more so with a
+condition. What is found is narrowed to the place that holds it, named by its kind and taken out; then the rest is
+tested again.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.discrepancy.explanation import Misfit, MisfitKind
+from monitor_core.discrepancy.localisation.joint_test import LEVEL, ResidualsUnderTest, run_joint_tests
+from monitor_core.discrepancy.localisation.misfit_kind import (
+    KindFound,
+    Signature,
+    kind_of,
+    take_out,
+    with_derived_kinds,
+)
+from monitor_core.discrepancy.localisation.misfit_place import narrow, within
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Layout
+from monitor_core.fitting.conditions.groups import Indices, groupings, previous_in_series
+
+_MOST_PLACES = 6
+_SEARCH_BANDS = 24
+#: What is smaller than the worst place by this factor is its skirt, unless it is of a kind of its own.
+_SKIRT = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyScatter:
+    """How the standardised residuals scatter where the model is right.
+
+    Both are stated and not estimated from the residuals that are tested: a misfit is correlated itself, and an estimate
+    would explain it away. The residuals of the best explanation show them.
+    """
+
+    correlation: float = 0.0  # of neighbours in a series, from -1 to 1
+    deviation: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (-1.0 < self.correlation < 1.0 and self.deviation > 0.0):
+            raise OutsideValidityError(
+                "a correlation between -1 and 1 and a positive deviation were expected; "
+                f"got {self.correlation} and {self.deviation}"
+            )
+
+
+def localise(
+    layout: Layout,
+    standardised: FloatArray,
+    signatures: Mapping[MisfitKind, FloatArray],
+    scatter: HealthyScatter | None = None,
+) -> tuple[Misfit, ...]:
+    """Return where data and model differ.
+
+    Parameters
+    ----------
+    layout : Layout
+        What the values belong to; those of a setting and channel follow one another in frequency or time.
+    standardised : ndarray, shape (n_values,)
+        Misfit in standard deviations: standard normal where the model is right, and independent but for neighbours.
+    signatures : mapping of MisfitKind to ndarray, shape (n_directions, n_values)
+        Change of ``standardised`` with a unit of each stiffness, mass, damping, delay that the model could be wrong in.
+    scatter : HealthyScatter, optional
+        Where neighbours in a series are correlated, or the deviations off by a factor.
+
+    Returns
+    -------
+    tuple of Misfit
+        The worst first, at most six. Where the model is right there is none, but for one case in a hundred.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the arrays do not fit the layout.
+    """
+    _check(layout, standardised, signatures)
+    scatter = scatter or HealthyScatter()
+    previous = previous_in_series(layout)
+    white = [
+        Signature(signature.kind, _whitened(signature.rows, previous, scatter), signature.root)
+        for signature in with_derived_kinds(layout, signatures)
+    ]
+    tested = ResidualsUnderTest(
+        layout=layout,
+        previous=previous,
+        groupings=groupings(layout, _SEARCH_BANDS),
+        signatures=tuple(white),
+        n_given=sum(1 for rows in signatures.values() if rows.size),
+        residuals=_whitened(standardised, previous, scatter),
+        counts=np.ones(layout.n_values, dtype=np.bool_),
+    )
+    return tuple(sorted(_places(tested, standardised), key=lambda misfit: -misfit.size))
+
+
+def _check(layout: Layout, standardised: FloatArray, signatures: Mapping[MisfitKind, FloatArray]) -> None:
+    if standardised.shape != (layout.n_values,) or not np.all(np.isfinite(standardised)):
+        raise OutsideValidityError(
+            f"one finite residual for each of {layout.n_values} values was expected; got the shape {standardised.shape}"
+            f" with {np.count_nonzero(~np.isfinite(standardised))} that are not finite"
+        )
+    for kind, rows in signatures.items():
+        if rows.ndim != 2 or rows.shape[1] != layout.n_values:
+            raise OutsideValidityError(
+                f"the signature {kind} needs the shape (n_directions, {layout.n_values}); got {rows.shape}"
+            )
+
+
+def _whitened(values: FloatArray, previous: Indices, scatter: HealthyScatter) -> FloatArray:
+    """Return what is new in each value against the one before it, shape (..., n_values).
+
+    Of an autoregression of first order with the stated correlation this is independent and of one deviation.
+    """
+    follows = previous >= 0
+    white = np.array(values, dtype=np.float64)
+    white[..., follows] -= scatter.correlation * values[..., previous[follows]]
+    white[..., follows] /= np.sqrt(1.0 - scatter.correlation**2)
+    return white / scatter.deviation
+
+
+def _places(tested: ResidualsUnderTest, standardised: FloatArray) -> Iterator[Misfit]:
+    """Yield places one after the other, each found in what those before it have left."""
+    worst, remnant, reported = 0.0, 0.0, {MisfitKind.UNCLEAR, MisfitKind.EXTRA_MODE}
+    for _ in range(_MOST_PLACES):
+        found = run_joint_tests(tested)
+        if found.p_value > LEVEL:
+            return
+        chosen = narrow(tested.groupings, tested.residuals**2, tested.counts) if found.in_groups else {}
+        place = within(tested.groupings, chosen, tested.counts)
+        kind = _kind(tested, chosen, place)
+        left, size = (float(np.sqrt(np.mean(values[place] ** 2))) for values in (tested.residuals, standardised))
+        if left > worst:
+            # Linear signatures leave a part of a large misfit, which may look like any other kind.
+            worst, remnant = left, min(float(np.sqrt(max(1.0 - kind.share, 0.0))), _SKIRT)
+        if left >= (_SKIRT if kind.kind in reported else remnant) * worst:
+            yield Misfit(_words(tested, chosen, found.trends), size, kind.kind, found.p_value)
+        reported.add(kind.kind)
+        # The value after the place has a part of its last one in it, where neighbours are correlated.
+        rest = tested.counts & ~place & ~(place[tested.previous] & (tested.previous >= 0))
+        if not np.any(rest):
+            return
+        tested = replace(tested, residuals=take_out(tested.residuals, kind, rest), counts=rest)
+
+
+def _kind(tested: ResidualsUnderTest, chosen: Mapping[int, Sequence[int]], place: BoolArray) -> KindFound:
+    """Compare kinds over all frequencies, channels and levels that were measured under the conditions of a place."""
+    whole = (None, ConditionAxis.FREQUENCY, ConditionAxis.LEVEL)
+    conditions = {index: groups for index, groups in chosen.items() if tested.groupings[index].axis not in whole}
+    return kind_of(
+        tested.layout, tested.residuals, tested.signatures, place, within(tested.groupings, conditions, tested.counts)
+    )
+
+
+def _words(tested: ResidualsUnderTest, chosen: Mapping[int, Sequence[int]], trends: Sequence[ConditionAxis]) -> str:
+    words = [tested.groupings[index].words(chosen[index]) for index in sorted(chosen)]
+    if not words:
+        words = ["everywhere", *(["changing with " + " and ".join(trends)] if trends else [])]
+    return ", ".join(words)

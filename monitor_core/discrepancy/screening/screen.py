@@ -1,0 +1,164 @@
+r"""Screen effects from where a fit stands: try a few sizes of each, with everything else refitted linearly.
+
+A score test follows the slope where the effect is absent. That slope deceives where an effect makes a resonance, or
+where the gap is large, so sizes over decades are tried as well. At each size the other coordinates of the fit take up
+what they can, which is a projection:
+
+.. math::
+
+    \Delta\chi^2 = \lVert r \rVert^2 - \lVert (I - Q Q^T) r' \rVert^2
+
+with the residuals r of the fit, r' with the effect, and Q an orthonormal basis of the fit's derivatives and priors.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Generic
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.screening.projection import Projection
+from monitor_core.discrepancy.screening.screened import N_STARTS, Screened
+from monitor_core.discrepancy.screening.sizes import measured_band, resonances, signed_sizes
+from monitor_core.discrepancy.screening.tolerance import screen_without_tolerance
+from monitor_core.effects import PREFIX
+from monitor_core.effects.effect import Effect, Physics
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.conditions.groups import has_lines
+from monitor_core.fitting.hypothesis import Hypothesis, is_size, searched_coordinates
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.fitting.solver.jacobian import derivative
+
+_FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, the most promising size may lead into a false minimum
+
+
+def screen(fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> tuple[Screened[Physics], ...]:
+    """Predict what each effect would gain from where a fit stands.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    effects : sequence of Effect
+        None of them part of the fit.
+
+    Returns
+    -------
+    tuple of Screened
+        Those that have an answer somewhere, most promising first.
+    """
+    projection = Projection(fitted)
+    screened = [result for effect in effects if (result := _screen_effect(fitted, projection, effect)) is not None]
+    return tuple(sorted(screened, key=lambda result: result.predicted_gain, reverse=True))
+
+
+def _screen_effect(
+    fitted: Fitted[Physics], projection: Projection, effect: Effect[Physics]
+) -> Screened[Physics] | None:
+    parameter = effect.key.removeprefix(PREFIX)
+    if effect.key.startswith(PREFIX) and parameter in fitted.hypothesis.uncertain:
+        index = fitted.hypothesis.uncertain.index(parameter)
+        return screen_without_tolerance(fitted, projection, effect, index)
+    return _EffectTrials(fitted, projection, effect).best()
+
+
+class _EffectTrials(Generic[Physics]):
+    """An effect, tried at several sizes and shapes."""
+
+    def __init__(self, fitted: Fitted[Physics], projection: Projection, effect: Effect[Physics]) -> None:
+        self.fitted, self.projection, self.effect = fitted, projection, effect
+        self.hypothesis: Hypothesis[Physics] = fitted.hypothesis.with_effect(effect)
+        self.at = self.hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
+        self.tail = self.at.size - len(effect.parameters)
+        self.here = projection.residuals(fitted.standardised)
+        has_frequencies = np.any(np.isfinite(fitted.comparison.layout.frequency))
+        parameter = effect.frequency if has_frequencies else None
+        self.resonance = None if parameter is None else (effect.parameters.index(parameter), parameter)
+
+    def best(self) -> Screened[Physics] | None:
+        """Return the most promising size and shape; None where the model has no answer with the effect."""
+        sizes = [index for index, parameter in enumerate(self.effect.parameters) if is_size(parameter)]
+        slopes = [
+            (shape, index, slope)
+            for shape in self._shapes()
+            for index in sizes
+            if (slope := self._slope(shape, index)) is not None
+        ]
+        if not slopes:
+            return None
+        lines = has_lines(self.fitted.comparison.layout)
+        tried, score = [(0.0, self.at)], 0.0
+        for shape, index, slope in slopes:
+            linear, gain = self._linear(slope, index)
+            score = max(score, gain)
+            others = signed_sizes(self.effect, self.effect.parameters[index], has_lines=lines)
+            sizes_tried = dict.fromkeys((linear, *others)) if np.any(slope) else ()
+            tried += [self._tried(shape, index, size) for size in sizes_tried]
+        tried.sort(key=lambda trial: trial[0], reverse=True)
+        starts = [coordinates for decrease, coordinates in tried[:N_STARTS] if np.isfinite(decrease)]
+        best_shape, largest = tried[0][1][self.tail :], self._range(sizes[0])[1]
+        starts += [self._sized(best_shape, sizes[0], size) for size in _FAR_STARTS if size <= largest]
+        first = [(shape, float(slope @ slope)) for shape, index, slope in slopes if index == sizes[0]]
+        seen = [information for shape, information in first if self._resonates_in_band(shape)]
+        information = min(seen, default=max((information for _, information in first), default=0.0))
+        return Screened(self.effect, tuple(starts), tried[0][0], score, information)
+
+    def _sized(self, shape: FloatArray, index: int, size: float | None = None) -> FloatArray:
+        """Return the coordinates of the fit with the effect of a shape, and at a size where one is given."""
+        trial = self.at.copy()
+        trial[self.tail :] = shape
+        if size is not None:
+            trial[self.tail + index] = size
+        return trial
+
+    def _linear(self, slope: FloatArray, index: int) -> tuple[float, float]:
+        """Return the size that the slope leads to, and the decrease of χ² that it predicts there."""
+        square = float(slope @ slope)
+        if square <= 0.0:
+            return 0.0, 0.0
+        low, high = self._range(index)
+        along = float(slope @ self.here)
+        size = float(np.clip(-along / square, low, high))
+        return size, -size * (2.0 * along + size * square)
+
+    def _range(self, index: int) -> tuple[float, float]:
+        return searched_coordinates(self.effect, self.effect.parameters[index])
+
+    def _shapes(self) -> Iterator[FloatArray]:
+        """Yield coordinates of the effect, with a resonance put at frequencies over the band."""
+        null = np.zeros(len(self.effect.parameters))
+        if self.resonance is None:
+            yield null
+            return
+        index, parameter = self.resonance
+        for frequency in resonances(self.fitted, parameter):
+            shape = null.copy()
+            shape[index] = (frequency - parameter.null) / parameter.scale
+            yield shape
+
+    def _resonates_in_band(self, shape: FloatArray) -> bool:
+        if self.resonance is None:
+            return True
+        index, parameter = self.resonance
+        lowest, highest = measured_band(self.fitted)
+        return bool(lowest <= parameter.null + parameter.scale * shape[index] <= highest)
+
+    def _slope(self, shape: FloatArray, index: int) -> FloatArray | None:
+        """Return the derivative by a size that is null, as far as nothing else can take it up."""
+        trial, around = self._sized(shape, index), self.fitted.around
+        try:
+            misfit = around.misfit(self.hypothesis.physics(trial))
+            slope = derivative(around, self.hypothesis, trial, misfit, self.tail + index)
+        except OutsideValidityError:
+            return None
+        return self.projection.direction(around.whitened_by(slope))
+
+    def _tried(self, shape: FloatArray, index: int, size: float) -> tuple[float, FloatArray]:
+        """Return the decrease of χ² at a size, and the coordinates there; −∞ where the model has no answer."""
+        trial = self._sized(shape, index, size)
+        try:
+            standardised = self.fitted.around.residuals(self.hypothesis.physics(trial))
+        except OutsideValidityError:
+            return -np.inf, trial
+        left = self.projection.residuals(standardised)
+        trial[: self.tail] += self.projection.step(standardised)
+        return float(self.here @ self.here - left @ left), trial

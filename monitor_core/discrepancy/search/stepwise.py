@@ -1,0 +1,83 @@
+"""Add one effect after the other while the evidence carries it, and leave out again what is no longer needed."""
+
+import math
+from collections.abc import Sequence
+
+from monitor_core.discrepancy.search.refits import rivals_at
+from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace
+from monitor_core.effects.effect import Effect, Physics
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
+from monitor_core.fitting.hold_out import expected_gain, gain
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+
+def add_stepwise(
+    workspace: Workspace[Physics], start: Fitted[Physics], steps: Sequence[Fitted[Physics]]
+) -> list[Fitted[Physics]]:
+    """Return the steps with those of adding one effect after the other, as long as the evidence carries them."""
+    current, taken = start, list(steps)
+    workspace.remember(current)
+    while len(current.hypothesis.effects) < workspace.settings.most_effects:
+        workspace.progress(f"{len(current.hypothesis.effects)} effects found")
+        better = _best_addition(workspace, current)
+        if better is None:
+            break
+        again = _refitted_without(workspace, current, better)
+        if delta_bic(again, better, evidence_scale(better)) < workspace.least_evidence(again):
+            current = again  # the effect had only led out of a false minimum
+            taken[-1:] = [again] if taken else []
+            continue
+        before = current.hypothesis.keys
+        current = prune(workspace, better, better.hypothesis.effects[:-1])
+        if current.hypothesis.keys <= before:
+            break
+        workspace.remember(current)
+        taken.append(current)
+    return taken
+
+
+def prune(
+    workspace: Workspace[Physics], fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]
+) -> Fitted[Physics]:
+    """Return the fit without those of some effects that are not needed."""
+    for effect in effects:
+        without = workspace.without(fitted, effect)
+        if delta_bic(without, fitted, evidence_scale(fitted)) < workspace.least_evidence(without):
+            return prune(workspace, without, [kept for kept in effects if kept.key != effect.key])
+    return fitted
+
+
+def holds(
+    workspace: Workspace[Physics], without: Fitted[Physics], fuller: Fitted[Physics], scale: EvidenceScale
+) -> bool:
+    """Return whether an effect that helps where it was fitted helps where it was not."""
+    before, after = without.held_out, fuller.held_out
+    if before is None or after is None:
+        return True
+    expected = expected_gain(before, after, scale)
+    forgiven = workspace.settings.forgiven_share * 0.5 * max(delta_bic(without, fuller, scale), 0.0)
+    least = workspace.settings.least_held_out_share * expected - 2.0 * math.sqrt(2.0 * expected)
+    return gain(before, after, scale) > least - forgiven
+
+
+def _best_addition(workspace: Workspace[Physics], current: Fitted[Physics]) -> Fitted[Physics] | None:
+    """Return the fit with the best further effect; None if the evidence carries none."""
+    least = workspace.least_evidence(current)
+    for rival in rivals_at(workspace, current):
+        scale = evidence_scale(rival.fitted)
+        if delta_bic(current, rival.fitted, scale) < least:
+            return None
+        if holds(workspace, current, rival.fitted, scale):
+            return rival.fitted
+    return None
+
+
+def _refitted_without(
+    workspace: Workspace[Physics], current: Fitted[Physics], fuller: Fitted[Physics]
+) -> Fitted[Physics]:
+    """Return the better fit without the last effect: the current fit, or a refit from where the effect led.
+
+    Any effect may show the way out of a false minimum. That is no evidence for it.
+    """
+    again = workspace.without(fuller, fuller.hypothesis.effects[-1])
+    return current if current.cost - again.cost < SAME_MINIMUM * abs(current.cost) else again

@@ -1,0 +1,136 @@
+"""Hold what a search works on: comparison, axis, candidates, settings, and the fits that are known already."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic
+
+from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.screening.screen import screen
+from monitor_core.discrepancy.screening.screened import Screened
+from monitor_core.discrepancy.search.found import Rival
+from monitor_core.effects.effect import Effect, Physics
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Comparison
+from monitor_core.fitting.conditions.settings import is_testable
+from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.evidence import VERY_STRONG
+from monitor_core.fitting.hold_out import fitted_values, judged_gap
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+
+#: Of the cost: fits that differ by less ended in the same minimum.
+SAME_MINIMUM = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class SearchSettings:
+    """When the evidence carries an effect. The figures are set on simulated machines, see benchmarks/hidden_effects."""
+
+    #: Of the gain of log-likelihood that is expected on held-out values, less twice what that gain scatters by.
+    least_held_out_share: float = 0.3
+    #: Of what an effect gains where it is fitted, what may be lost where it is not: a parameter beyond its tolerance
+    #: gains by its prior alone and changes hardly a residual, those held out for the worse or the better.
+    forgiven_share: float = 0.05
+    least_predicted_gain: float = 12.0  # of χ², by screening, for an effect to be refitted
+    n_refitted: int = 6  # by the gain predicted at the best size tried
+    n_refitted_by_slope: int = 1
+    #: Of what a refit has gained: what promises less is not refitted besides it, where screening can be relied upon.
+    least_share_of_gain: float = 0.3
+    most_rise: float = 25.0  # of χ², by screening, for an effect to be refitted in the place of an effect found
+    most_effects: int = 4
+    n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace(Generic[Physics]):
+    """What is searched, in what, and what the steps of the search share: the best fits, screenings and rivals known."""
+
+    comparison: Comparison[Physics]
+    axis: DescribedAxis[Physics]
+    candidates: tuple[Effect[Physics], ...]
+    settings: SearchSettings = SearchSettings()
+    progress: Callable[[str], None] = lambda _sentence: None
+    #: By the keys of their effects.
+    best_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
+    #: By :func:`identity` of the fit that they start from; each is refitted once only.
+    rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
+    _screened: dict[bytes, tuple[Screened[Physics], ...]] = field(default_factory=dict, init=False)
+
+    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics]:
+        """Fit a hypothesis to the values that fits see; raises OutsideValidityError without an answer at the start."""
+        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout))
+
+    def try_fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics] | None:
+        """Fit a hypothesis; None where the model has no answer at the start."""
+        try:
+            return self.fit(hypothesis, start)
+        except OutsideValidityError:
+            return None
+
+    def remember(self, fitted: Fitted[Physics]) -> None:
+        """Keep a fit if it is the best of its effects."""
+        keys = fitted.hypothesis.keys
+        if keys not in self.best_fits or fitted.cost < self.best_fits[keys].cost:
+            self.best_fits[keys] = fitted
+
+    @property
+    def baseline(self) -> Fitted[Physics]:
+        """The best fit without any effect."""
+        return self.best_fits[frozenset()]
+
+    def without(self, fitted: Fitted[Physics], effect: Effect[Physics]) -> Fitted[Physics]:
+        """Return the best fit known without one of the effects of a fit.
+
+        It starts from where the fuller fit ended. It is no worse than the best fit with still fewer effects that is
+        known by then: the evidence would otherwise be that of a false minimum.
+        """
+        hypothesis = fitted.hypothesis.without(effect.key)
+        from_fuller = self.try_fit(hypothesis, hypothesis.carried_over(fitted.hypothesis, fitted.coordinates))
+        best = lowest_cost(self.best_fits.get(hypothesis.keys), from_fuller)
+        plain = lowest_cost(*(known for those, known in self.best_fits.items() if those < hypothesis.keys))
+        if plain is not None and (best is None or plain.cost < best.cost):
+            start = hypothesis.carried_over(plain.hypothesis, plain.coordinates)
+            best = lowest_cost(best, self.try_fit(hypothesis, start))
+        best = best or self.fit(hypothesis, hypothesis.null)
+        self.remember(best)
+        return best
+
+    def remaining(self, fitted: Fitted[Physics]) -> tuple[Effect[Physics], ...]:
+        """Return the candidates that could still be added."""
+        present = fitted.hypothesis.keys
+        physics, layout = fitted.physics(), self.comparison.layout
+        return tuple(
+            effect
+            for effect in self.candidates
+            if effect.key not in present and is_testable(effect, layout) and effect.applies(physics)
+        )
+
+    def screened(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...]:
+        """Screen everything that could still be added to a fit, once only."""
+        key = identity(fitted)
+        if key not in self._screened:
+            self._screened[key] = screen(fitted, self.remaining(fitted))
+        return self._screened[key]
+
+    def least_evidence(self, without: Fitted[Physics]) -> float:
+        """Return the gain of BIC that one more effect needs.
+
+        Where a fit leaves no more than a healthy axis would, nothing but the choice of this effect among all that were
+        screened speaks for it, which may gain 2 ln n by chance (Chen and Chen, Biometrika 95 (2008) 759).
+        """
+        least = self.comparison.least_delta_bic
+        if judged_gap(without).exceeds_healthy:
+            return least
+        return max(least, VERY_STRONG + 2.0 * math.log(max(len(self.remaining(without)), 1)))
+
+
+def identity(fitted: Fitted[Physics]) -> bytes:
+    """Return the order of the effects and the coordinates of a fit, which identify it within a search."""
+    keys = ",".join(effect.key for effect in fitted.hypothesis.effects)
+    return keys.encode() + fitted.coordinates.tobytes()
+
+
+def lowest_cost(*fits: Fitted[Physics] | None) -> Fitted[Physics] | None:
+    """Return the fit with the lowest cost; None if all failed."""
+    return min((fitted for fitted in fits if fitted is not None), key=lambda fitted: fitted.cost, default=None)

@@ -1,0 +1,196 @@
+"""Collect what a report says, once for the page, for Markdown and for the terminal: sentences, headings and tables."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from monitor_core.discrepancy import (
+    Candidate,
+    Explanation,
+    FoundEffect,
+    FoundParameter,
+    GapPair,
+    Misfit,
+    Outcome,
+)
+from monitor_core.effects import PREFIX
+from service.report import verdict
+from service.report.rounding import (
+    between,
+    evidence,
+    notation,
+    probability,
+    quantity,
+    rounded,
+    unit_shown,
+    with_uncertainty,
+)
+
+_TIMES = 1.5  # from this ratio on people say "times"
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What a cell of a table shows."""
+
+    text: str
+    value: float = math.nan  # the number in full, for programs; NaN where there is none or it is not known
+    note: str = ""  # after the number
+
+    def __str__(self) -> str:
+        return self.text + self.note
+
+
+Row = tuple[Cell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectContent:
+    """A found effect."""
+
+    effect: FoundEffect
+    parameters: tuple[Row, ...]  # name, value, 95 % interval, plausible
+    delta_bic: Cell
+    held_out_gain: Cell | None  # None: nothing was held out
+
+
+@dataclass(frozen=True, slots=True)
+class ReportContent:
+    """What a report of an explanation says."""
+
+    headline: str
+    meaning: str
+    asides: tuple[str, ...]
+    misfits_heading: str
+    misfits: tuple[Row, ...]  # where, size, kind, p-value
+    remainder: tuple[Row, ...]
+    found_heading: str
+    effects: tuple[EffectContent, ...]
+    gap: tuple[Row, ...]  # before or after, fitted data, held-out data, noise floor
+    gap_by_channel: tuple[Row, ...]  # channel, before, after; none for a single channel
+    steps: tuple[str, ...]
+    candidates_heading: str
+    candidates: tuple[Row, ...]  # effect, ΔBIC, place, held-out gain, detection limit
+    threshold: str
+    pulls: tuple[Row, ...]  # error, pull
+    next_measurement: str
+    model_heading: str
+
+
+def report_content(explanation: Explanation) -> ReportContent:
+    """Return what a report of an explanation says."""
+    gap, outcome = explanation.gap, explanation.outcome
+    unknown, none = outcome is Outcome.UNKNOWN, outcome is Outcome.NONE
+    held_out = not verdict.nothing_held_out(explanation)
+    channels = explanation.gap_by_channel.items() if len(explanation.gap_by_channel) > 1 else ()
+    model = "The model, as refitted" if none else "The model, with what was added"
+    return ReportContent(
+        headline=verdict.headline(explanation),
+        meaning=verdict.meaning(explanation),
+        asides=verdict.asides(explanation),
+        misfits_heading="Patterns within the noise" if none else "Where model and measurement differ",
+        misfits=_misfit_rows(explanation.localisation),
+        remainder=_misfit_rows(explanation.remainder),
+        found_heading="What helped most, and is not named as the cause" if unknown else "What was found",
+        effects=tuple(_effect_content(effect, held_out=held_out) for effect in explanation.effects),
+        gap=tuple(
+            (Cell(words), *(_quantity(size, gap.unit) for size in (pair.fit, pair.held_out, gap.noise_floor)))
+            for words, pair in (("before", gap.before), ("after", gap.after))
+        ),
+        gap_by_channel=tuple((Cell(name), *(_quantity(size, gap.unit) for size in both)) for name, both in channels),
+        steps=tuple(_step_sentence(step.effect, step.gap, gap.unit) for step in explanation.steps),
+        candidates_heading="What could still hide" if none else "What else was considered",
+        candidates=tuple(_candidate_row(candidate) for candidate in _in_order(explanation.candidates)),
+        threshold=f"One more effect would need a ΔBIC of {evidence(explanation.least_delta_bic)}.",
+        pulls=tuple((Cell(name), Cell(rounded(pull, 2), pull)) for name, pull in explanation.pulls.items()),
+        next_measurement=explanation.next_measurement,
+        model_heading="The model, as it was: what helped most is not in it" if unknown else model,
+    )
+
+
+def compared_with_stated(key: str, found: FoundParameter) -> str:
+    """Say how far a wrong parameter is from its stated value, for people who do not read logarithms; else nothing."""
+    if not key.startswith(PREFIX):
+        return ""
+    low, high = (math.exp(end) for end in found.interval_95)
+    if low > 1.0 / _TIMES and high < _TIMES:
+        low, high = 100.0 * (low - 1.0), 100.0 * (high - 1.0)
+        return f" ({rounded(low, 2)} to {rounded(high, 2)} % from what is stated)"
+    return f" ({rounded(low, 2)} to {rounded(high, 2)} times what is stated)"
+
+
+def _quantity(value: float, unit: str) -> Cell:
+    return Cell(quantity(value, unit), value)
+
+
+def _misfit_rows(misfits: Sequence[Misfit]) -> tuple[Row, ...]:
+    return tuple(
+        (Cell(misfit.where), _quantity(misfit.size, "sigma"), Cell(str(misfit.kind)), Cell(probability(misfit.p_value)))
+        for misfit in misfits
+    )
+
+
+def _effect_content(effect: FoundEffect, *, held_out: bool) -> EffectContent:
+    gain = effect.held_out_log_likelihood_gain
+    return EffectContent(
+        effect,
+        tuple(_parameter_row(effect.key, name, found) for name, found in effect.parameters.items()),
+        Cell(evidence(effect.delta_bic), effect.delta_bic),
+        Cell(evidence(gain), gain) if held_out else None,
+    )
+
+
+def _parameter_row(key: str, name: str, found: FoundParameter) -> Row:
+    value, uncertainty, unit = found.estimate.value, found.estimate.standard_uncertainty, unit_shown(found.unit)
+    return (
+        Cell(name),
+        Cell(with_uncertainty(value, uncertainty) + unit, value, compared_with_stated(key, found)),
+        Cell(between(*found.interval_95, notation(value, uncertainty)) + unit),
+        Cell("yes" if found.plausible else "NO"),
+    )
+
+
+def _step_sentence(effect: str, gap: GapPair, unit: str) -> str:
+    held_out = "nothing held out" if math.isnan(gap.held_out) else f"{quantity(gap.held_out, unit)} held out"
+    return f"with {effect}: {quantity(gap.fit, unit)} fitted, {held_out}"
+
+
+def _in_order(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return those that were tested first, the best supported before the others."""
+    return sorted(
+        candidates,
+        key=lambda candidate: (
+            candidate.untestable_because is not None,
+            math.isnan(candidate.delta_bic),
+            -candidate.delta_bic,
+        ),
+    )
+
+
+def _candidate_row(candidate: Candidate) -> Row:
+    """Return a candidate with its evidence, in place of a found effect or in addition, and its detection limit."""
+    place, limit = "in addition", _detection_limit(candidate)
+    if candidate.untestable_because is not None:
+        place, limit = "—", Cell(f"untestable: {candidate.untestable_because}")
+    elif candidate.substitution_for is not None:
+        place = f"instead of {candidate.substitution_for}"
+    gains = (Cell(evidence(gain), gain) for gain in (candidate.delta_bic, candidate.held_out))
+    delta_bic, held_out = gains
+    return (Cell(candidate.key), delta_bic, Cell(place), held_out, limit)
+
+
+def _detection_limit(candidate: Candidate) -> Cell:
+    """Return the size from which on an effect would be seen.
+
+    For a wrong parameter it is a ratio, or near one the share by which it is above what is stated.
+    """
+    limit = candidate.detection_limit
+    if limit is None:
+        return Cell("not known")
+    if candidate.key.startswith(PREFIX):  # known by its logarithm
+        ratio = math.exp(limit)
+        if ratio < _TIMES:
+            more, less = 100.0 * (ratio - 1.0), 100.0 * (1.0 - 1.0 / ratio)
+            return Cell(f"{rounded(more, 2)} % more or {rounded(less, 2)} % less than stated", more)
+        return Cell(f"{rounded(ratio, 2)} times what is stated, or as many times less", ratio)
+    return Cell(quantity(limit, candidate.unit, 2), limit)

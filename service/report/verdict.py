@@ -1,0 +1,186 @@
+"""State the verdict in sentences: the headline, what the outcome means, and what goes with it."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from monitor_core.discrepancy import Explanation, FoundEffect, GapPair, Outcome
+from service.report.rounding import rounded, unit_shown
+
+_MEANING: Final = {
+    Outcome.NAMED: (
+        "Named: with what is added the model holds{judged}. It does not mean that nothing else is there: an effect "
+        "below its detection limit would not be noticed, nor would one that is not in the catalogue but acts alike on "
+        "these data."
+    ),
+    Outcome.EQUIVALENT: (
+        "Equivalent: something is missing, and these data cannot tell which of the effects listed it is. The first "
+        "of them is in the model only because one must be; the data do not prefer it to the others."
+    ),
+    Outcome.PARTIAL: (
+        "Partial: what is added holds{judged}, but does not close the gap. Nothing in the catalogue explains the "
+        "remainder, and the values found may have taken up part of it."
+    ),
+    Outcome.NONE: (
+        "None: the model, adjusted within its tolerances, agrees with the measurement to its noise. It does not mean "
+        "that the axis has no other effect: an effect that is smaller than its detection limit below could still hide, "
+        "and so could an effect that these data cannot test."
+    ),
+    Outcome.UNKNOWN: (
+        "Unknown: model and measurement disagree by more than noise, and no effect of the catalogue, alone or with "
+        "others, explains that to the noise floor. The cause may lie outside of the catalogue, in the measurement, or "
+        "in the description of the axis."
+    ),
+}
+_HELD = " on data that were not used to choose it"
+_NOT_HELD = " on the data it was chosen by"
+_WHEN_HELD_OUT = "None could be held out; of five positions or more, two would be."
+_HARDLY_LESS = 0.95  # of a gap
+#: Standard deviations: any of a dozen right parameters is moved farther than the first in one report of seven.
+_MOVED, _STRAINED, _FAR = 2.5, 3.0, 5.0
+
+
+def headline(explanation: Explanation) -> str:
+    """Return the verdict in one sentence."""
+    names = listed([_named(effect) for effect in explanation.effects])
+    several = len(explanation.effects) > 1
+    match explanation.outcome:
+        case Outcome.NAMED:
+            return f"The model lacks {names}: with {'them' if several else 'it'} {_gap_sentence(explanation)}."
+        case Outcome.EQUIVALENT:
+            first = "the first of each" if several else "the first of them"
+            gap = _gap_sentence(explanation)
+            return f"The model lacks {names}, and these data cannot tell which: with {first} {gap}."
+        case Outcome.PARTIAL:
+            gap = _gap_sentence(explanation)
+            return f"The model lacks {names}, and more that nothing in the catalogue explains: {gap}."
+        case Outcome.NONE:
+            moved = list(_moved(explanation))
+            once = f", once {listed(moved)} {'is' if len(moved) == 1 else 'are'} as refitted" if moved else ""
+            return f"Nothing is missing that these data would show{once}: {_gap_as_it_is(explanation)}."
+        case Outcome.UNKNOWN:
+            gap = _gap_as_it_is(explanation)
+            if explanation.effects:
+                gap = f"with {names}, the best that was found, {_gap_sentence(explanation)}"
+            return f"Something is missing that nothing in the catalogue explains: {gap}."
+
+
+def meaning(explanation: Explanation) -> str:
+    """Say what the outcome means, and what it does not."""
+    words = _MEANING[explanation.outcome]
+    if "{judged}" not in words or not nothing_held_out(explanation):
+        return words.format(judged=_HELD)
+    return f"{words.format(judged=_NOT_HELD)} {_WHEN_HELD_OUT}"
+
+
+def asides(explanation: Explanation) -> tuple[str, ...]:
+    """Return what goes with the verdict: assumptions, effects that help but are not named, parameters pulled far."""
+    return (
+        *explanation.assumptions,
+        *_hidden_in_remainder(explanation),
+        *_pulled(explanation),
+        *_strained_before(explanation),
+    )
+
+
+def nothing_held_out(explanation: Explanation) -> bool:
+    """Return whether the data allowed none to be held out."""
+    return math.isnan(explanation.gap.after.held_out)
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Join parts as a sentence does; nothing gives an empty text."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def _named(effect: FoundEffect) -> str:
+    """Return the name of an effect with one that the data cannot distinguish, and a note if it is not plausible."""
+    others = f" or {len(effect.equivalent_to) - 1} more" if len(effect.equivalent_to) > 1 else ""
+    name = " or ".join([f"“{effect.name}”", *effect.equivalent_to[:1]]) + others
+    return name if effect.plausible else f"{name} (a stand-in: its value is not plausible)"
+
+
+def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
+    hidden = explanation.hidden_in_remainder
+    if hidden:
+        verb, they, are = ("helps", "it", "is") if len(hidden) == 1 else ("help", "they", "are")
+        yield (
+            f"{listed(hidden)} {verb}, too, but by little compared with what is left: whatever is missing may look "
+            f"like that, so {they} {are} neither named nor in the model."
+        )
+
+
+def _pulled(explanation: Explanation) -> Iterator[str]:
+    """Say which declared parameters were moved beyond what is usual, to what, and what it may mean."""
+    moved = _moved(explanation)
+    if moved:
+        each = [
+            f"{name} at {rounded(math.exp(explanation.ln_ratios[name]), 3)} times what is stated "
+            f"({rounded(pull, 2)} standard deviations)"
+            for name, pull in moved.items()
+        ]
+        yield (
+            f"The fit has {listed(each)}. That may be a finding of its own, or the stated value is wrong, or it makes "
+            "up for a parameter that is taken as exact, or for missing physics."
+        )
+
+
+def _moved(explanation: Explanation) -> dict[str, float]:
+    """Return the pulls of the declared parameters that the fit has moved beyond what is usual."""
+    pulls = {name: explanation.pulls.get(name, 0.0) for name in explanation.pulls_before}
+    return {name: pull for name, pull in pulls.items() if abs(pull) > _MOVED}
+
+
+def _strained_before(explanation: Explanation) -> Iterator[str]:
+    """Say that the model before had to move its parameters far to come near the data."""
+    strained = _eased(explanation, _FAR)
+    if strained:
+        each = [f"{name} {rounded(abs(pull), 2)}" for name, pull in strained.items()]
+        yield (
+            "The gap before is that of a model whose parameters were moved far to fit the data, in standard "
+            f"deviations: {listed(each)}."
+        )
+
+
+def _gap_sentence(explanation: Explanation) -> str:
+    gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
+    before, after, on = _judged(gap.before), _judged(gap.after), _judged_on(explanation)
+    floor = f"(noise floor {rounded(gap.noise_floor)}{unit})"
+    eased = _eased(explanation, _STRAINED)
+    if after > _HARDLY_LESS * before and eased:
+        name = max(eased, key=lambda parameter: abs(eased[parameter]))
+        return (
+            f"the gap stays at {rounded(after)}{unit}, {on} {floor}, but without, {name} would have to be "
+            f"{rounded(abs(eased[name]), 2)} standard deviations from what is stated"
+        )
+    verb = "falls" if after < before else "does not fall"
+    return f"the gap {verb}, from {rounded(before)} to {rounded(after)}{unit}, {on} {floor}"
+
+
+def _gap_as_it_is(explanation: Explanation) -> str:
+    gap, unit = explanation.gap, unit_shown(explanation.gap.unit)
+    return (
+        f"the gap is {rounded(_judged(gap.before))}{unit} {_judged_on(explanation)}, at a noise floor of "
+        f"{rounded(gap.noise_floor)}{unit}"
+    )
+
+
+def _judged(pair: GapPair) -> float:
+    """Return the gap that counts: on data held out where there are any."""
+    return pair.fit if math.isnan(pair.held_out) else pair.held_out
+
+
+def _judged_on(explanation: Explanation) -> str:
+    """Say which data the gaps of the verdict are of."""
+    if nothing_held_out(explanation):
+        return "on the data that were fitted, since none could be held out"
+    return "on data that were not fitted"
+
+
+def _eased(explanation: Explanation, beyond: float) -> dict[str, float]:
+    """Return the pulls before, beyond so much, of the declared parameters that what was found has eased."""
+    return {
+        name: pull
+        for name, pull in explanation.pulls_before.items()
+        if abs(pull) > beyond and abs(explanation.pulls.get(name, 0.0)) < 0.5 * abs(pull)
+    }
