@@ -2,6 +2,9 @@
 
 Axial and torsional waves obey one equation. Axially the rigidity is E S and the wave runs on E; in torsion it is G J
 and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.
+
+The rods are described by their rigidity, E S [N] or G J [N·m²], their wave number, shape (n_frequencies,), not zero
+[rad/m], and their length [m].
 """
 
 import math
@@ -70,17 +73,7 @@ def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
 
 
 def rod_waves(rigidity: float, wave_number: Wave, length: float) -> RodWaves[Wave]:
-    """Return the trigonometry of a rod, all that a closed form needs to know of it.
-
-    Parameters
-    ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
-    """
+    """Return the trigonometry of a rod, all that a closed form needs to know of it."""
     z = rigidity * wave_number
     sine = np.sin(wave_number * length)
     return RodWaves(np.cos(wave_number * length), sine / z, z * sine)
@@ -95,15 +88,6 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
         \end{bmatrix}, \qquad z = E S \lambda \text{ or } G J \lambda
 
     Eqs. (1), (2), (10) and (11) of Tian et al.
-
-    Parameters
-    ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
 
     Returns
     -------
@@ -124,15 +108,6 @@ def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> 
     .. math::
 
         \mathbf D = z \begin{bmatrix} \cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & \cot\lambda l \end{bmatrix}
-
-    Parameters
-    ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
 
     Returns
     -------
@@ -156,12 +131,8 @@ def condensed_stiffness(
 
     Parameters
     ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
+    rigidity, wave_number, length
+        As for all functions.
     end_stiffness : ndarray, shape (n_frequencies,) or ()
         k(ω): spring, damper and mass at the other end together. [N/m] or [N·m/rad]
 

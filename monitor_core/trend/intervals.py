@@ -1,4 +1,8 @@
-"""Compute intervals of repeated readings: of their mean, of the next reading, of the population."""
+"""Compute intervals of repeated readings: of their mean, of the next reading, of the population.
+
+Readings are independent, in any unit, shape (n_readings,); an interval is in the same unit. Fewer than two readings, or
+one that is not finite, raise ``OutsideValidityError``.
+"""
 
 import math
 from collections.abc import Sequence
@@ -23,20 +27,13 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
 
     Parameters
     ----------
-    readings : sequence of float, shape (n_readings,)
-        Independent readings; any unit. [-]
     level : float
         How often the interval covers the mean. [-]
 
     Returns
     -------
     Interval
-        Of kind ``CONFIDENCE``, in the unit of the readings.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or one is not finite.
+        Of kind ``CONFIDENCE``.
 
     Notes
     -----
@@ -67,20 +64,13 @@ def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: f
 
     Parameters
     ----------
-    readings : sequence of float, shape (n_readings,)
-        Independent readings; any unit. [-]
     level : float
         How often the interval covers the next reading. [-]
 
     Returns
     -------
     Interval
-        Of kind ``PREDICTION``, in the unit of the readings.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or one is not finite.
+        Of kind ``PREDICTION``.
 
     References
     ----------
@@ -102,8 +92,6 @@ def tolerance_interval_of_population(
 
     Parameters
     ----------
-    readings : sequence of float, shape (n_readings,)
-        Independent readings; any unit. [-]
     share : float
         Share of the population that is to lie inside. [-]
     level : float
@@ -112,12 +100,7 @@ def tolerance_interval_of_population(
     Returns
     -------
     Interval
-        Of kind ``TOLERANCE``, in the unit of the readings; its level is the confidence.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or one is not finite.
+        Of kind ``TOLERANCE``; its level is the confidence.
     """
     mean, scatter, n = _moments(readings)
     half = tolerance_factor(n, share, level) * scatter
@@ -206,10 +189,8 @@ def paper_rule(
 
     Parameters
     ----------
-    baseline_readings : sequence of float, shape (n_readings,)
-        Readings of the one group; any unit. [-]
-    current_readings : sequence of float, shape (n_readings,)
-        Readings of the other group, same unit. [-]
+    baseline_readings, current_readings : sequence of float, shape (n_readings,)
+        Readings of the two groups, in the same unit. [-]
     level : float
         Level of both intervals. [-]
 
@@ -217,11 +198,6 @@ def paper_rule(
     -------
     PaperRule
         Both intervals, and whether they tell the groups apart.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a group has fewer than two readings, or one is not finite.
 
     Notes
     -----

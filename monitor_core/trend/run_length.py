@@ -1,8 +1,9 @@
 """Compute the average run length of control charts.
 
 All functions take the true distribution of the residual as the chart sees it, N(shift, scale²), counted positive
-towards loss. ``shift`` and ``scale`` may be arrays: on an *estimated* baseline even a healthy axis shows a shift and a
-scale other than 1, different ones for each baseline.
+towards loss. ``shift`` and ``scale`` [-] may be arrays of any shape: on an *estimated* baseline even a healthy axis
+shows a shift and a scale other than 1, different ones for each baseline. All functions return the measurements up to
+and including the signal [-], at most 1e12, in that shape. A limit that is not positive raises ``OutsideValidityError``.
 """
 
 import math
@@ -46,24 +47,12 @@ def cusum_run_length(
         h. [-]
     reference : float
         k. [-]
-    shift, scale : array_like, shape (...)
-        Mean and standard deviation of the residual. [-]
     largest_increment : float
         Winsorising constant of :func:`monitor_core.trend.charts.cusum_step`. [-]
     confirmed_limit : float
         Shewhart limit of the second rule; infinite without it. [-]
     n_cells : int
         Cells of the chain. The error falls with its square; 80 give 0.1 % at k = 0.5, h = 5. [-]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Measurements up to and including the signal; at most 1e12. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the limit is not positive.
 
     Examples
     --------
@@ -121,22 +110,10 @@ def ewma_run_length(
         c, the limit of the average itself; :math:`c = L \sqrt{\lambda/(2-\lambda)}`. [-]
     weight : float
         λ. [-]
-    shift, scale : array_like, shape (...)
-        Mean and standard deviation of the residual. [-]
     largest_residual : float
         Magnitude at which residuals are winsorised. [-]
     n_cells : int
         Cells of the chain; odd, so that zero is the middle of one. 81 give 0.6 % at λ = 0.1, ARL 500. [-]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Measurements up to and including the signal; at most 1e12. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the limit is not positive.
 
     Examples
     --------
@@ -186,17 +163,10 @@ def shewhart_run_length(
     ----------
     limit : float
         In standard deviations. [-]
-    shift, scale : array_like, shape (...)
-        Mean and standard deviation of the residual. [-]
     consecutive : int
         r. [-]
     two_sided : bool
         Residuals beyond the limit on either side count. [-]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Measurements up to and including the signal; at most 1e12. [-]
 
     Examples
     --------

@@ -57,27 +57,7 @@ class TransmissionLineModel:
         excitation: ExcitationPoint,
         response: ResponsePoint,
     ) -> FrequencyResponse:
-        """Return the response per unit excitation.
-
-        Parameters
-        ----------
-        frequency : ndarray, shape (n_frequencies,)
-            Above zero and below half the sampling rate of the grid. [Hz]
-        conditions : DriveConditions
-            Position, preload and payload; temperature and excitation level move nothing here.
-        excitation, response : ExcitationPoint, ResponsePoint
-            Where the drive is driven and where it answers. A force at the table finds the rotor free.
-
-        Returns
-        -------
-        FrequencyResponse
-            Named by ISO 7626.
-
-        Raises
-        ------
-        OutsideValidityError
-            If a frequency or the position is out of range.
-        """
+        """Return the response below half the sampling rate of the grid; a force at the table finds the rotor free."""
         frequency = require_frequencies(frequency)
         drive = self._drive(conditions, motor_end_of(excitation, otherwise=MotorEnd.FREE))
         highest = 0.5 / drive.grid.time_step
