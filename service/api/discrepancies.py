@@ -20,8 +20,6 @@ class DiscrepancyIn(MeasuredIn):
     """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
         json_schema_extra={
             "examples": [
                 {"baseline": 'family = "lumped"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [300.0, 600.0]}

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 from fastapi import Path
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
 _RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 #: Moments that every database and every conversion of zones can take, and that are no slip of the keyboard.
@@ -36,3 +36,9 @@ AxisId = Annotated[
 ]
 RowId = Annotated[int, Path(ge=1, lt=2**63)]
 JobId = Annotated[str, Path(pattern=r"^[0-9a-f-]{36}$")]
+
+
+class RequestModel(BaseModel):
+    """Base of everything that a client sends: unknown members are refused, and nothing is changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

@@ -3,10 +3,10 @@
 from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Depends, Response
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from service.api.calibrations import MeasurementRange
-from service.api.fields import AxisId
+from service.api.fields import AxisId, RequestModel
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.monitoring.axis_configuration import Number
@@ -14,10 +14,8 @@ from service.operations.monitoring.axis_configuration import Number
 router = APIRouter(prefix="/v1", tags=["identifications"])
 
 
-class PeakIn(BaseModel):
+class PeakIn(RequestModel):
     """One measured peak of the table's receptance."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
     frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
@@ -33,10 +31,8 @@ AccelerometerPlace = Annotated[
 ]
 
 
-class PredictionIn(BaseModel):
+class PredictionIn(RequestModel):
     """A calibration to be predicted from the joints: of which mode, and at which preload they were measured."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     mode_hz: Annotated[
         tuple[Annotated[Number, Field(gt=0, le=1e6)], Annotated[Number, Field(gt=0, le=1e6)]],
@@ -48,7 +44,7 @@ class PredictionIn(BaseModel):
     excitation_source: Literal["sensor", "drive"] = "sensor"
 
 
-class MeasuredIn(BaseModel):
+class MeasuredIn(RequestModel):
     """What was measured of an axis: stored measurements, or peaks."""
 
     measurements: MeasurementRange | None = None
@@ -68,8 +64,6 @@ class IdentificationIn(MeasuredIn):
     """Whose joints, and from what: stored measurements, or peaks."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
         json_schema_extra={
             "examples": [
                 {"model": 'family = "receptance"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [500.0]}
