@@ -73,12 +73,7 @@ class DriveModelFile:
         return with_effects(ExtendedModel.of(family_model.parameters), self.effects, effects)
 
     def build_motion(self, effects: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS) -> MotionModel:
-        """Return the rigid axis of a motion model, with its effects added in their order.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-            What the keys of the file may mean: the table of the product, or with a user's own.
+        """Return the rigid axis of a motion model, with its effects added in their order; as :meth:`build`.
 
         Raises
         ------
@@ -187,8 +182,8 @@ def _uncertain(fields: Fields, parameters: Mapping[str, float]) -> dict[str, flo
     for name in shares:
         if parameters[name] == 0.0:
             raise RecordingFormatError(
-                f"{fields.where}, {name}: a share of 0 is nothing; expected a parameter that is not zero, got 0 in "
-                "[parameters]"
+                f"{fields.where}, {name}: expected a parameter that is not zero, since the uncertainty is a share of "
+                "it; got 0 in [parameters]"
             )
     return shares
 

@@ -106,22 +106,12 @@ def open_session(path: Path) -> Iterator[SessionReader]:
 
 
 def read_session(path: Path) -> Session:
-    """Read a whole session into memory.
-
-    Parameters
-    ----------
-    path : Path
-        A ``*.session.h5`` file.
+    """Read a whole session into memory; raises as :func:`open_session`.
 
     Returns
     -------
     Session
         Windows in time order; samples in the precision of the file, positions in metres.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is no such session: one sentence says what was expected, what was got, and where.
     """
     with open_session(path) as reader:
         return Session(reader.axis_id, tuple(reader.windows()), reader.description, reader.created)

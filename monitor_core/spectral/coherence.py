@@ -189,5 +189,5 @@ def _window(t: FloatArray, taper: Taper) -> FloatArray:
 
 def _at_least_two(n_averages: float) -> float:
     if not n_averages >= 2.0:
-        raise OutsideValidityError(f"coherence says nothing with fewer than 2 averages; got {n_averages:g}")
+        raise OutsideValidityError(f"coherence needs at least 2 averages; got {n_averages:g}")
     return float(n_averages)

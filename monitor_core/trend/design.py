@@ -245,9 +245,7 @@ def _solve(expected_number: Callable[[float], float], wanted: float) -> float:
     while expected_number(lower) < wanted:
         lower *= 0.5
         if lower < 1e-3:
-            raise OutsideValidityError(
-                f"{wanted:g} false alarms in a year are more than any limit gives; ask for fewer"
-            )
+            raise OutsideValidityError(f"no limit gives as many as {wanted:g} false alarms in a year; ask for fewer")
     while expected_number(upper) > wanted:
         lower, upper = upper, 1.5 * upper
     # the logarithm is nearly straight in the limit; an expectation of exactly 0 lies far below every wanted number
