@@ -7,6 +7,9 @@ step; with the same step for both lines, and different numbers of sections, noth
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
 
@@ -44,6 +47,15 @@ class LineGrid:
     def axial_step(self) -> float:
         """Time in which an axial wave crosses one axial section, in seconds."""
         return self.time_step / self.axial_substeps
+
+    def require_room(self, position: FloatArray, screw_length: float) -> None:
+        """Refuse positions [m] that do not leave a section between the nut and the ends of the screw."""
+        margin = screw_length / min(self.axial_sections, self.torsional_sections)
+        if np.any(position < margin) or np.any(position > screw_length - margin):
+            raise OutsideValidityError(
+                f"position must lie on the screw, at least one section from the ends, within {margin:g} and "
+                f"{screw_length - margin:g} m; got {np.min(position):g} to {np.max(position):g} m"
+            )
 
     def torsional_impedance(self, parameters: TransmissionLineParameters) -> float:
         """Z_t = GJ · delay/length = ρ'J u', Eq. (12) as corrected, in N·m·s/rad."""
