@@ -173,7 +173,7 @@ def _choose(candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate
 def _fit_peak(spectra: BandSpectra, candidate: Candidate, maximum_modes: int) -> ModeFit | Rejection:
     """Fit one or two modes; two within a half-power bandwidth are one peak, fitted as one, with a warning.
 
-    Nobody could say from one measurement to the next which of the two is meant. Half of what the choice moves the
+    From one measurement to the next it would be unclear which of the two is meant. Half of what the choice moves the
     frequency by joins the uncertainty.
     """
 

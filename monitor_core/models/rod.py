@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
 
-#: What is real on the frequency axis and complex beside it.
+#: Real on the frequency axis, complex away from it.
 Wave = TypeVar("Wave", FloatArray, ComplexArray)
 
 
@@ -80,7 +80,7 @@ def rod_waves(rigidity: float, wave_number: Wave, length: float) -> RodWaves[Wav
 
 
 def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
-    r"""Receptance of a rod with free ends.
+    r"""Return the receptance of a rod with free ends.
 
     .. math::
 
@@ -103,7 +103,7 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
 
 
 def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
-    r"""Dynamic stiffness of a rod, the inverse of its receptance.
+    r"""Return the dynamic stiffness of a rod, the inverse of its receptance.
 
     .. math::
 
@@ -121,7 +121,7 @@ def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> 
 def condensed_stiffness(
     rigidity: float, wave_number: Wave, length: float, end_stiffness: FloatArray | ComplexArray
 ) -> ComplexArray:
-    r"""Dynamic stiffness felt at one end of a rod whose other end is held by a dynamic stiffness k.
+    r"""Return the dynamic stiffness felt at one end of a rod whose other end is held by a dynamic stiffness k.
 
     .. math::
 
@@ -153,9 +153,9 @@ def condensed_stiffness(
     return np.asarray(quotient, dtype=np.complex128)
 
 
-def _symmetric(diagonal: FloatArray | ComplexArray, beside: FloatArray | ComplexArray) -> ComplexArray:
+def _symmetric(diagonal: FloatArray | ComplexArray, off_diagonal: FloatArray | ComplexArray) -> ComplexArray:
     """Return a stack of symmetric 2 × 2 matrices with equal diagonal, shape (..., 2, 2)."""
     matrix = np.empty((*np.shape(diagonal), 2, 2), dtype=np.complex128)
     matrix[..., 0, 0] = matrix[..., 1, 1] = diagonal
-    matrix[..., 0, 1] = matrix[..., 1, 0] = beside
+    matrix[..., 0, 1] = matrix[..., 1, 0] = off_diagonal
     return matrix

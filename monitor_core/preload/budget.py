@@ -166,7 +166,7 @@ def uncertainty_budget(
 
 
 def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:
-    """Welch–Satterthwaite over (variance, degrees of freedom), never below the poorest source (its bound in theory)."""
+    """Apply Welch–Satterthwaite to (variance, degrees of freedom); at least the fewest of a source, its lower bound."""
     spread = sum(variance**2 / dof for variance, dof in sources)
     poorest = min((dof for variance, dof in sources if variance > 0.0), default=math.inf)
     return max(poorest, total**2 / spread) if spread > 0.0 else math.inf

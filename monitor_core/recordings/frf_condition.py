@@ -30,7 +30,7 @@ _KNOWN_ATTRIBUTES = TEMPERATURES.union(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredResponse:
-    """One condition of a set: the observation, and the temperature as stated beside its deviation."""
+    """One condition of a set: the observation, and the temperature as stated with its deviation."""
 
     observation: FrequencyResponseObservation
     temperature: float | None = None  # of the axis [°C]; None: not stated

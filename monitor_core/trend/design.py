@@ -86,7 +86,7 @@ class BaselineErrors:
 
 
 def baseline_errors(baseline_size: int, n_mean: int = 15, n_scatter: int = 15) -> BaselineErrors:
-    r"""Nodes and weights over the sampling distribution of the baseline's mean and scatter.
+    r"""Return nodes and weights over the sampling distribution of the baseline's mean and scatter.
 
     The mean errs by :math:`\delta \sim N(0, 1/m)` and the scatter by the factor :math:`\sqrt{\chi^2_{m-1}/(m-1)}`,
     independently; the residual divided by :math:`s\sqrt{1+1/m}` is then normal with the shift and scale returned.

@@ -17,7 +17,7 @@ from monitor_core.uncertainty import Interval, IntervalKind
 
 
 def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: float = 0.95) -> Interval:
-    r"""Confidence interval of the mean of a population, from a sample of it.
+    r"""Return the confidence interval of the mean of a population, from a sample of it.
 
     .. math::
 
@@ -54,7 +54,7 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
 
 
 def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: float = 0.95) -> Interval:
-    r"""Prediction interval of the next reading of the same population.
+    r"""Return the prediction interval of the next reading of the same population.
 
     .. math::
 
@@ -80,7 +80,7 @@ def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: f
 
 
 def prediction_interval(mean: float, scatter: float, n_readings: int, level: float = 0.95) -> Interval:
-    """Do the same from the mean, the standard deviation and the number of the readings."""
+    """Return the prediction interval from mean, standard deviation and number of the readings."""
     half = _student_t(n_readings - 1, level) * scatter * math.sqrt(1.0 + 1.0 / n_readings)
     return Interval(mean - half, mean + half, IntervalKind.PREDICTION, level)
 
@@ -88,14 +88,14 @@ def prediction_interval(mean: float, scatter: float, n_readings: int, level: flo
 def tolerance_interval_of_population(
     readings: Sequence[float] | FloatArray, share: float = 0.95, level: float = 0.95
 ) -> Interval:
-    """Tolerance interval: holds at least a stated share of a normal population, with a stated confidence.
+    """Return an interval that holds a stated share of a normal population, with a stated confidence.
 
     Parameters
     ----------
     share : float
         Share of the population that is to lie inside. [-]
     level : float
-        How often the interval keeps that promise. [-]
+        How often the interval holds that share. [-]
 
     Returns
     -------
@@ -108,7 +108,7 @@ def tolerance_interval_of_population(
 
 
 def tolerance_factor(n_readings: int, share: float = 0.95, level: float = 0.95) -> float:
-    r"""Exact two-sided tolerance factor of a normal population with unknown mean and variance.
+    r"""Return the exact two-sided tolerance factor of a normal population with unknown mean and variance.
 
     Solves, for the factor :math:`k`,
 

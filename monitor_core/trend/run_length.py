@@ -30,10 +30,10 @@ def cusum_run_length(
     confirmed_limit: float = math.inf,
     n_cells: int = 80,
 ) -> FloatArray:
-    r"""Average run length of the one-sided CUSUM, from an empty chart to a value above its limit.
+    r"""Return the average run length of the one-sided CUSUM, from an empty chart to a value above its limit.
 
     Markov chain of [1]_: [0, h] in cells of width w = 2h/(2n − 1), the first of which is half a cell around zero. With
-    a second rule beside it, that two residuals in a row beyond a limit signal as well, the chain also remembers
+    a second rule, by which two residuals in a row beyond a limit signal as well, the chain also remembers
     whether the last residual was beyond. With the transitions P₀ of a residual within and P₁ of one beyond, the mean
     lengths a after one within and b after one beyond are
 
@@ -100,7 +100,7 @@ def ewma_run_length(
     largest_residual: float = math.inf,
     n_cells: int = 81,
 ) -> FloatArray:
-    r"""Average run length of an EWMA from zero to beyond its limit.
+    r"""Return the average run length of an EWMA from zero to beyond its limit.
 
     Markov chain of [1]_ on [−c, c].
 
@@ -151,7 +151,7 @@ def shewhart_run_length(
     consecutive: int = 1,
     two_sided: bool = False,
 ) -> FloatArray:
-    r"""Average run length of a Shewhart chart that signals after some consecutive residuals beyond the limit.
+    r"""Return the average run length of a Shewhart chart that signals after some consecutive residuals beyond the limit.
 
     .. math::
 
@@ -189,14 +189,14 @@ def shewhart_run_length(
 
 
 def _normal_cdf(points: FloatArray, shift: npt.ArrayLike, scale: npt.ArrayLike) -> FloatArray:
-    """P(residual ≤ point), shape (*distributions, *points)."""
+    """Return P(residual ≤ point), shape (*distributions, *points)."""
     shift, scale = np.broadcast_arrays(np.asarray(shift, dtype=np.float64), np.asarray(scale, dtype=np.float64))
     expand = (...,) + (None,) * points.ndim
     return np.asarray(special.ndtr((points - shift[expand]) / scale[expand]))
 
 
 def _first_passage(transition: FloatArray, duration: FloatArray, start_cell: int) -> FloatArray:
-    """Mean duration until the chain leaves its cells, when a stay in each has a duration, shape (..., n_cells, 1)."""
+    """Return the mean time until the chain leaves its cells; ``duration`` of a stay in each, shape (..., n_cells, 1)."""
     surviving = (1.0 - 1.0 / _LONGEST) * transition
     return np.asarray(np.linalg.solve(np.eye(transition.shape[-1]) - surviving, duration)[..., start_cell, 0])
 

@@ -11,7 +11,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
-#: A stated preload of 10 % of the rating may really be more: so far beyond it a true one is looked for.
+#: The true preload may exceed a stated 10 % of the rating; it is searched up to this factor of it. [-]
 _BEYOND_RATED = 1.2
 
 

@@ -14,7 +14,7 @@ from monitor_core.errors import OutsideValidityError
 
 
 def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> ComplexArray:
-    r"""Receptance of a spring and a damper side by side.
+    r"""Return the receptance of a spring and a damper side by side.
 
     .. math::
 
