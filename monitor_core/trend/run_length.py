@@ -151,7 +151,7 @@ def shewhart_run_length(
     consecutive: int = 1,
     two_sided: bool = False,
 ) -> FloatArray:
-    r"""Return the average run length of a Shewhart chart that signals after some consecutive residuals beyond the limit.
+    r"""Return the average run length of a Shewhart chart that signals after consecutive residuals beyond the limit.
 
     .. math::
 
@@ -196,7 +196,7 @@ def _normal_cdf(points: FloatArray, shift: npt.ArrayLike, scale: npt.ArrayLike) 
 
 
 def _first_passage(transition: FloatArray, duration: FloatArray, start_cell: int) -> FloatArray:
-    """Return the mean time until the chain leaves its cells; ``duration`` of a stay in each, shape (..., n_cells, 1)."""
+    """Return the mean time until the chain leaves its cells; ``duration`` is of a stay, shape (..., n_cells, 1)."""
     surviving = (1.0 - 1.0 / _LONGEST) * transition
     return np.asarray(np.linalg.solve(np.eye(transition.shape[-1]) - surviving, duration)[..., start_cell, 0])
 
