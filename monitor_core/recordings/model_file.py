@@ -32,7 +32,7 @@ from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhys
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.files import naming, read_text
 
 _TABLES = ("parameters", "uncertain", "effects")
 _NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)
@@ -151,14 +151,10 @@ def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile
     top = Fields(document, where)
     top.only({"family", *_TABLES})
     name, parameters = top.text("family"), _numbers(top.table("parameters"))
-    try:
+    with naming(f"{where}, family"):
         record = _parameters_of(name)
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{where}, family: {error}") from error
-    try:
+    with naming(f"{where} [parameters]"):
         record.from_file_names(parameters, name)
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{where} [parameters]: {error}") from error
     effects = top.table("effects") if "effects" in top else Fields({}, where)
     return DriveModelFile(
         family=name,
