@@ -6,14 +6,14 @@ minute. The simulated axis is the finite-element one of the tests, an independen
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peaks import ModalProblem, Weighting, modal_problem
-from monitor_core.fitting.residuals.receptance_lines import ResidualForm, in_form, response_problem
+from monitor_core.fitting.residuals.lines import ResidualForm, response_problem
+from monitor_core.fitting.residuals.peaks import PeakProblem, Weighting, peak_problem
 from monitor_core.fitting.solver.global_search import SearchSettings, StartOrigin, search
 from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
 from monitor_core.identification.identifiability import assess
@@ -21,18 +21,18 @@ from monitor_core.models.protocol import DriveConditions
 from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
 from tests.identification import simulated, tian
 
-JOINTS = JointCoordinates(tian.axis())
+JOINTS = tian.free(tian.axis())
 BOUNDS = JOINTS.bounds(tian.LIMITS)
-TRUTH = JOINTS.coordinates(tian.axis())
+TRUTH = JOINTS.start
 HELD_OUT = ("l2", "l4", "l6")
 FEW_STARTS = SearchSettings(n_populations=2, n_random_starts=4)
 #: Lines of the paper's windows [Hz] if a peak is read by a parabola through log|H|.
 LINES = {1: 0.25, 2: 0.5, 3: 1.0, 4: 1.0}
 
 
-def published(*names: str, weighting: Weighting = Weighting.UNCERTAINTY) -> ModalProblem:
+def published(*names: str, weighting: Weighting = Weighting.UNCERTAINTY) -> PeakProblem:
     peaks = tian.as_labelled(tian.measured(*names))
-    return modal_problem(JOINTS, peaks, bands=tian.BANDS, weighting=weighting, minimum_positions=1)
+    return peak_problem(JOINTS, peaks, bands=tian.BANDS, weighting=weighting, minimum_positions=1)
 
 
 def held_out(coordinates: np.ndarray, trained: Sequence[str]) -> dict[int, float]:
@@ -84,20 +84,20 @@ def from_published_peaks() -> None:
 class ReadOnLines:
     """The weighted objective with peaks read by a parabola through log|H| on fixed lines."""
 
-    def __init__(self, problem: ModalProblem) -> None:
+    def __init__(self, problem: PeakProblem) -> None:
         self.problem, self.names = problem, problem.names
         self.grids = []
         for peak in problem.peaks:
             band, step = tian.BANDS[peak.mode], LINES[peak.mode]
             frequency = np.arange(band.lower, band.upper + step / 2, step)
-            terms = position_terms(JOINTS.axis, 2 * np.pi * frequency, peak.observation.conditions)
+            terms = position_terms(JOINTS.stated, 2 * np.pi * frequency, peak.observation.conditions)
             self.grids.append((frequency, step, peak.observation.conditions, terms))
 
     def predict(self, coordinates: np.ndarray) -> np.ndarray:
         """Return frequency and height of each peak."""
         tops = []
         for frequency, step, conditions, terms in self.grids:
-            level = np.log(np.abs(table_receptance(terms, JOINTS.joints(coordinates, conditions))))
+            level = np.log(np.abs(table_receptance(terms, JOINTS.record(coordinates).joints(conditions))))
             maxima = np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] >= level[2:])) + 1
             k = maxima[level[maxima].argmax()]
             below, top, above = level[k - 1 : k + 2]
@@ -175,7 +175,7 @@ def peak_error(observations: tuple) -> np.ndarray:
             conditions = DriveConditions(observation.conditions.position)
             one = ModalObservation(conditions, frequency, 0.002 * frequency, amplitude, 0.05 * amplitude)
             peaks.append(AssignedPeak(one, mode))
-    fit = fit_local(modal_problem(JOINTS, peaks, bands=tian.BANDS), wide(4.0), TRUTH)
+    fit = fit_local(peak_problem(JOINTS, peaks, bands=tian.BANDS), wide(4.0), TRUTH)
     return (fit.coordinates.values - TRUTH) * np.log(10) * 100
 
 
@@ -193,14 +193,14 @@ def agreement_of_starts(observations: tuple, starts: int, rng: np.random.Generat
         ("limits of the published case", BOUNDS),
     ):
         for form in ResidualForm:
-            began = time.process_time()
+            began, searched = time.process_time(), replace(problem, form=form)
             reached = sum(
-                same_optimum(problem, in_form(problem, form), bounds, rng.uniform(bounds.lower, bounds.upper), best)
+                same_optimum(problem, searched, bounds, rng.uniform(bounds.lower, bounds.upper), best)
                 for _ in range(starts)
             )
             seconds = (time.process_time() - began) / starts
             print(f"random starts over {name}, {form.value}: {reached / starts:.0%} of {starts}, {seconds:.2f} s each")
-    logarithmic = in_form(problem, ResidualForm.LOGARITHMIC)
+    logarithmic = replace(problem, form=ResidualForm.LOGARITHMIC)
     found = search(logarithmic, wide(2.0), 1, SearchSettings(n_populations=0, n_random_starts=30))
     print(f"search's own random starts agree: {found.agreement(StartOrigin.RANDOM):.0%} of 30")
 

@@ -10,13 +10,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from monitor_core.discrepancy import explain
 from monitor_core.discrepancy.explanation import Explanation, GapPair
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.recordings.model_file import DriveModelFile, read_model_file
-from service.operations.discrepancy.explanation import ExplanationRequest, explain_measurements
-from service.operations.measured_responses import modal_observation
+from monitor_core.recordings.model_file import model_file_text, read_model_file
 from service.report import explanation_markdown
 
 REPLAY_DATA = Path(__file__).resolve().parent.parent / "replay_data"
@@ -32,7 +32,7 @@ class Case:
     """Measurements and a model that lacks something."""
 
     title: str
-    model: DriveModelFile
+    model: AxisDescription
     measured: tuple[ModalObservation, ...]
 
 
@@ -79,16 +79,16 @@ def sun() -> Iterator[Case]:
 CASES = {"nguyen": nguyen, "tian": tian, "sun": sun}
 
 
-def bundled(family: str) -> DriveModelFile:
+def bundled(family: str) -> AxisDescription:
     return read_model_file(REPLAY_DATA / "models" / f"{family}.toml")
 
 
-def changed(model: DriveModelFile, **parameters: float) -> DriveModelFile:
+def changed(model: AxisDescription, **parameters: float) -> AxisDescription:
     return replace(model, parameters={**model.parameters, **parameters})
 
 
 def table(name: str) -> tuple[ModalObservation, ...]:
-    return tuple(modal_observation(row) for row in read_modal_table(REPLAY_DATA / "published" / f"{name}.csv"))
+    return tuple(row.observation for row in read_modal_table(REPLAY_DATA / "published" / f"{name}.csv"))
 
 
 def row(case: Case, found: Explanation) -> str:
@@ -119,7 +119,8 @@ def main(names: list[str]) -> None:
     rows = []
     for name in names or CASES:
         for case in CASES[name]():
-            found, model = explain_measurements(ExplanationRequest(case.model, case.measured))
+            found = explain(case.model, case.measured)
+            model = model_file_text(found.augmented or case.model)
             print(explanation_markdown(found, model, case.title), flush=True)
             rows.append(row(case, found))
     print("\n| case | outcome | found | gap, fitted / held out |\n| --- | --- | --- | --- |", *rows, sep="\n")

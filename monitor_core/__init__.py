@@ -1,5 +1,82 @@
-"""The science of preload monitoring: pure functions on frozen records.
+"""Measure ball-screw preload, identify joints, and explain where model and measurement differ: the library's face.
 
-No file (``recordings`` aside), clock, environment, log, web or database. The same code runs live, in replay and in
-tests. The modules stand in the order in which a window flows through them; see ``docs/architecture.md``.
+>>> import monitor_core as mc
+>>> from monitor_core import recordings
+
+``mc.calibrate``, ``mc.identify``, ``mc.explain`` and the others are pure functions on frozen records;
+``recordings`` reads and writes files. No clock, environment, log, web or database. The names below
+are imported from their modules when they are first used.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from monitor_core.change.attribution import explain_change as explain_change
+    from monitor_core.discrepancy import ExplainOptions as ExplainOptions
+    from monitor_core.discrepancy import Explanation as Explanation
+    from monitor_core.discrepancy import Outcome as Outcome
+    from monitor_core.discrepancy import explain as explain
+    from monitor_core.effects import Effect as Effect
+    from monitor_core.effects import EffectParameter as EffectParameter
+    from monitor_core.errors import MonitorCoreError as MonitorCoreError
+    from monitor_core.fitting.description import AxisDescription as AxisDescription
+    from monitor_core.fitting.observations import FrequencyResponseObservation as FrequencyResponseObservation
+    from monitor_core.fitting.observations import ModalObservation as ModalObservation
+    from monitor_core.identification import IdentifiedJoints as IdentifiedJoints
+    from monitor_core.identification import IdentifyOptions as IdentifyOptions
+    from monitor_core.identification import identify as identify
+    from monitor_core.measured_responses import responses_of_session as responses_of_session
+    from monitor_core.modal import measure_mode as measure_mode
+    from monitor_core.models.families import build_model as build_model
+    from monitor_core.models.generator import simulate_session as simulate_session
+    from monitor_core.models.protocol import DriveConditions as DriveConditions
+    from monitor_core.models.protocol import ExcitationPoint as ExcitationPoint
+    from monitor_core.models.protocol import MotorEnd as MotorEnd
+    from monitor_core.models.protocol import ResponsePoint as ResponsePoint
+    from monitor_core.pipeline import AxisSettings as AxisSettings
+    from monitor_core.preload import Calibration as Calibration
+    from monitor_core.preload import ModalReading as ModalReading
+    from monitor_core.preload import PreloadEstimate as PreloadEstimate
+    from monitor_core.preload import calibrate as calibrate
+    from monitor_core.preload import estimate_preload as estimate_preload
+    from monitor_core.recording import Conditions as Conditions
+    from monitor_core.recording import Rejection as Rejection
+    from monitor_core.recording import Session as Session
+    from monitor_core.recording import Window as Window
+    from monitor_core.session import calibrate_session as calibrate_session
+    from monitor_core.session import judge_session as judge_session
+    from monitor_core.uncertainty import Estimate as Estimate
+    from monitor_core.uncertainty import Interval as Interval
+
+#: Where each name of the face lives: imported when it is first used, so that a command pays for what it needs alone.
+_HOMES = {
+    "monitor_core.change.attribution": ("explain_change",),
+    "monitor_core.discrepancy": ("ExplainOptions", "Explanation", "Outcome", "explain"),
+    "monitor_core.effects": ("Effect", "EffectParameter"),
+    "monitor_core.errors": ("MonitorCoreError",),
+    "monitor_core.fitting.description": ("AxisDescription",),
+    "monitor_core.fitting.observations": ("FrequencyResponseObservation", "ModalObservation"),
+    "monitor_core.identification": ("IdentifiedJoints", "IdentifyOptions", "identify"),
+    "monitor_core.measured_responses": ("responses_of_session",),
+    "monitor_core.modal": ("measure_mode",),
+    "monitor_core.models.families": ("build_model",),
+    "monitor_core.models.generator": ("simulate_session",),
+    "monitor_core.models.protocol": ("DriveConditions", "ExcitationPoint", "MotorEnd", "ResponsePoint"),
+    "monitor_core.pipeline": ("AxisSettings",),
+    "monitor_core.preload": ("Calibration", "ModalReading", "PreloadEstimate", "calibrate", "estimate_preload"),
+    "monitor_core.recording": ("Conditions", "Rejection", "Session", "Window"),
+    "monitor_core.session": ("calibrate_session", "judge_session"),
+    "monitor_core.uncertainty": ("Estimate", "Interval"),
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME_OF})

@@ -18,11 +18,11 @@ from service.api.http.problems import PROBLEM_RESPONSES, install_problem_handler
 from service.api.services import Services
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
+from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
-from service.operations.discrepancy.discrepancies import KIND as DISCREPANCY
-from service.operations.discrepancy.discrepancies import Discrepancies
-from service.operations.identification.identifications import Identifications
+from service.operations.discrepancy.discrepancy_job import DISCREPANCY
+from service.operations.identification.identification_job import IDENTIFICATION
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
@@ -92,12 +92,13 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
     ingest = Ingest(database, waveforms, lanes, metrics, alarm_explanations.follow)
     replays = Replays(settings.replay_dir, ingest)
-    identifications = Identifications(database, waveforms)
-    discrepancies = Discrepancies(database, waveforms, ReportStore(settings.data_dir))
+    reports = ReportStore(settings.data_dir)
+    identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
+    discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
     work |= {
         "replay": replays.run,
-        "identification": identifications.run,
-        DISCREPANCY: discrepancies.run,
+        identifications.kind: identifications.run,
+        discrepancies.kind: discrepancies.run,
         ALARM_EXPLANATION: alarm_explanations.run,
     }
     return Services(

@@ -7,6 +7,7 @@ from enum import StrEnum
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Panel
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.uncertainty import Estimate
 
 
@@ -159,3 +160,5 @@ class Explanation:
     hidden_in_remainder: tuple[str, ...] = ()
     #: What is not in the data and was settled before anything was compared, in sentences.
     taken_as: tuple[str, ...] = ()
+    #: The description with what was found; None where a comparison was explained, of which there is no description.
+    augmented: AxisDescription | None = None

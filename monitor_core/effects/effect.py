@@ -86,7 +86,7 @@ class Effect(Generic[Physics]):
             raise OutsideValidityError(
                 f"the key of an effect must be of lower-case letters, digits and dashes; got {self.key!r}"
             )
-        names = [one.name for one in self.parameters]
+        names = [parameter.name for parameter in self.parameters]
         if not names or len(set(names)) < len(names):
             raise OutsideValidityError(
                 f"the effect {self.key} needs parameters with different names; got {', '.join(names) or 'none'}"
@@ -108,15 +108,16 @@ class Effect(Generic[Physics]):
             If a value is missing, not of this effect or not finite, if no axis could have it, or if the effect does
             not apply to this axis.
         """
-        expected = [one.name for one in self.parameters]
+        expected = [parameter.name for parameter in self.parameters]
         if set(values) != set(expected):
             raise OutsideValidityError(
                 f"the effect {self.key} has the parameters {', '.join(expected)}; got {', '.join(values) or 'none'}"
             )
-        for one in self.parameters:
-            if not math.isfinite(values[one.name]):
+        for parameter in self.parameters:
+            if not math.isfinite(values[parameter.name]):
                 raise OutsideValidityError(
-                    f"the effect {self.key}: {one.name} must be finite; got {values[one.name]} {one.unit}"
+                    f"the effect {self.key}: {parameter.name} must be finite; "
+                    f"got {values[parameter.name]} {parameter.unit}"
                 )
         if not self.applies(physics):
             raise OutsideValidityError(
@@ -130,9 +131,9 @@ class Effect(Generic[Physics]):
     @property
     def frequency(self) -> EffectParameter | None:
         """The parameter that is a frequency of its own, such as that of an added mode, None where there is none."""
-        named = (one for one in self.parameters if one.unit == "Hz" and one.name.startswith("frequency"))
-        return next(named, None)
+        in_hertz = (parameter for parameter in self.parameters if parameter.unit == "Hz")
+        return next((parameter for parameter in in_hertz if parameter.name.startswith("frequency")), None)
 
     def null_values(self) -> dict[str, float]:
         """Return the values at which nothing is changed."""
-        return {one.name: one.null for one in self.parameters}
+        return {parameter.name: parameter.null for parameter in self.parameters}

@@ -1,13 +1,14 @@
-r"""Parameters of any drive model as coordinates of a fit: decimal logarithms of those that are free.
+r"""Free parameters of a drive as coordinates of a fit: decimal logarithms of their values.
 
 Every parameter of the vocabulary is positive where it plays a part (stiffness, damping, mass, loss factor) and known
-beforehand to decades or to a share of itself, so a fit moves :math:`\log_{10}` of it. Parameters go by their names in
-files, which end with the unit; values are in SI.
+beforehand to decades or to a share of itself. So a fit moves :math:`\log_{10}` of it: bounds are decades, steps are
+factors, and a standard uncertainty *u* of a coordinate is one of :math:`u \ln 10`, relative, of the parameter.
+Parameters go by their names in files, which end with the unit; values are in SI.
 """
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,7 +16,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.priors import relative_priors
 from monitor_core.fitting.problem import Bounds
-from monitor_core.models.families import build_model
+from monitor_core.models.families import build_model, family_named
+from monitor_core.models.parameters import DriveParameters, fields_by_name
 from monitor_core.models.protocol import DriveModel
 
 #: The joints of a drive, what a fit moves unless told otherwise, and between which values [SI]: a decade and more
@@ -33,21 +35,28 @@ JOINT_LIMITS: Mapping[str, tuple[float, float]] = {
     "nut_damping_ns_per_m": (10.0, 1e7),
     "coupling_damping_nms_per_rad": (1e-5, 100.0),
 }
+#: A parameter whose slopes are below this share of the largest plays no part: so much is rounding of the derivatives.
+#: One that plays too small a part is for :func:`~monitor_core.identification.identifiability.assess` to name. [-]
+_FLAT = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelCoordinates:
-    """Which parameters of a model are free, what is known of them beforehand, and the values of all."""
+class FreeParameters:
+    """Which parameters of a drive are free, what is known of them beforehand, and the values of all."""
 
     family: str
     parameters: Mapping[str, float]  # SI, by names in files; the free ones where a fit starts and a prior is centred
     free: tuple[str, ...]  # of the parameters, in the order of the coordinates
     uncertain: Mapping[str, float] = field(default_factory=dict)  # relative prior standard deviation of free ones [-]
+    stated: DriveParameters = field(init=False)  # the record of the family
+    _fields: tuple[str, ...] = field(init=False)  # of that record, for each free parameter
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", dict(self.parameters))
         object.__setattr__(self, "uncertain", dict(self.uncertain))
-        build_model(self.family, self.parameters)
+        object.__setattr__(self, "stated", build_model(self.family, self.parameters).parameters)
+        fields = fields_by_name(type(self.stated))
+        object.__setattr__(self, "_fields", tuple(fields.get(name, name) for name in self.free))
         if not self.free:
             raise NotIdentifiableError("a fit needs a free parameter at least; got none")
         for name in self.free:
@@ -64,7 +73,7 @@ class ModelCoordinates:
 
     @property
     def start(self) -> FloatArray:
-        """Coordinates of the model as stated, shape (n_parameters,)."""
+        """Coordinates of the drive as stated, shape (n_parameters,)."""
         return np.asarray(np.log10([self.parameters[name] for name in self.free]))
 
     def values(self, coordinates: FloatArray) -> dict[str, float]:
@@ -74,15 +83,10 @@ class ModelCoordinates:
         ----------
         coordinates : ndarray, shape (n_parameters,)
         """
-        if np.shape(coordinates) != (len(self.free),):
-            raise OutsideValidityError(
-                f"coordinates must have shape ({len(self.free)},), one per free parameter; got {np.shape(coordinates)}"
-            )
-        free = {name: 10.0 ** float(x) for name, x in zip(self.free, coordinates, strict=True)}
-        return {**self.parameters, **free}
+        return {**self.parameters, **self._free_values(coordinates)}
 
-    def build(self, coordinates: FloatArray) -> DriveModel:
-        """Return the model at the coordinates.
+    def record(self, coordinates: FloatArray) -> DriveParameters:
+        """Return the family's record with the free parameters at the coordinates.
 
         Parameters
         ----------
@@ -93,7 +97,17 @@ class ModelCoordinates:
         OutsideValidityError
             If a parameter is out of the range of its family.
         """
-        return build_model(self.family, self.values(coordinates))
+        values = self._free_values(coordinates).values()
+        return replace(self.stated, **dict(zip(self._fields, values, strict=True)))
+
+    def model(self, coordinates: FloatArray) -> DriveModel:
+        """Return the model at the coordinates; raises as :meth:`record`.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n_parameters,)
+        """
+        return family_named(self.family).model(self.record(coordinates))
 
     def bounds(self, limits: Mapping[str, tuple[float, float]] | None = None) -> Bounds:
         """Return the bounds of the coordinates.
@@ -112,15 +126,73 @@ class ModelCoordinates:
         """What is known beforehand, for :func:`monitor_core.fitting.priors.with_priors`."""
         return relative_priors(self.free, self.parameters, self.uncertain)
 
+    def unseen(self, jacobian: FloatArray) -> tuple[str, ...]:
+        """Return the free parameters that no datum moves with.
+
+        Parameters
+        ----------
+        jacobian : ndarray, shape (n_residuals, n_parameters)
+            At the drive as stated.
+        """
+        slopes: FloatArray = np.linalg.norm(jacobian, axis=0)
+        return tuple(name for name, slope in zip(self.free, slopes, strict=True) if slope <= _FLAT * slopes.max())
+
+    def require_seen(self, jacobian: FloatArray) -> None:
+        """Refuse a free parameter without a prior that no datum moves with.
+
+        Parameters
+        ----------
+        jacobian : ndarray, shape (n_residuals, n_parameters)
+            At the drive as stated.
+
+        Raises
+        ------
+        NotIdentifiableError
+            If there is one.
+        """
+        for name in self.unseen(jacobian):
+            if name not in self.uncertain:
+                raise NotIdentifiableError(
+                    f"{name} moves no datum and has no prior uncertainty; measure what depends on it, or do not free it"
+                )
+
+    def require_enough(self, n_data: int, what: str) -> None:
+        """Refuse fewer data than free parameters; a prior stands for a datum.
+
+        Parameters
+        ----------
+        n_data : int
+        what : str
+            What the data are called in the sentence.
+
+        Raises
+        ------
+        NotIdentifiableError
+            If there is no datum, or too few.
+        """
+        needed = len(self.free) - len(self.uncertain)
+        if not n_data or n_data < needed:
+            raise NotIdentifiableError(
+                f"{len(self.free)} free parameters, {len(self.uncertain)} of them with a prior, need {max(needed, 1)} "
+                f"{what} at least; got {n_data}; measure at more positions or free fewer"
+            )
+
+    def _free_values(self, coordinates: FloatArray) -> dict[str, float]:
+        if np.shape(coordinates) != (len(self.free),):
+            raise OutsideValidityError(
+                f"coordinates must have shape ({len(self.free)},), one per free parameter; got {np.shape(coordinates)}"
+            )
+        return {name: 10.0 ** float(x) for name, x in zip(self.free, coordinates, strict=True)}
+
     def _default_limits(self, name: str) -> tuple[float, float]:
         stated = self.parameters[name]
         lower, upper = JOINT_LIMITS.get(name, (math.inf, 0.0))
         return (lower, upper) if lower <= stated <= upper else (stated / 10.0, stated * 10.0)
 
 
-def joint_coordinates(
+def free_joints(
     family: str, parameters: Mapping[str, float], uncertain: Mapping[str, float] | None = None
-) -> ModelCoordinates:
+) -> FreeParameters:
     """Free the joints that a model states, and whatever else it calls uncertain.
 
     Parameters
@@ -141,4 +213,4 @@ def joint_coordinates(
     uncertain = uncertain or {}
     joints = [name for name in JOINT_LIMITS if parameters.get(name, 0.0) > 0.0]
     others = [name for name in uncertain if name not in joints]
-    return ModelCoordinates(family, parameters, (*joints, *others), uncertain)
+    return FreeParameters(family, parameters, (*joints, *others), uncertain)

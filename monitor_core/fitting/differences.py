@@ -39,8 +39,8 @@ def central_differences(
     frequency of Nguyen's axis then comes out a third too large.
     """
     slopes = []
-    for one in step * np.eye(coordinates.size):
-        near = function(coordinates + one) - function(coordinates - one)
-        far = function(coordinates + 2.0 * one) - function(coordinates - 2.0 * one)
+    for direction in step * np.eye(coordinates.size):
+        near = function(coordinates + direction) - function(coordinates - direction)
+        far = function(coordinates + 2.0 * direction) - function(coordinates - 2.0 * direction)
         slopes.append((8.0 * near - far) / (12.0 * step))
     return np.array(slopes)

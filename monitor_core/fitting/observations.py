@@ -123,7 +123,10 @@ def with_accelerometer_at(
         One of ``ACCELEROMETER_POINTS``.
     observations : sequence of FrequencyResponseObservation
     """
-    return tuple(one if one.placed else replace(one, response_point=point, placed=True) for one in observations)
+    return tuple(
+        observation if observation.placed else replace(observation, response_point=point, placed=True)
+        for observation in observations
+    )
 
 
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:
@@ -133,5 +136,5 @@ def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[Drive
     ----------
     observations : iterable of ModalObservation
     """
-    distinct = dict.fromkeys(one.conditions for one in observations)
-    return tuple(sorted(distinct, key=lambda one: (one.position, one.payload_mass, one.preload or 0.0)))
+    distinct = dict.fromkeys(observation.conditions for observation in observations)
+    return tuple(sorted(distinct, key=lambda where: (where.position, where.payload_mass, where.preload or 0.0)))

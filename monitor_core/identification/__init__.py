@@ -1,6 +1,19 @@
-"""Joint parameters from measurements: what the data determine, how well, and what they do not see.
+"""Identify the joints of an axis: what the data determine, how well, and what they do not see.
 
-``observations`` says what was measured, ``assignment`` which mode a peak belongs to; ``modal_problem`` and
-``response_problem`` compare them with a drive of distributed screw; ``search`` and ``fit`` find the joints,
-``identifiability`` and ``profiles`` say how well; ``sensitivity`` and ``planning`` which mode and which position help.
+``identify`` asks the whole question; ``joint_fit`` searches and fits, ``identifiability`` and ``profiles`` say how well
+each joint is known, ``sensitivity`` and ``advice`` which mode to watch and where to measure next.
 """
+
+from monitor_core.identification.identified_joints import IdentifiedJoint, IdentifiedJoints
+from monitor_core.identification.identify import identify, require_identifiable
+from monitor_core.identification.predicted_calibration import PredictionRequest
+from monitor_core.identification.question import IdentifyOptions
+
+__all__ = [
+    "IdentifiedJoint",
+    "IdentifiedJoints",
+    "IdentifyOptions",
+    "PredictionRequest",
+    "identify",
+    "require_identifiable",
+]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.residuals.peak_search import Band
+from monitor_core.fitting.residuals.peak_grid import Band
 from monitor_core.fitting.solver.least_squares import LocalFit
 from monitor_core.identification.cases import Case, positions_of
 from monitor_core.identification.sensitivity import (
@@ -59,8 +59,8 @@ def modes_to_monitor(
     """
     peaks = [
         peak
-        for one in {each.position: each for each in conditions}.values()
-        for peak in peak_sensitivities(axis, [one], bands_at(axis, one, frequencies, motor_end), motor_end=motor_end)
+        for at in {each.position: each for each in conditions}.values()
+        for peak in peak_sensitivities(axis, [at], bands_at(axis, at, frequencies, motor_end), motor_end=motor_end)
     ]
     return rank_modes_to_monitor(peaks, {peak.mode: relative_frequency_uncertainty for peak in peaks})
 
@@ -88,7 +88,7 @@ def bands_at(
         By mode, from 1.
     """
     modes = ReceptanceModel(axis).natural_frequencies(conditions, motor_end)
-    elastic = [one.frequency for one in modes if one.frequency > 0.0]
+    elastic = [mode.frequency for mode in modes if mode.frequency > 0.0]
     edges = [elastic[0] / 2.0, *(math.sqrt(a * b) for a, b in itertools.pairwise(elastic))]
     edges.append(elastic[-1] * 1.5)
     return {
@@ -118,7 +118,7 @@ def next_positions(case: Case, fit: LocalFit, screw_length: float, parameter: in
         The most helpful first; empty where no further position helps.
     """
     measured = positions_of(case)
-    candidates = [replace(case.conditions[0], position=one) for one in _candidates(measured, screw_length)]
+    candidates = [replace(case.conditions[0], position=position) for position in _candidates(measured, screw_length)]
     planned = case.planned(fit.coordinates.values, candidates)
     if not planned:
         return ()

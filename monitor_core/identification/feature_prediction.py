@@ -185,7 +185,7 @@ def _mode_frequency(
         model = _with_nut_following(model, preload / reference_preload)
         conditions = replace(conditions, preload=None)
     low, high = mode.band
-    all_modes = [one.frequency for one in model.natural_frequencies(conditions, mode.motor_end)]
+    all_modes = [pole.frequency for pole in model.natural_frequencies(conditions, mode.motor_end)]
     inside = [frequency for frequency in all_modes if low <= frequency <= high]
     if len(inside) != 1:
         raise OutsideValidityError(

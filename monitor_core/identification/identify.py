@@ -1,218 +1,196 @@
-"""Joints of an axis from measurements at several positions: search, fit, verdicts, and errors on what was held out."""
+"""Identify the joints of a described axis from peaks or whole responses at several positions."""
 
-import math
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
-from scipy import special
 
-from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.solver.global_search import MapFunction, Search, SearchCancelledError, SearchSettings, search
-from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
-from monitor_core.identification.cases import Case, PredictionError, positions_of, require_positions
-from monitor_core.identification.identifiability import Identifiability, Verdict, assess
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.fitting.accelerometer import PlacedAccelerometer, place_accelerometer
+from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.solver.population import MapFunction
+from monitor_core.identification.advice import modes_to_monitor
+from monitor_core.identification.answer import (
+    further_positions,
+    held_out_errors,
+    joints_of_fit,
+    known_sums,
+    quality_of,
+    what_is_not_identifiable,
+)
+from monitor_core.identification.cases import (
+    Case,
+    PeakCase,
+    positions_of,
+    require_positions,
+)
+from monitor_core.identification.identified_joints import IdentifiedJoints
+from monitor_core.identification.joint_fit import JointFit, JointFitSettings, fit_joints
+from monitor_core.identification.predicted_calibration import predicted_calibration
+from monitor_core.identification.question import (
+    RECEPTANCE,
+    IdentifyOptions,
+    Observations,
+    at_one_preload,
+    by_kind,
+    is_spring,
+    question_of,
+)
+from monitor_core.identification.sensitivity import Detectability
+from monitor_core.models.protocol import MotorEnd, ResponsePoint, motor_end_of
+from monitor_core.models.published.receptance import ReceptanceParameters
+from monitor_core.preload import Calibration
 
-#: Below this probability the residuals are larger than the stated uncertainties allow, and their scatter is used.
-LACK_OF_FIT = 1e-3
-#: Scatter and fit depend on each other where there are priors; after so many rounds neither changes any more.
-_ROUNDS_OF_SCALE = 5
-
-
-@dataclass(frozen=True, slots=True)
-class IdentificationSettings:
-    """How joints are identified."""
-
-    seed: int = 1  #: of the random streams of the search
-    search: SearchSettings = field(default_factory=SearchSettings)
-    uncertainties_stated: bool = True  #: whether the data state theirs; if not, the scatter of the residuals is used
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Identification:
-    """Joints with what is and is not known of them."""
-
-    fit: LocalFit  # coordinates, covariance and residuals of all that was not held out
-    search: Search  # all starts, and how many agree
-    judged: Identifiability
-    lack_of_fit: bool  # the model misses the data by more than their uncertainties: their scatter is used instead
-    trained_on: tuple[float, ...]  # positions [m]
-    held_out: tuple[PredictionError, ...]  # at positions that played no part in the fit they are judged by
-    seed: int  # of the search
-    leave_one_out: bool  # ``held_out`` comes from as many fits as there are positions, each without one
-    not_held_out: tuple[float, ...]  # positions that cannot be left out: what remains determines no joints [m]
-
-    @property
-    def worst_held_out(self) -> PredictionError | None:
-        """The largest of the errors; ``None`` where nothing could be held out."""
-        return max(self.held_out, key=lambda one: abs(one.relative_error), default=None)
+#: Relative standard deviation of a joint while the accelerometer is placed.
+_FAR_OFF = 0.5
 
 
 def identify(
-    case: Case,
-    bounds: Bounds,
-    settings: IdentificationSettings | None = None,
+    axis: AxisDescription,
+    observations: Observations,
+    options: IdentifyOptions | None = None,
     *,
-    hold_out: Collection[float] = (),
     map_function: MapFunction = map,
     progress: Callable[[int, int], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> Identification:
-    """Find the joints, judge each, and predict what was held out.
+) -> IdentifiedJoints:
+    """Find stiffness and damping of the joints, judge how well each is known, and predict what was held out.
 
     Parameters
     ----------
-    case : Case
-    bounds : Bounds
-        Finite.
-    settings : IdentificationSettings, optional
-    hold_out : collection of float
-        Positions that the fit does not see and is judged by [m]. Without any, each position in turn is left out of a
-        fit that starts from the answer, where enough others remain.
+    axis : AxisDescription
+        A drive of any family without effects. Free are the parameters that it calls uncertain, or else all its joints.
+    observations : sequence of ModalObservation or of FrequencyResponseObservation
+        Peaks, or whole responses, at two positions or more.
+    options : IdentifyOptions, optional
     map_function : MapFunction
-        Spreads the search and the verdicts over workers; the answer does not depend on it.
+        Spreads the work over processes; the answer does not depend on it.
     progress : callable, optional
-        Told (done, total).
-    cancelled : callable, optional
-        Asked whenever progress is made.
+        Called with (done, total).
 
     Returns
     -------
-    Identification
+    IdentifiedJoints
 
     Raises
     ------
-    SearchCancelledError
-        If ``cancelled`` said so.
     NotIdentifiableError
-        If there are too few positions or data, no joint moves anything, or every joint ended at a bound.
+        If there are too few positions or data, no joint moves anything, every joint ended at a limit, a limit names no
+        free joint, or a calibration is to be predicted for a nut whose mass the model's natural frequencies have
+        elsewhere.
     OutsideValidityError
-        If a bound is not finite.
+        If the model has no answer under one of the conditions, or limits do not rise.
     """
-    settings = settings or IdentificationSettings()
-    require_positions(case, hold_out)
-    trained_on = tuple(one for one in positions_of(case) if one not in hold_out)
-    steps = _Steps(len(bounds.lower) + len(trained_on), progress, cancelled)
-    fit_settings = FitSettings(uncertainties_stated=settings.uncertainties_stated)
-    found = search(
-        case.search_problem(trained_on),
-        bounds,
-        settings.seed,
-        settings.search,
-        fit_settings,
+    options = options or IdentifyOptions()
+    require_identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds
+    placed = _placed(axis, observations, options, map_function)
+    observations = placed.observations or observations
+    _require_poles_of_the_nut(axis, observations, options)
+    question = question_of(axis, observations, options)
+    found = fit_joints(
+        question.case,
+        question.bounds,
+        JointFitSettings(options.seed, uncertainties_stated=question.stated),
+        hold_out=options.hold_out,
         map_function=map_function,
-        progress=steps.of_search,
-        cancelled=cancelled,
+        progress=progress,
     )
-    fit = fit_local(case.problem(trained_on), bounds, found.best.coordinates.values, fit_settings)
-    lacks_fit = settings.uncertainties_stated and _lacks_fit(fit)
-    if lacks_fit:
-        fit_settings = replace(fit_settings, uncertainties_stated=False)
-    if not fit_settings.uncertainties_stated:
-        case = _with_priors_on_the_scale_of_the_data(case, bounds, fit, fit_settings, trained_on)
-        fit = fit_local(case.problem(trained_on), bounds, fit.coordinates.values, fit_settings)
-    problem = case.problem(trained_on)
-    _require_something_inside(fit)
-    steps.next(0)
-    judged = assess(problem, bounds, fit, map_function=map_function)
-    if lacks_fit:
-        judged = _less_than_determined(judged)
-    steps.next(len(bounds.lower))
-    cannot: tuple[float, ...] = ()
-    if hold_out:
-        held_out = case.prediction_errors(fit.coordinates.values, hold_out)
-    else:
-        held_out, cannot = _leave_one_out(case, bounds, fit, fit_settings, steps)
-    steps.finish()
-    return Identification(fit, found, judged, lacks_fit, trained_on, held_out, settings.seed, not hold_out, cannot)
-
-
-def _lacks_fit(fit: LocalFit) -> bool:
-    """Test χ² of residuals in units of stated uncertainties."""
-    if fit.degrees_of_freedom < 1:
-        return False
-    return float(special.gammaincc(fit.degrees_of_freedom / 2.0, fit.chi_squared / 2.0)) < LACK_OF_FIT
-
-
-def _with_priors_on_the_scale_of_the_data(
-    case: Case, bounds: Bounds, fit: LocalFit, settings: FitSettings, positions: tuple[float, ...]
-) -> Case:
-    """Make a prior worth what it says beside data whose residuals are in another unit.
-
-    All residuals are divided by their common scatter s in the end. A prior is known in units of its own uncertainty, so
-    that is divided by s beforehand.
-    """
-    if case.priors is None:
-        return case
-    scaled = case
-    for _ in range(_ROUNDS_OF_SCALE):
-        scale = math.sqrt(fit.residual_variance)
-        scaled = case.with_priors(case.priors / np.array([[1.0], [scale]]))
-        fit = fit_local(scaled.problem(positions), bounds, fit.coordinates.values, settings)
-    return scaled
-
-
-def _less_than_determined(judged: Identifiability) -> Identifiability:
-    """Call nothing determined where the model misses the data: what it leaves out is in no interval."""
-    coordinates = tuple(
-        replace(one, verdict=Verdict.POORLY_DETERMINED) if one.verdict is Verdict.DETERMINED else one
-        for one in judged.coordinates
+    values = question.case.drive.values(found.fit.coordinates.values)
+    model = replace(axis, parameters=values, uncertain={})  # what was uncertain rests on these data now
+    return IdentifiedJoints(
+        joints=joints_of_fit(found),
+        correlations=found.judged.correlations,
+        not_identifiable=(*what_is_not_identifiable(found), *map(_stays_as_stated, question.unseen)),
+        sums=known_sums(found),
+        quality=quality_of(found, question.case),
+        held_out=held_out_errors(found),
+        missing_modes=_missing_modes(question.case),
+        next_positions=further_positions(question.case, found, axis.parameters["screw_length_m"]),
+        modes_to_monitor=_modes_to_monitor(model, question.case, observations),
+        assumptions=(*placed.sentences, *options.assumptions),
+        calibration=_calibration(options, question.case, found),
+        model=model,
     )
-    return replace(judged, coordinates=coordinates)
 
 
-def _require_something_inside(fit: LocalFit) -> None:
-    at_bounds = {*fit.at_lower, *fit.at_upper}
-    if at_bounds.issuperset(fit.names):
+def require_identifiable(
+    axis: AxisDescription, observations: Observations, options: IdentifyOptions | None = None
+) -> None:
+    """Refuse at once what :func:`identify` would refuse before it searches; raises as it does."""
+    options = options or IdentifyOptions()
+    question = question_of(axis, observations, options)
+    case, bounds = question.case, question.bounds
+    require_positions(case, options.hold_out)
+    problem = case.problem([position for position in positions_of(case) if position not in options.hold_out])
+    # the model as stated: what it cannot answer, it cannot answer anywhere
+    problem.residuals(np.clip(case.drive.start, bounds.lower, bounds.upper))
+
+
+def _placed(
+    axis: AxisDescription, observations: Observations, options: IdentifyOptions, map_function: MapFunction
+) -> PlacedAccelerometer:
+    """Place the accelerometer while every joint may be far from what the model states."""
+    _, responses = by_kind(at_one_preload(axis, observations))
+    joints = {
+        name: _FAR_OFF
+        for name, value in axis.parameters.items()
+        if value > 0.0 and ("stiffness" in name or not is_spring(name))
+    }
+    drive = replace(axis, uncertain={**joints, **axis.uncertain}).drive()
+    return place_accelerometer(responses, options.accelerometer, drive, map_function)
+
+
+def _require_poles_of_the_nut(axis: AxisDescription, observations: Observations, options: IdentifyOptions) -> None:
+    """Refuse to predict a calibration of a mode that the natural frequencies of the model would put elsewhere."""
+    if options.prediction is not None and _has_another_nut(axis, observations):
         raise NotIdentifiableError(
-            f"at least one of {', '.join(fit.names)} must lie within its limits; every one of them ended at a limit: "
-            "widen the limits, or look whether model and data are of one axis"
+            "a calibration is predicted from natural frequencies, in which the nut's mass moves with the table: "
+            "expected responses of the table, or a model without nut_mass_kg; got an accelerometer on the nut"
         )
 
 
-def _leave_one_out(
-    case: Case, bounds: Bounds, fit: LocalFit, settings: FitSettings, steps: "_Steps"
-) -> tuple[tuple[PredictionError, ...], tuple[float, ...]]:
-    """Predict each position from a fit to the others; where these are too few, name it instead."""
-    errors: list[PredictionError] = []
-    cannot: list[float] = []
-    positions = positions_of(case)
-    for left_out in positions:
-        others = [one for one in positions if one != left_out]
-        try:
-            without = fit_local(case.problem(others), bounds, fit.coordinates.values, settings)
-        except (NotIdentifiableError, OutsideValidityError):
-            cannot.append(left_out)
-            continue
-        errors += case.prediction_errors(without.coordinates.values, [left_out])
-        steps.next(1)
-    return tuple(errors), tuple(cannot)
+def _has_another_nut(axis: AxisDescription, observations: Observations) -> bool:
+    """Tell whether the responses know a nut that moves by itself, which natural frequencies of the model do not."""
+    _, responses = by_kind(observations)
+    at_nut = any(lines.response_point is ResponsePoint.ACCELERATION_AT_NUT for lines in responses)
+    stated = axis.parameters
+    return at_nut and stated.get("nut_mass_kg", 0.0) > 0.0 and "bracket_stiffness_n_per_m" in stated
 
 
-class _Steps:
-    """Adds what follows the search to its progress."""
+def _stays_as_stated(name: str) -> str:
+    return f"{name} moves nothing that was measured, and stays as the model states it"
 
-    def __init__(
-        self, n_after: int, progress: Callable[[int, int], None] | None, cancelled: Callable[[], bool] | None
-    ) -> None:
-        self._n_after, self._done, self._total = n_after, 0, 0
-        self._progress, self._cancelled = progress, cancelled
 
-    def of_search(self, done: int, total: int) -> None:
-        self._done, self._total = done, total + self._n_after
-        self._tell()
+def _missing_modes(case: Case) -> tuple[str, ...]:
+    return tuple(peak.sentence for peak in case.assignment.missing) if isinstance(case, PeakCase) else ()
 
-    def next(self, n: int) -> None:
-        if self._cancelled is not None and self._cancelled():
-            raise SearchCancelledError(f"the identification was cancelled after {self._done} of {self._total} steps")
-        self._done += n
-        self._tell()
 
-    def finish(self) -> None:
-        self._done = self._total
-        self._tell()
+def _modes_to_monitor(model: AxisDescription, case: Case, observations: Observations) -> tuple[Detectability, ...]:
+    """Rank the peaks; only the receptance family knows how each answers to the nut."""
+    if model.family != RECEPTANCE or _has_another_nut(model, observations):
+        return ()
+    axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
+    first = observations[0]
+    # peaks are those of a force at the table of a drive that turns freely
+    excitation = first.excitation if isinstance(first, FrequencyResponseObservation) else None
+    end = MotorEnd.FREE if excitation is None else motor_end_of(excitation, MotorEnd.FREE)
+    return modes_to_monitor(axis, case.conditions, _measured_range(observations), motor_end=end)
 
-    def _tell(self) -> None:
-        if self._progress is not None:
-            self._progress(self._done, self._total)
+
+def _measured_range(observations: Observations) -> tuple[float, float]:
+    """Return the lowest and the highest frequency that was measured, with room for a peak on its edge."""
+    ends: list[float] = []
+    for each in observations:
+        if isinstance(each, ModalObservation):
+            ends += [0.8 * each.frequency, 1.25 * each.frequency]
+        else:
+            ends += [float(each.frequency[0]), float(each.frequency[-1])]
+    return min(ends), max(ends)
+
+
+def _calibration(options: IdentifyOptions, case: Case, found: JointFit) -> Calibration | None:
+    if options.prediction is None:
+        return None
+    measured = positions_of(case)
+    span = measured[0], measured[-1]
+    return predicted_calibration(options.prediction, case.drive.model, found.fit.coordinates, span)

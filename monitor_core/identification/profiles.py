@@ -84,7 +84,7 @@ class Profile:
         values = sorted(self._fitted)
         rise = (np.array([self._fitted[v][0] for v in values]) - self.fit.chi_squared) / self.fit.residual_variance
         released = [self._release(self._fitted[value][1]) for value in (values[0], values[-1])]
-        lowest, where = min([*self._fitted.values(), *released], key=lambda one: one[0])
+        lowest, where = min([*self._fitted.values(), *released], key=lambda fitted: fitted[0])
         return ProfileInterval(
             name=self.fit.names[self.index],
             interval=Interval(lower, upper, IntervalKind.COVERAGE, level),

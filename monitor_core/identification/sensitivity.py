@@ -14,7 +14,8 @@ from scipy import special
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks_with_gradient, peak_grid
+from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks_with_gradient
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.parameters import JOINT_NAMES, ReceptanceParameters
 
@@ -86,13 +87,13 @@ def peak_sensitivities(
     if joint not in JOINT_NAMES:
         raise OutsideValidityError(f"joint must be one of {', '.join(JOINT_NAMES)}; got {joint}")
     row, found = JOINT_NAMES.index(joint), []
-    for one in conditions:
-        joints = parameters.joints(one)
-        grid = peak_grid(parameters, [Place(one, band) for band in bands.values()], motor_end)
+    for where in conditions:
+        joints = parameters.joints(where)
+        grid = peak_grid(parameters, [Place(where, band) for band in bands.values()], motor_end)
         here, value = find_peaks_with_gradient(grid, joints), getattr(joints, joint)
         found += [
             PeakSensitivity(
-                one,
+                where,
                 mode,
                 float(here.peaks.frequency[k]),
                 float(here.log_frequency[row, k] * value),
@@ -156,7 +157,7 @@ def rank_modes_to_monitor(
             raise OutsideValidityError(f"mode {peak.mode} needs a positive relative_frequency_uncertainty")
         fall = needed * uncertainty / peak.of_frequency if peak.of_frequency > 0.0 else math.inf
         ranked.append(Detectability(peak, uncertainty, _loss(fall), _loss(fall / _PRELOAD_EXPONENT)))
-    return tuple(sorted(ranked, key=lambda one: -one.peak.of_frequency / one.relative_frequency_uncertainty))
+    return tuple(sorted(ranked, key=lambda shown: -shown.peak.of_frequency / shown.relative_frequency_uncertainty))
 
 
 def _loss(fall: float) -> float | None:
@@ -210,8 +211,8 @@ def rank_next_positions(
         raise OutsideValidityError(f"parameter must be the place of one of {n} coordinates; got {parameter}")
     ranked = [_predicted(conditions, information + added.T @ added) for conditions, added in candidates]
 
-    def worth(one: NextPosition) -> float:
-        return one.log_volume if parameter is None else float(one.standard_uncertainties[parameter])
+    def worth(there: NextPosition) -> float:
+        return there.log_volume if parameter is None else float(there.standard_uncertainties[parameter])
 
     ranked.sort(key=worth)
     if not math.isfinite(worth(ranked[0])):

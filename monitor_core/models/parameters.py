@@ -77,6 +77,11 @@ def unit_of(name: str) -> str:
     return _VOCABULARY[name].unit
 
 
+def fields_by_name(record: type["DriveParameters"]) -> dict[str, str]:
+    """Return the fields of a family's record by their names in files."""
+    return {name_in_file(item.name): item.name for item in fields(record)}
+
+
 def transmission_ratio(screw_lead: float) -> float:
     """Return the travel per angle, lead/2π, in m/rad."""
     return screw_lead / (2.0 * math.pi)

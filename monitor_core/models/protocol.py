@@ -9,11 +9,11 @@ screw is prescribed there and hides the motor; a motor held by its servo clamps 
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, read_only
+from monitor_core.arrays import ComplexArray, FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.response import FrequencyResponse
@@ -148,6 +148,34 @@ class DriveModel(Protocol):
 
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
         """Return the undamped modes that modal superposition needs."""
+        ...
+
+
+class PreparedResponse(Protocol):
+    """The lines of one response as a function of the joints alone, all else computed beforehand."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints by their names in files, in the order of the gradient."""
+        ...
+
+    def at(self, parameters: DriveParameters) -> ComplexArray:
+        """Return the response for an axis that differs in its joints alone, shape (n_frequencies,)."""
+        ...
+
+    def gradient(self, parameters: DriveParameters) -> ComplexArray | None:
+        """Return d H/d ln joint, shape (n_joints, n_frequencies); None where there is no closed form."""
+        ...
+
+
+@runtime_checkable
+class HasJointGradient(Protocol):
+    """A drive model that offers, besides its answers, a response as a function of its joints with the gradient."""
+
+    def joint_response(
+        self, frequency: FloatArray, conditions: DriveConditions, excitation: ExcitationPoint, response: ResponsePoint
+    ) -> PreparedResponse:
+        """Prepare the lines of a response, shape (n_frequencies,) [Hz]."""
         ...
 
 

@@ -9,6 +9,7 @@ UTF-8, with or without byte order mark, any line end, comma as separator, decima
 
 import csv
 import io
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
@@ -17,6 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.fitting.observations import ModalObservation
+from monitor_core.models.protocol import DriveConditions
+from monitor_core.preload import ModalReading
+from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.files import read_text
 from monitor_core.recordings.elements.timestamps import format_instant, parse_instant
 from monitor_core.recordings.elements.units import metres, to_millimetres
@@ -46,6 +51,25 @@ class ModalRow:
     payload_mass: float | None = None  # [kg]
     temperature: float | None = None  # [°C]
     started_at: datetime | None = None  # with a time zone
+
+    @property
+    def reading(self) -> ModalReading:
+        """The row as a calibration takes it."""
+        conditions = Conditions(self.position, self.payload_mass, self.temperature, self.preload)
+        return ModalReading(self.frequency, conditions, self.frequency_std, self.n_readings or 1)
+
+    @property
+    def observation(self) -> ModalObservation:
+        """The row as a peak: the amplitude is the table's receptance in m/N, the damping ratio of no stated scatter."""
+        scatter, n_readings = self.frequency_std, self.n_readings or 1
+        return ModalObservation(
+            DriveConditions(self.position, self.preload, self.payload_mass or 0.0),
+            self.frequency,
+            None if scatter is None else scatter / math.sqrt(n_readings),
+            amplitude=self.amplitude,
+            order=self.mode,
+            damping_ratio=self.damping_ratio,
+        )
 
 
 def read_modal_table(path: Path) -> tuple[ModalRow, ...]:

@@ -18,19 +18,15 @@ Unknown entries are refused, and so is anything that is not a finite number wher
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects
-from monitor_core.effects.effect import Effect
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.models.extended import AxisPhysics, ExtendedModel
-from monitor_core.models.families import FAMILIES, build_model
+from monitor_core.fitting.description import AxisDescription
+from monitor_core.models.families import FAMILIES
 from monitor_core.models.motion import FAMILY as MOTION
-from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
+from monitor_core.models.motion import MotionParameters
 from monitor_core.models.parameters import DriveParameters
-from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import naming, read_text
 
@@ -39,54 +35,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True)
-class DriveModelFile:
-    """What a model file states, by the names of the file."""
-
-    family: str
-    parameters: Mapping[str, float]  # SI, by names that end with the unit
-    uncertain: Mapping[str, float] = field(default_factory=dict)  # relative standard deviation [-]
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by key; values by names with units
-
-    def build(self, effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveModel:
-        """Return the model: that of the family, or with effects the extended drive with them added in their order.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-            What the keys of the file may mean: the table of the product, or with a user's own.
-
-        Raises
-        ------
-        OutsideValidityError
-            If an effect is unknown, or does not fit the axis or its values; if it is a motion model, which has no
-            frequency response; or as :func:`build_model` says.
-        """
-        if self.family == MOTION:
-            raise OutsideValidityError(
-                "expected a drive with natural frequencies, of the family "
-                f"{', '.join(family.name for family in FAMILIES)}; got a motion model, which is a rigid axis"
-            )
-        family_model = build_model(self.family, self.parameters)
-        if not self.effects:
-            return family_model
-        return with_effects(ExtendedModel.of(family_model.parameters), self.effects, effects)
-
-    def build_motion(self, effects: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS) -> MotionModel:
-        """Return the rigid axis of a motion model, with its effects added in their order; as :meth:`build`.
-
-        Raises
-        ------
-        OutsideValidityError
-            If an effect is unknown, or does not fit the axis or its values; or if it is the model of a drive.
-        """
-        if self.family != MOTION:
-            raise OutsideValidityError(f"expected a model of the family {MOTION}; got one of {self.family}")
-        stated = MotionParameters.from_file_names(self.parameters, self.family)
-        return with_effects(MotionModel.of(stated), self.effects, effects)
-
-
-def read_model_file(path: Path) -> DriveModelFile:
+def read_model_file(path: Path) -> AxisDescription:
     """Read a drive model; the module's text shows every entry.
 
     Parameters
@@ -96,7 +45,7 @@ def read_model_file(path: Path) -> DriveModelFile:
 
     Returns
     -------
-    DriveModelFile
+    AxisDescription
         Family and parameters fit each other, so that only an effect can keep it from being built.
 
     Raises
@@ -108,7 +57,7 @@ def read_model_file(path: Path) -> DriveModelFile:
     return parse_model(read_text(path), path.name)
 
 
-def parse_model(text: str, where: str) -> DriveModelFile:
+def parse_model(text: str, where: str) -> AxisDescription:
     """Read a drive model from TOML text; ``where`` names it in refusals. Raises as :func:`read_model_file`."""
     try:
         document = tomllib.loads(text)
@@ -117,7 +66,7 @@ def parse_model(text: str, where: str) -> DriveModelFile:
     return _from_document(document, where)
 
 
-def model_file_text(model: DriveModelFile) -> str:
+def model_file_text(model: AxisDescription) -> str:
     """Return the model as TOML text; :func:`read_model_file` reads it back to the last bit.
 
     Raises
@@ -142,12 +91,12 @@ def model_file_text(model: DriveModelFile) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_model_file(path: Path, model: DriveModelFile) -> None:
+def write_model_file(path: Path, model: AxisDescription) -> None:
     """Write a drive model; an existing file is replaced. Raises as :func:`model_file_text`."""
     path.write_text(model_file_text(model), encoding="utf-8")
 
 
-def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile:
+def _from_document(document: Mapping[str, object], where: str) -> AxisDescription:
     top = Fields(document, where)
     top.only({"family", *_TABLES})
     name, parameters = top.text("family"), _numbers(top.table("parameters"))
@@ -156,7 +105,7 @@ def _from_document(document: Mapping[str, object], where: str) -> DriveModelFile
     with naming(f"{where} [parameters]"):
         record.from_file_names(parameters, name)
     effects = top.table("effects") if "effects" in top else Fields({}, where)
-    return DriveModelFile(
+    return AxisDescription(
         family=name,
         parameters=parameters,
         uncertain=_uncertain(top.table("uncertain"), parameters) if "uncertain" in top else {},

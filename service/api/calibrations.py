@@ -9,9 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
-from service.api.fields import AxisId, Moment, RequestModel, RowId, Text
+from service.api.fields import AxisId, RequestModel, RowId, Text
 from service.api.services import Services, services
-from service.operations.monitoring.axis_configuration import Number
+from service.operations.analysis_arguments import MeasurementRange
+from service.operations.fields import Number
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.store.tables import CalibrationRow
 
@@ -37,13 +38,6 @@ class ReadingIn(RequestModel):
             frequency_std=self.frequency_std_hz,
             n_readings=self.n_readings,
         )
-
-
-class MeasurementRange(RequestModel):
-    """Stored measurements whose preload was set on purpose, by time."""
-
-    start: Moment | None = Field(default=None, alias="from", description="inclusive")
-    end: Moment | None = Field(default=None, alias="to", description="exclusive")
 
 
 class CalibrationIn(RequestModel):

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.fields import AxisId, AxisName, JobId, RequestModel
 from service.api.services import Services, services
-from service.operations.monitoring.axis_configuration import Number
+from service.operations.fields import Number
 from service.store.tables import JobRow
 
 router = APIRouter(prefix="/v1", tags=["jobs"])

@@ -7,9 +7,10 @@ from fastapi import Request
 
 from service.jobs import JobRunner
 from service.observability import Metrics
+from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
-from service.operations.discrepancy.discrepancies import Discrepancies
-from service.operations.identification.identifications import Identifications
+from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
+from service.operations.identification.identification_job import IdentificationIn
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
@@ -33,8 +34,8 @@ class Services:
     calibrations: Calibrations
     alarms: Alarms
     replays: Replays
-    identifications: Identifications
-    discrepancies: Discrepancies
+    identifications: AnalysisJob[IdentificationIn]
+    discrepancies: AnalysisJob[DiscrepancyIn]
     alarm_explanations: AlarmExplanations
     jobs: JobRunner
 

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
-from service.api.fields import AxisId, Moment, RequestModel, RowId
+from service.api.fields import AxisId, RequestModel, RowId
 from service.api.services import Services, services
+from service.operations.fields import Moment
 from service.operations.monitoring.trend import thin_out
 from service.store.tables import MeasurementRow
 

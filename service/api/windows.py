@@ -11,10 +11,10 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
-from service.api.fields import AxisId, Label, Moment, RequestModel
+from service.api.fields import AxisId, Label, RequestModel
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
 from service.api.services import Services, services
-from service.operations.monitoring.axis_configuration import Number
+from service.operations.fields import Moment, Number
 from service.operations.monitoring.ingest import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])

@@ -5,16 +5,14 @@ from typing import Any
 
 import click
 
-from monitor_core.errors import NotIdentifiableError
-from monitor_core.pipeline import calibrate_from_measurements
 from monitor_core.preload import Calibration, CoefficientPrior, Weighting, prior_from_calibration
 from monitor_core.preload import calibrate as fit_calibration
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, read_calibration, write_calibration
 from monitor_core.recordings.modal_csv import read_modal_table
+from monitor_core.session import calibrate_session
 from monitor_core.uncertainty import Estimate
-from service.cli.inputs.modal_table import modal_reading
-from service.cli.inputs.session import axis_settings, band_option, fitted_modes, is_session, judge_session
+from service.cli.inputs.session import axis_settings, band_option, is_session, watched_session
 from service.cli.output import json_option, print_json, print_table
 
 
@@ -72,14 +70,8 @@ def _from_session(
     prior: CoefficientPrior | None,
 ) -> Calibration:
     settings = axis_settings(band_hz, mass)
-    modes = fitted_modes(list(judge_session(path, settings)))
-    if not modes:
-        raise NotIdentifiableError(
-            f"{path.name}: a calibration needs measurements with preload_n set that can be judged; got none"
-        )
-    return calibrate_from_measurements(
-        modes, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior
-    )
+    with watched_session(path) as session:
+        return calibrate_session(session, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
 
 
 def _from_table(
@@ -89,7 +81,7 @@ def _from_table(
     source: ExcitationSource | None,
     prior: CoefficientPrior | None,
 ) -> Calibration:
-    readings = [modal_reading(row) for row in read_modal_table(path)]
+    readings = [row.reading for row in read_modal_table(path)]
     stated = all(reading.frequency_std is not None for reading in readings)
     chosen = Weighting(weighting) if weighting else (Weighting.STD if stated else Weighting.NONE)
     return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass, prior=prior)

@@ -10,8 +10,8 @@ from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
-from service.cli.inputs.modal_table import modal_reading
-from service.cli.inputs.session import axis_settings, is_session, judge_session
+from monitor_core.session import judge_session
+from service.cli.inputs.session import axis_settings, is_session, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import estimate_document, refusal_document
 
@@ -38,18 +38,20 @@ def estimate(data: Path, calibration_file: Path, as_json: bool) -> None:
 
 def _of_session(path: Path, calibration: Calibration) -> list[dict[str, Any]]:
     estimates = []
-    for item in judge_session(path, axis_settings(None), calibration):
-        modal = item.outcome.modal
-        frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
-        place = {"measurement": item.name, "position_mm": item.position_mm, "frequency_hz": frequency}
-        estimates.append(place | _answer(item.outcome.preload))
+    with watched_session(path) as session:
+        for item in judge_session(session, axis_settings(None), calibration):
+            modal = item.outcome.modal
+            frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
+            position_mm = to_millimetres(item.conditions.position)
+            place = {"measurement": item.name, "position_mm": position_mm, "frequency_hz": frequency}
+            estimates.append(place | _answer(item.outcome.preload))
     return estimates
 
 
 def _of_table(path: Path, calibration: Calibration) -> list[dict[str, Any]]:
     estimates = []
     for number, row in enumerate(read_modal_table(path), start=1):
-        reading = modal_reading(row)
+        reading = row.reading
         answer = estimate_preload(reading.estimate, reading.conditions, calibration)
         place = {
             "measurement": f"row {number}",

@@ -2,12 +2,18 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
-from monitor_core.discrepancy.explanation import Explanation, FoundEffect, FoundParameter
+from monitor_core.discrepancy import ExplainOptions, Explanation, Measured
+from monitor_core.discrepancy import explain as explain_axis
+from monitor_core.discrepancy.explanation import FoundEffect, FoundParameter
+from monitor_core.effects import Effect
 from monitor_core.errors import RecordingFormatError
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.motion import MotionRecord
 from monitor_core.recordings.check import format_of
@@ -15,7 +21,7 @@ from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.units import metres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.recordings.model_file import read_model_file
+from monitor_core.recordings.model_file import model_file_text, read_model_file
 from monitor_core.recordings.motion_csv import read_motion_record
 from service.cli.inputs.model import NumbersCommand
 from service.cli.inputs.session import (
@@ -23,12 +29,10 @@ from service.cli.inputs.session import (
     axis_settings,
     band_option,
     require_session,
-    responses_of_session,
+    responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.documents.explanation import explanation_document
-from service.operations.discrepancy.explanation import ExplanationRequest, Measured, explain_measurements
-from service.operations.measured_responses import modal_observation
 from service.report import write_report
 from service.report.rounding import (
     between,
@@ -104,24 +108,25 @@ def explain(
     DATA is a set of frequency responses, a session, a modal table, or a motion record.
     """
     if out is not None and not out.parent.is_dir():
-        raise click.UsageError(f"{out} is to be written into a folder that is there; {out.parent} is none")
+        raise click.UsageError(f"cannot write {out}: folder {out.parent} does not exist")
     healthy_files = tuple(_files(healthy_paths))
     if any(path.resolve() == data.resolve() for path in healthy_files):
         raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
-    measured, taken_as = _measured(data, band_hz, accelerometer)
-    request = ExplanationRequest(
-        baseline=read_model_file(baseline_path),
-        measured=measured,
-        hold_out=tuple(metres(one) for one in hold_out_mm),
+    measured, assumptions = _measured(data, band_hz, accelerometer)
+    baseline = read_model_file(baseline_path)
+    options = ExplainOptions(
+        hold_out=tuple(metres(position) for position in hold_out_mm),
         effects=() if effects_path is None else read_effect_file(effects_path),
         healthy=tuple(_responses(path, band_hz) for path in healthy_files),
         accelerometer=accelerometer,
-        taken_as=taken_as,
+        assumptions=assumptions,
     )
+    _require_writable(baseline, options.effects)
     with _watched(data.name) as progress:
-        explanation, model_text = explain_measurements(request, progress)
+        explanation = explain_axis(baseline, measured, options, progress=progress)
+    model_text = model_file_text(explanation.augmented or baseline)
     if report_dir is not None:
-        write_report(report_dir, explanation, model_text, _subject(data, baseline_path, len(request.healthy)))
+        write_report(report_dir, explanation, model_text, _subject(data, baseline_path, len(options.healthy)))
     if out is not None:
         out.write_text(model_text, encoding="utf-8")
     if as_json:
@@ -130,6 +135,11 @@ def explain(
         _print(explanation)
         for path in _written(report_dir, out):
             click.echo(f"Written: {path}")
+
+
+def _require_writable(baseline: AxisDescription, effects: tuple[Effect[Any], ...]) -> None:
+    """Refuse effects with names that no model file could hold: before the search, not after it."""
+    model_file_text(replace(baseline, effects={effect.key: effect.null_values() for effect in effects}))
 
 
 def _subject(data: Path, baseline: Path, n_healthy: int) -> str:
@@ -157,12 +167,12 @@ def _measured(
         case "preload-frf-set":
             return read_frf_set(data).observations, ()
         case "preload-session":
-            session = responses_of_session(data, axis_settings(band_hz))
+            session = responses_of_file(data, axis_settings(band_hz))
             return session.observations, session.sentences
         case "motion-record":
             return read_motion_record(data), ()
         case "modal-table":
-            return tuple(modal_observation(row) for row in read_modal_table(data)), ()
+            return tuple(row.observation for row in read_modal_table(data)), ()
     got = "a text with other columns" if kind == "csv" else kind
     raise RecordingFormatError(
         f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
@@ -182,7 +192,7 @@ def _responses(path: Path, band_hz: tuple[float, float] | None) -> tuple[Frequen
     """Return the responses of one machine."""
     measured, _ = _measured(path, band_hz, None)
     several = () if isinstance(measured, MotionRecord) else measured
-    responses = tuple(one for one in several if isinstance(one, FrequencyResponseObservation))
+    responses = tuple(observation for observation in several if isinstance(observation, FrequencyResponseObservation))
     if not responses:
         raise RecordingFormatError(f"--healthy {path.name}: expected a set of frequency responses or a session")
     return responses
@@ -201,7 +211,7 @@ def _print(explanation: Explanation) -> None:
         click.echo(sentence)
     places = explanation.localisation[:_MOST_PLACES]
     if places:
-        rows = [(one.where, f"{quantity(one.size, 'sigma')}", str(one.kind)) for one in places]
+        rows = [(misfit.where, quantity(misfit.size, "sigma"), str(misfit.kind)) for misfit in places]
         print_table(misfits_heading(explanation.outcome), ("where", "misfit, rms", "looks like"), rows)
     if explanation.effects:
         print_table(
@@ -229,7 +239,7 @@ def _print(explanation: Explanation) -> None:
         print_table(
             candidates_heading(explanation.outcome),
             ("effect", "ΔBIC", "place", "would be seen from"),
-            [(one.key, evidence(one.delta_bic), place(one), seen_from(one)) for one in candidates],
+            [(tried.key, evidence(tried.delta_bic), place(tried), seen_from(tried)) for tried in candidates],
         )
         click.echo(threshold(explanation))
     if more:

@@ -7,7 +7,9 @@ from typing import Any
 import click
 
 from monitor_core.modal import ModalMeasurement
-from service.cli.inputs.session import SessionMeasurement, axis_settings, band_option, judge_session
+from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.session import SessionMeasurement, judge_session
+from service.cli.inputs.session import axis_settings, band_option, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
 
@@ -18,7 +20,9 @@ from service.documents.measurement import modal_document, refusal_document
 @json_option
 def frf(session: Path, band_hz: tuple[float, float] | None, as_json: bool) -> None:
     """Find the axial mode in each measurement of a recorded session."""
-    measurements = [_document(item) for item in judge_session(session, axis_settings(band_hz))]
+    settings = axis_settings(band_hz)
+    with watched_session(session) as recorded:
+        measurements = [_document(item) for item in judge_session(recorded, settings)]
     if as_json:
         print_json({"measurements": measurements})
         return
@@ -33,8 +37,8 @@ def _document(item: SessionMeasurement) -> dict[str, Any]:
     modal = item.outcome.modal
     document: dict[str, Any] = {
         "measurement": item.name,
-        "position_mm": item.position_mm,
-        "preload_n": item.preload,
+        "position_mm": to_millimetres(item.conditions.position),
+        "preload_n": item.conditions.preload,
         "windows_refused": dict(Counter(str(rejection.reason) for rejection in item.refused_windows)),
         "refused": False,
     }

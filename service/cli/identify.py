@@ -1,21 +1,22 @@
 """``preload identify DATA --model MODEL``: stiffness and damping of the joints, and what the data leave open."""
 
-import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.solver.global_search import MapFunction
+from monitor_core.fitting.solver.population import MapFunction
+from monitor_core.identification import IdentifiedJoint, IdentifiedJoints, IdentifyOptions, PredictionRequest
+from monitor_core.identification import identify as identify_joints
 from monitor_core.recording import ExcitationSource
-from monitor_core.recordings.elements.units import metres
+from monitor_core.recordings.calibration_file import write_calibration
+from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.recordings.model_file import read_model_file
+from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.model import NumbersCommand
 from service.cli.inputs.session import (
@@ -24,12 +25,11 @@ from service.cli.inputs.session import (
     band_option,
     is_session,
     require_session,
-    responses_of_session,
+    responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.operations.identification.joint_identification import OBJECTIVES, IdentificationRequest, identify_joints
-from service.operations.identification.predicted_calibration import PredictionRequest
-from service.operations.measured_responses import modal_observation
+from service.documents.identification import held_out_kind, identification_document
+from service.operations.identification.identification_job import OBJECTIVES
 
 
 @click.command(cls=NumbersCommand)
@@ -95,36 +95,37 @@ def identify(
     """Find the joints of an axis from peaks (a modal table), frequency responses, or a session."""
     prediction = None
     if calibration_out is not None:
+        needed = {"--mode-hz": mode_hz, "--preload-n": preload_n, "--scatter-hz": scatter_hz}
         if mode_hz is None or preload_n is None or scatter_hz is None:
-            raise click.UsageError("--calibration needs --mode-hz, --preload-n and --scatter-hz; got not all of them")
+            missing = [name for name, value in needed.items() if value is None]
+            raise click.UsageError(f"--calibration also needs {_listed(missing)}")
         source = ExcitationSource(excitation_source)
         prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
     require_session(accelerometer, of_session=_is_session(data))
-    measured, taken_as = _measured(data, band_hz)
-    request = IdentificationRequest(
-        model=read_model_file(model_path),
-        measured=measured,
-        hold_out=tuple(metres(one) for one in hold_out_mm),
+    measured, assumptions = _measured(data, band_hz)
+    axis = read_model_file(model_path)
+    options = IdentifyOptions(
+        hold_out=tuple(metres(position) for position in hold_out_mm),
         limits={name: (low, high) for name, low, high in limits},
         weighting=OBJECTIVES[objective],
         seed=seed,
         prediction=prediction,
         accelerometer=accelerometer,
-        taken_as=taken_as,
+        assumptions=assumptions,
     )
     for path in (out, calibration_out):
         if path is not None and not path.parent.is_dir():
-            raise click.UsageError(f"{path} is to be written into a folder that is there; {path.parent} is none")
+            raise click.UsageError(f"cannot write {path}: folder {path.parent} does not exist")
     with _mapping(workers) as map_function, _watched(data.name) as progress:
-        document = identify_joints(request, map_function=map_function, progress=progress)
+        joints = identify_joints(axis, measured, options, map_function=map_function, progress=progress)
     if out is not None:
-        out.write_text(document["model"], encoding="utf-8")
-    if calibration_out is not None:
-        calibration_out.write_text(json.dumps(document["calibration"], indent=2), encoding="utf-8")
+        write_model_file(out, joints.model)
+    if calibration_out is not None and joints.calibration is not None:
+        write_calibration(calibration_out, joints.calibration)
     if as_json:
-        print_json(document)
+        print_json(identification_document(joints))
     else:
-        _print(data, document)
+        _print(data, joints)
 
 
 def _measured(
@@ -136,9 +137,9 @@ def _measured(
     if data.name.endswith(".frf.h5"):
         return read_frf_set(data).observations, ()
     if _is_session(data):
-        session = responses_of_session(data, axis_settings(band_hz))
+        session = responses_of_file(data, axis_settings(band_hz))
         return session.observations, session.sentences
-    return tuple(modal_observation(row) for row in read_modal_table(data)), ()
+    return tuple(row.observation for row in read_modal_table(data)), ()
 
 
 def _is_session(data: Path) -> bool:
@@ -161,36 +162,43 @@ def _watched(name: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _print(data: Path, document: dict[str, Any]) -> None:
-    objective = document["objective"]
+def _print(data: Path, found: IdentifiedJoints) -> None:
+    quality = found.quality
     print_table(
-        f"Joints from {data.name} ({objective['kind']}, {len(objective['positions_mm'])} positions)",
+        f"Joints from {data.name} ({quality.kind}, {len(quality.positions)} positions)",
         ("joint", "value", "95 % interval", "verdict"),
-        [_joint_row(name, one) for name, one in document["parameters"].items()],
+        [_joint_row(name, joint) for name, joint in found.joints.items()],
     )
-    for sentence in document["taken_as"]:
+    for sentence in found.assumptions:
         click.echo(sentence)
-    for sentence in (*document["not_identifiable"], *document["missing_modes"]):
+    for sentence in (*found.not_identifiable, *found.missing_modes):
         click.echo(f"- {sentence}.")
     rows = [
-        ("starts that agree", f"{100 * objective['starts_agreeing']:.0f} % of {objective['starts']}"),
-        ("residuals over their uncertainty", f"{objective['residual_standard_deviation']:.3g}"),
+        ("starts that agree", f"{100 * quality.starts_agreeing:.0f} % of {quality.starts}"),
+        ("residuals over their uncertainty", f"{quality.residual_standard_deviation:.3g}"),
     ]
-    if "eq_26" in objective:
-        rows.append(("y of Eq. (26)", f"{objective['eq_26']:.4g}"))
-    if document["held_out"] is not None:
-        held_out = document["held_out"]
-        rows.append((f"worst error, {held_out['kind']}", f"{held_out['worst_percent']:.2f} %"))
-    if document["modes_to_monitor"]:
-        best = document["modes_to_monitor"][0]
-        loss = best["minimum_detectable_preload_loss"]
+    if quality.paper_objective is not None:
+        rows.append(("y of Eq. (26)", f"{quality.paper_objective:.4g}"))
+    if found.held_out is not None:
+        worst = 100.0 * abs(found.held_out.worst.relative_error)
+        rows.append((f"worst error, {held_out_kind(found.held_out)}", f"{worst:.2f} %"))
+    if found.modes_to_monitor:
+        best = found.modes_to_monitor[0]
+        loss = best.preload_loss
         shows = "no loss of preload" if loss is None else f"a preload loss of {100 * loss:.1f} %"
-        rows.append(("mode to monitor", f"{best['frequency_hz']:.1f} Hz at {best['position_mm']:g} mm shows {shows}"))
-    if document["next_positions"]:
-        rows.append(("measure next at", f"{document['next_positions'][0]['position_mm']:.0f} mm"))
+        where = f"{to_millimetres(best.peak.conditions.position):g} mm"
+        rows.append(("mode to monitor", f"{best.peak.frequency:.1f} Hz at {where} shows {shows}"))
+    if found.next_positions:
+        rows.append(("measure next at", f"{to_millimetres(found.next_positions[0].position):.0f} mm"))
     print_table("What it rests on", ("quantity", "value"), rows)
 
 
-def _joint_row(name: str, one: dict[str, Any]) -> tuple[str, ...]:
-    low, high = one["interval_95"]
-    return (name, f"{one['value']:.4g} {one['unit']}", f"{low:.4g} … {high:.4g}", one["verdict"])
+def _joint_row(name: str, joint: IdentifiedJoint) -> tuple[str, ...]:
+    low, high = joint.interval.lower, joint.interval.upper
+    return (name, f"{joint.estimate.value:.4g} {joint.unit}", f"{low:.4g} … {high:.4g}", str(joint.verdict))
+
+
+def _listed(names: list[str]) -> str:
+    """Return names as a sentence lists them."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

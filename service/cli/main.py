@@ -11,10 +11,21 @@ from threadpoolctl import threadpool_limits
 from monitor_core.errors import MonitorCoreError
 from service.errors import ServiceError
 
-#: In modules of their names, imported when they are asked for: most need neither web nor database.
-_COMMANDS = (
-    "demo", "serve", "replay", "frf", "calibrate", "estimate", "identify", "explain", "modes", "simulate", "check",
-)  # fmt: skip
+#: What each command does. Each is in a module of its name, imported when it is asked for: most need neither web nor
+#: database, and the list of commands needs none of them.
+COMMANDS = {
+    "calibrate": "Fit k1…k4 to natural frequencies at several positions and preloads.",
+    "check": "Tell whether the program can read a file, and if not, why.",
+    "demo": "Replay the bundled sessions through an embedded service.",
+    "estimate": "Turn natural frequencies or a recorded session into preload.",
+    "explain": "Find which effect a model lacks, add it, and show the gap shrink.",
+    "frf": "Find the axial mode in each measurement of a recorded session.",
+    "identify": "Find the joints of an axis from peaks, responses or a session.",
+    "modes": "List the modes of a drive model.",
+    "replay": "Post a recorded session to a service.",
+    "serve": "Run the service.",
+    "simulate": "Record a session of a drive model, without a machine.",
+}
 
 
 class _Commands(click.Group):
@@ -23,15 +34,21 @@ class _Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands."""
         del ctx
-        return sorted(_COMMANDS)
+        return sorted(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, None where there is none of this name."""
         del ctx
-        if cmd_name not in _COMMANDS:
+        if cmd_name not in COMMANDS:
             return None
         command: click.Command = getattr(import_module(f"service.cli.{cmd_name}"), cmd_name)
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(COMMANDS.items()))
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

@@ -3,10 +3,9 @@
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.recordings.model_file import parse_model
-from service.operations.discrepancy.described_drive import described_drive
 
 
-def drive_of_axis(text: str) -> DescribedDrive:
+def axis_drive(text: str) -> DescribedDrive:
     """Return the drive that a model describes, which must be one whose nut follows its preload.
 
     Parameters
@@ -19,8 +18,9 @@ def drive_of_axis(text: str) -> DescribedDrive:
     RecordingFormatError, OutsideValidityError
         If it is no drive model, or has a nut of one rigidity: no change of the preload could be thought of.
     """
-    drive = described_drive(parse_model(text, "drive_model"))
-    if drive.physics({}).joints.dynamic_load_rating is None:
+    description = parse_model(text, "drive_model")
+    drive = description.drive()
+    if not description.nut_follows_preload:
         raise OutsideValidityError(
             "drive_model: expected dynamic_load_rating_n in [parameters], by which the nut follows its preload; got "
             "none"

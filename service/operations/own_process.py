@@ -4,30 +4,45 @@ The process can be stopped at any moment, so that cancelled work does not hold u
 """
 
 import multiprocessing
+import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import TypeVar, cast
 
 from threadpoolctl import threadpool_limits
 
 Answer = TypeVar("Answer")
-#: Says in a few words what is being done.
-Tell = Callable[[str], None]
-
-#: How often whoever waits is told that it still goes on, and may stop it.
-TOLD_EVERY_S = 0.5
 
 
-def in_own_process(work: Callable[[Tell], Answer], tell: Tell) -> Answer:
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far work has come."""
+
+    done: int
+    total: int | None = None  # None: not known
+    sentence: str | None = None  # what is being done, in a few words
+
+
+#: Reports how far work has come.
+Report = Callable[[Progress], None]
+
+#: How often whoever waits hears that it still goes on, and may stop it.
+REPORTED_EVERY_S = 0.5
+
+
+def in_own_process(work: Callable[[Report], Answer], report: Report, first: Progress) -> Answer:
     """Do work beside this process.
 
     Parameters
     ----------
     work : callable
-        Can be pickled, as can what it returns, which is no text; is handed what it may say its progress to.
-    tell : callable
-        Told twice a second what is being done; what it raises stops the process.
+        Can be pickled, as can what it returns, which is no progress; is handed what it may report its progress to.
+    report : callable
+        Called twice a second with how far the work has come; what it raises stops the process.
+    first : Progress
+        Reported until the work reports its own.
 
     Raises
     ------
@@ -42,7 +57,7 @@ def in_own_process(work: Callable[[Tell], Answer], tell: Tell) -> Answer:
     process.start()
     sender.close()  # so that the end of the process is the end of what can be received
     try:
-        return cast(Answer, _answer(receiver, tell))
+        return cast(Answer, _answer(receiver, report, first))
     except EOFError as error:
         process.join()
         raise RuntimeError(f"the process of the search ended by itself, exit code {process.exitcode}") from error
@@ -52,28 +67,34 @@ def in_own_process(work: Callable[[Tell], Answer], tell: Tell) -> Answer:
         receiver.close()
 
 
-def _answer(receiver: Connection, tell: Tell) -> object:
-    """Pass on what is being done until the answer comes, or the refusal."""
-    sentence = "reading what was measured"
+def _answer(receiver: Connection, report: Report, first: Progress) -> object:
+    """Pass on how far the work has come until the answer comes, or the refusal."""
+    latest, due = first, 0.0
     while True:
-        tell(sentence)
-        while receiver.poll(TOLD_EVERY_S):
-            match receiver.recv():
-                case str(sentence):
-                    tell(sentence)
-                case Exception() as error:
-                    raise error
-                case answer:
-                    return answer
+        if time.monotonic() >= due:  # progress comes by the hundred: two a second are enough
+            report(latest)
+            due = time.monotonic() + REPORTED_EVERY_S
+        if not receiver.poll(REPORTED_EVERY_S):
+            continue
+        match receiver.recv():
+            case Progress() as progress:
+                if progress.sentence != latest.sentence:
+                    due = 0.0
+                latest = progress
+            case Exception() as error:
+                raise error
+            case answer:
+                report(latest)
+                return answer
 
 
-def _do(sender: Connection, work: Callable[[Tell], object]) -> None:
-    """Work in the process, and say what is being done, last the answer."""
+def _do(sender: Connection, work: Callable[[Report], object]) -> None:
+    """Work in the process, and report progress, last the answer."""
     threadpool_limits(1)
     answer: object
     try:
         answer = work(sender.send)
-    except Exception as error:  # noqa: BLE001 the edge of this process: who started it is told whatever broke
+    except Exception as error:  # noqa: BLE001 the edge of this process: who started it learns whatever broke
         error.add_note(traceback.format_exc())
         answer = error
     sender.send(answer)

@@ -10,6 +10,7 @@ from fastapi.templating import Jinja2Templates
 from service.api.alarms import alarm_out
 from service.api.axes import axis_out
 from service.api.services import Services, services
+from service.operations.discrepancy.discrepancy_job import finished_discrepancies
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -63,6 +64,6 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
             "latest_calibration": max((row.id for row in overview.calibrations), default=None),
             "history": overview.activations,
             "alarms": alarms,
-            "discrepancies": on.discrepancies.finished(axis),
+            "discrepancies": finished_discrepancies(on.database, axis),
         },
     )

@@ -22,7 +22,6 @@ from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.extended import paper_motor_end
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.recordings.modal_csv import read_modal_table
-from service.operations.measured_responses import modal_observation
 from tests.identification import tian
 from tests.models.extended_axes import bundled
 
@@ -176,7 +175,7 @@ def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> 
 def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> None:
     """63.3 Hz without it, 7.27 Hz with it; the rest has the shape of the far bearing, and no mass is taken away."""
     printed = DescribedDrive(replace(bundled("lumped").parameters, bracket_stiffness=2.1e7), {}, {})
-    table = [modal_observation(row) for row in read_modal_table(published_data / "nguyen_table2.csv")]
+    table = [row.observation for row in read_modal_table(published_data / "nguyen_table2.csv")]
     bracket = f"{PREFIX}bracket_stiffness_n_per_m"
     rivals = among(printed, bracket, "far-bearing-stiffness", "added-mass", "preload-exponent")
     unseen = frozenset(one.conditions for one in table if one.conditions.preload == 150.0)

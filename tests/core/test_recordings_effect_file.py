@@ -8,11 +8,12 @@ import pytest
 
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.errors import RecordingFormatError
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings import effect_file
 from monitor_core.recordings.effect_file import read_effect_file
-from monitor_core.recordings.model_file import DriveModelFile, read_model_file
+from monitor_core.recordings.model_file import read_model_file
 from tests.conftest import PROJECT_ROOT
 
 HYBRID = read_model_file(PROJECT_ROOT / "replay_data" / "models" / "hybrid.toml")
@@ -28,7 +29,7 @@ def read(tmp_path, text):
 def test_an_effect_of_a_users_own_joins_the_table(tmp_path):
     """A handwheel of 2e-4 kg·m² is a rotor with so much more inertia."""
     effects = (*DRIVE_EFFECTS, *read(tmp_path, EXAMPLE))
-    file = DriveModelFile("hybrid", HYBRID.parameters, effects={"handwheel": {"inertia_kg_m2": 2e-4}})
+    file = AxisDescription("hybrid", HYBRID.parameters, effects={"handwheel": {"inertia_kg_m2": 2e-4}})
     parameters = HYBRID.build().parameters
     expected = ExtendedModel.of(replace(parameters, motor_inertia=parameters.motor_inertia + 2e-4))
     band, at = np.geomspace(5.0, 900.0, 50), DriveConditions(0.3)

@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import FAMILIES
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recordings.model_file import DriveModelFile, model_file_text, read_model_file, write_model_file
+from monitor_core.recordings.model_file import model_file_text, read_model_file, write_model_file
 from tests.conftest import PROJECT_ROOT
 
 MODELS = PROJECT_ROOT / "replay_data" / "models"
@@ -43,7 +44,7 @@ def test_what_is_written_is_read_back(tmp_path, family):
     key=st.from_regex(r"[A-Za-z0-9_.:-]{1,20}", fullmatch=True),
 )
 def test_every_number_and_every_key_survives_to_the_last_bit(tmp_path_factory, mass, share, value, key):
-    model = DriveModelFile(
+    model = AxisDescription(
         "hybrid",
         dict(HYBRID.parameters) | {"table_mass_kg": mass},
         {"table_mass_kg": share},
@@ -65,7 +66,7 @@ def test_uncertain_parameters_and_effects_are_kept_as_read(tmp_path):
     assert model.effects == {"far-bearing-stiffness": {"stiffness_n_per_m": 3.8e7}, "wrong-parameter:x": {}}
 
 
-WITH_EFFECTS = DriveModelFile(
+WITH_EFFECTS = AxisDescription(
     "hybrid",
     HYBRID.parameters,
     effects={
@@ -86,7 +87,7 @@ def accelerance(model, **conditions):
 
 
 def test_effects_of_the_file_are_part_of_the_model():
-    heavier = DriveModelFile("hybrid", HYBRID.parameters, effects={"added-mass": {"mass_kg": 1.0}}).build()
+    heavier = AxisDescription("hybrid", HYBRID.parameters, effects={"added-mass": {"mass_kg": 1.0}}).build()
     stated = ExtendedModel.of(HYBRID.build().parameters)
     np.testing.assert_allclose(accelerance(heavier), accelerance(stated, payload_mass=1.0), rtol=1e-12)
 
@@ -114,7 +115,7 @@ BAD_EFFECTS = {
 def test_an_effect_that_does_not_fit_gets_one_sentence(what):
     effects, sentence = BAD_EFFECTS[what]
     with pytest.raises(OutsideValidityError) as caught:
-        DriveModelFile("hybrid", HYBRID.parameters, effects=effects).build()
+        AxisDescription("hybrid", HYBRID.parameters, effects=effects).build()
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -187,10 +188,10 @@ def test_a_missing_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     "model",
     [
-        DriveModelFile("hybrid", {}),
-        DriveModelFile("hybrid", HYBRID.parameters, {"mass_kg": 0.1}),
-        DriveModelFile("hybrid", HYBRID.parameters, effects={"a\nb": {}}),
-        DriveModelFile("hybrid", HYBRID.parameters, effects={"a": {"b": float("nan")}}),
+        AxisDescription("hybrid", {}),
+        AxisDescription("hybrid", HYBRID.parameters, {"mass_kg": 0.1}),
+        AxisDescription("hybrid", HYBRID.parameters, effects={"a\nb": {}}),
+        AxisDescription("hybrid", HYBRID.parameters, effects={"a": {"b": float("nan")}}),
     ],
 )
 def test_what_could_not_be_read_back_is_not_written(model):

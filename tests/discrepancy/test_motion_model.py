@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.models.motion import (
     Kinematics,
     MotionModel,
@@ -13,7 +14,7 @@ from monitor_core.models.motion import (
     forces,
     kinematics_of,
 )
-from monitor_core.recordings.model_file import DriveModelFile, read_model_file, write_model_file
+from monitor_core.recordings.model_file import read_model_file, write_model_file
 from tests.discrepancy.simulated_motion import Motion
 from tests.models.extended_axes import bundled
 from tests.service import test_cli
@@ -22,7 +23,7 @@ from tests.service.test_cli import assert_refused
 preload = test_cli.preload  # a fixture
 
 STATED = {"moving_mass_kg": 95.0, "viscous_friction_ns_per_m": 200.0}
-FILE = DriveModelFile(
+FILE = AxisDescription(
     "motion",
     STATED,
     {"moving_mass_kg": 0.1},
@@ -113,7 +114,7 @@ def test_a_motion_model_is_read_back_and_built(tmp_path) -> None:
 
 
 def test_a_model_without_effects_is_the_axis_as_stated() -> None:
-    model = DriveModelFile("motion", STATED).build_motion()
+    model = AxisDescription("motion", STATED).build_motion()
     motion = moving([0.1, -0.2], [1.0, 0.0])
     np.testing.assert_allclose(model.forces(motion), [115.0, -40.0], rtol=1e-14)
     assert model == MotionModel.of(MotionParameters(moving_mass=95.0, viscous_friction=200.0))
@@ -121,22 +122,22 @@ def test_a_model_without_effects_is_the_axis_as_stated() -> None:
 
 def test_an_effect_of_a_drive_is_none_of_a_motion() -> None:
     with pytest.raises(OutsideValidityError, match=r"one of coulomb-friction, force-offset, .*; got 'added-mass'"):
-        DriveModelFile("motion", STATED, effects={"added-mass": {"mass_kg": 1.0}}).build_motion()
+        AxisDescription("motion", STATED, effects={"added-mass": {"mass_kg": 1.0}}).build_motion()
 
 
 def test_the_two_kinds_of_model_are_not_taken_for_each_other() -> None:
     with pytest.raises(
         OutsideValidityError, match=r"natural frequencies, of the family lumped, .*; got a motion model"
     ):
-        DriveModelFile("motion", STATED).build()
+        AxisDescription("motion", STATED).build()
     with pytest.raises(OutsideValidityError, match="expected a model of the family motion; got one of hybrid"):
-        DriveModelFile("hybrid", bundled("hybrid").parameters.to_file_names()).build_motion()
+        AxisDescription("hybrid", bundled("hybrid").parameters.to_file_names()).build_motion()
 
 
 @pytest.mark.parametrize("command", ["modes", "simulate", "identify"])
 def test_commands_that_need_a_drive_refuse_a_motion_model(tmp_path, preload, command, published_data) -> None:
     path = tmp_path / "axis.toml"
-    write_model_file(path, DriveModelFile("motion", STATED))
+    write_model_file(path, AxisDescription("motion", STATED))
     arguments = {
         "modes": [str(path), "--position-mm", "300"],
         "simulate": [str(path), "--out", str(tmp_path / "trial.session.h5")],

@@ -9,15 +9,16 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
-from monitor_core.fitting.residuals.peaks import Weighting, mode_bands
+from monitor_core.fitting.residuals.peak_bands import mode_bands
+from monitor_core.fitting.residuals.peak_grid import Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peaks import Weighting
 from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
 from monitor_core.identification.advice import MONITORED_UNCERTAINTY, bands_at, modes_to_monitor, next_positions
 from monitor_core.identification.cases import Case, PeakCase, ResponseCase, peak_case, positions_of
-from monitor_core.identification.mode_tracks import track_modes
+from monitor_core.identification.cases.mode_tracks import track_modes
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
 from tests.identification import tian
@@ -106,10 +107,10 @@ def test_a_place_that_was_measured_twice_is_listed_once() -> None:
 # --- where to measure next
 
 
-STIFFNESSES = JointCoordinates(AXIS, ("bearing_stiffness", "far_bearing_stiffness", "nut_stiffness"))
-START = STIFFNESSES.coordinates(AXIS)
+STIFFNESSES = tian.free(AXIS, "bearing_stiffness", "far_bearing_stiffness", "nut_stiffness")
+START = STIFFNESSES.start
 BOUNDS = STIFFNESSES.bounds(tian.LIMITS)
-NUT = STIFFNESSES.free.index("nut_stiffness")
+NUT = STIFFNESSES.free.index("nut_stiffness_n_per_m")
 
 
 def fitted(case: Case) -> LocalFit:
@@ -168,14 +169,14 @@ def test_advised_position_brings_what_it_promises_in_peaks(weighting: Weighting,
 def test_candidates_stay_on_the_screw_and_under_the_measured_preload() -> None:
     # the nut of a load rating has no stiffness without a preload: its advice once failed after the whole search
     rated = replace(AXIS, nut_stiffness=1.2e9, dynamic_load_rating=5e4)
-    joints = JointCoordinates(rated, ("nut_stiffness",))
+    joints = tian.free(rated, "nut_stiffness")
     peaks = []
     for x in (0.3, 2.4):
         place = DriveConditions(x, preload=2000.0, payload_mass=20.0)
         top = find_peaks(peak_grid(rated, [Place(place, tian.BANDS[2])]), rated.joints(place))
         peaks.append(ModalObservation(place, float(top.frequency[0])))
     case = peak_case(joints, peaks, bands={2: tian.BANDS[2]})
-    fit = fit_local(case.problem((0.3, 2.4)), joints.bounds({"nut_stiffness": (1e8, 1e10)}), joints.coordinates(rated))
+    fit = fit_local(case.problem((0.3, 2.4)), joints.bounds({"nut_stiffness_n_per_m": (1e8, 1e10)}), joints.start)
     advised = next_positions(case, fit, rated.screw_length, 0)
     positions = [one.conditions.position for one in advised]
     assert min(positions) == pytest.approx(0.05 * 2.6)

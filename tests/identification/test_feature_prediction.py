@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.identification.feature_prediction import MonitoredMode, mode_frequencies, predict_coefficients
 from monitor_core.models.families import build_model
 from monitor_core.models.nut import nut_rigidity
@@ -122,12 +121,12 @@ def test_stated_covariance_is_the_scatter_of_predictions_of_drawn_joints():
 
 def test_misfit_of_the_form_bounds_what_eq_8_misses_of_a_distributed_screw_elsewhere():
     """Tian's axis at positions and preloads within the range that were not in the fit."""
-    joints = JointCoordinates(tian.axis(), ("nut_stiffness",))
-    at = joints.coordinates(joints.axis)
+    joints = tian.free(tian.axis(), "nut_stiffness")
+    at = joints.start
     mode = MonitoredMode((90.0, 160.0), (0.5, 0.8, 1.1, 1.4, 1.7, 2.0), (1000.0, 3000.0))
 
     def model(coordinates):
-        return ReceptanceModel(joints.parameters(coordinates))
+        return ReceptanceModel(joints.record(coordinates))
 
     predicted = predict_coefficients(model, VectorEstimate(at, [[0.0]]), mode, Estimate(2000.0, 0.0))
     k = PreloadFeatureCoefficients(*predicted.coefficients.values.tolist())

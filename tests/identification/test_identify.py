@@ -9,16 +9,17 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.priors import WithPriors, relative_priors, with_priors
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks
 from monitor_core.fitting.residuals.peaks import Weighting
-from monitor_core.fitting.solver.global_search import SearchCancelledError, SearchSettings
+from monitor_core.fitting.solver.global_search import SearchSettings
+from monitor_core.fitting.solver.population import SearchCancelledError
 from monitor_core.identification.cases import PeakCase, PredictionError, ResponseCase, peak_case
-from monitor_core.identification.identifiability import Verdict
-from monitor_core.identification.identify import Identification, IdentificationSettings, identify
+from monitor_core.identification.directions import Verdict
+from monitor_core.identification.joint_fit import JointFit, JointFitSettings, fit_joints
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
 from tests.identification import tian
@@ -26,7 +27,7 @@ from tests.models.finite_elements import Assembly
 from tests.models.test_receptance import axis_of
 
 AXIS = tian.axis()
-JOINTS = JointCoordinates(AXIS)
+JOINTS = tian.free(AXIS)
 BOUNDS = JOINTS.bounds(tian.LIMITS)
 EVERYWHERE = tian.measured(*tian.POSITIONS)
 HELD_OUT = (0.8, 1.3, 1.9)
@@ -103,13 +104,13 @@ def line(rng: np.random.Generator, scatter: float = 1.0) -> StraightLine:
 
 
 @pytest.fixture(scope="module")
-def watched() -> tuple[Identification, PeakCase, list[tuple[int, int]]]:
+def watched() -> tuple[JointFit, PeakCase, list[tuple[int, int]]]:
     steps: list[tuple[int, int]] = []
     case = peak_case(JOINTS, EVERYWHERE)
-    found = identify(
+    found = fit_joints(
         case,
         BOUNDS,
-        IdentificationSettings(search=FEW_STARTS, uncertainties_stated=False),
+        JointFitSettings(search=FEW_STARTS, uncertainties_stated=False),
         hold_out=HELD_OUT,
         progress=lambda done, total: steps.append((done, total)),
     )
@@ -117,24 +118,24 @@ def watched() -> tuple[Identification, PeakCase, list[tuple[int, int]]]:
 
 
 @pytest.fixture(scope="module")
-def published(watched: tuple[Identification, PeakCase, list[tuple[int, int]]]) -> Identification:
+def published(watched: tuple[JointFit, PeakCase, list[tuple[int, int]]]) -> JointFit:
     return watched[0]
 
 
-def test_stiffness_that_published_peaks_determine(published: Identification) -> None:
+def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     joints = dict(zip(published.fit.names, 10.0**published.fit.coordinates.values, strict=True))
-    assert 6.0e8 < joints["nut_stiffness"] < 7.5e8
-    assert 7.0e7 < joints["bearing_stiffness"] + joints["far_bearing_stiffness"] < 7.7e7
+    assert 6.0e8 < joints["nut_stiffness_n_per_m"] < 7.5e8
+    assert 7.0e7 < joints["bearing_stiffness_n_per_m"] + joints["far_bearing_stiffness_n_per_m"] < 7.7e7
     assert published.trained_on == (0.6, 1.0, 1.6)
     assert not published.leave_one_out
 
 
-def test_what_published_peaks_leave_open(published: Identification) -> None:
+def test_what_published_peaks_leave_open(published: JointFit) -> None:
     verdict = {one.name: one.verdict for one in published.judged.coordinates}
-    assert verdict["nut_damping"] is Verdict.NOT_DETERMINED
-    assert verdict["nut_stiffness"] is not Verdict.NOT_DETERMINED
+    assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
+    assert verdict["nut_stiffness_n_per_m"] is not Verdict.NOT_DETERMINED
     (pair,) = published.judged.pairs
-    assert {pair.first, pair.second} == {"bearing_stiffness", "far_bearing_stiffness"}
+    assert {pair.first, pair.second} == {"bearing_stiffness_n_per_m", "far_bearing_stiffness_n_per_m"}
     # no uncertainties are stated: the scatter of the residuals stands in, and there is nothing to lack
     assert not published.lack_of_fit
     assert published.fit.residual_variance == pytest.approx(
@@ -142,7 +143,7 @@ def test_what_published_peaks_leave_open(published: Identification) -> None:
     )
 
 
-def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: Identification) -> None:
+def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: JointFit) -> None:
     # the paper states 2.95 % (order 4 at 1900 mm); it prints order 1 there as 23 Hz
     worst = published.worst_held_out
     assert worst is not None
@@ -155,7 +156,7 @@ def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: Iden
 
 
 def test_mode_at_whose_node_the_table_stands_is_told(
-    watched: tuple[Identification, PeakCase, list[tuple[int, int]]],
+    watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
     (missing,) = watched[1].assignment.missing  # Table 1 has no order 3 at l4
     assert (missing.mode, missing.conditions.position, missing.masked) == (3, 1.3, True)
@@ -163,13 +164,11 @@ def test_mode_at_whose_node_the_table_stands_is_told(
 
 
 def test_equation_26_pays_with_its_frequencies(
-    watched: tuple[Identification, PeakCase, list[tuple[int, int]]],
+    watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
     case = peak_case(JOINTS, EVERYWHERE, weighting=Weighting.UNIT)
     settings = SearchSettings(n_populations=1, candidates_per_coordinate=10, n_generations=50, n_random_starts=6)
-    found = identify(
-        case, BOUNDS, IdentificationSettings(search=settings, uncertainties_stated=False), hold_out=HELD_OUT
-    )
+    found = fit_joints(case, BOUNDS, JointFitSettings(search=settings, uncertainties_stated=False), hold_out=HELD_OUT)
     worst = found.worst_held_out
     assert worst is not None
     assert 4.8 < 100.0 * abs(worst.relative_error) < 5.9
@@ -183,20 +182,20 @@ def test_equation_26_pays_with_its_frequencies(
 def test_one_position_of_peaks_is_refused(alone: float) -> None:
     others = tuple(x for x in tian.POSITIONS.values() if x != alone)
     with pytest.raises(NotIdentifiableError, match="2 positions at least; got 1"):
-        identify(peak_case(JOINTS, EVERYWHERE), BOUNDS, hold_out=others)
+        fit_joints(peak_case(JOINTS, EVERYWHERE), BOUNDS, hold_out=others)
 
 
 def test_position_that_was_not_measured_cannot_be_held_out() -> None:
     with pytest.raises(NotIdentifiableError, match=r"600, 800, 1000, 1300, 1600, 1900 mm; got 700 mm"):
-        identify(peak_case(JOINTS, EVERYWHERE), BOUNDS, hold_out=[0.6, 0.7])
+        fit_joints(peak_case(JOINTS, EVERYWHERE), BOUNDS, hold_out=[0.6, 0.7])
 
 
 def test_mode_that_nobody_measured_was_taken_for_the_one_above_it() -> None:
     # without order 3 the band of order 4 once reached down to it, and its higher peak made a nut of 2.4e8 N/m
-    two = JointCoordinates(AXIS, ("bearing_stiffness", "nut_stiffness"))
-    settings = IdentificationSettings(search=replace(ONE_START, n_random_starts=4), uncertainties_stated=False)
+    two = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
+    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=4), uncertainties_stated=False)
     with_third, without = (
-        identify(peak_case(two, peaks), two.bounds(tian.LIMITS), settings, hold_out=HELD_OUT)
+        fit_joints(peak_case(two, peaks), two.bounds(tian.LIMITS), settings, hold_out=HELD_OUT)
         for peaks in (EVERYWHERE, [one for one in EVERYWHERE if one.order != 3])
     )
     assert 6.0e8 < 10.0 ** without.fit.coordinates.values[1] < 7.5e8
@@ -211,25 +210,26 @@ def test_peak_of_no_mode_is_refused() -> None:
 
 
 def test_joints_that_all_end_at_a_limit_are_refused() -> None:
-    few = JointCoordinates(AXIS, ("bearing_stiffness", "nut_stiffness"))
-    too_stiff = few.bounds({"bearing_stiffness": (1e8, 2e8), "nut_stiffness": (1.2e9, 3e9)})
-    with pytest.raises(NotIdentifiableError, match="bearing_stiffness, nut_stiffness must lie within its limits"):
-        identify(
+    few = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
+    too_stiff = few.bounds({"bearing_stiffness_n_per_m": (1e8, 2e8), "nut_stiffness_n_per_m": (1.2e9, 3e9)})
+    ended = "bearing_stiffness_n_per_m, nut_stiffness_n_per_m must lie within its limits"
+    with pytest.raises(NotIdentifiableError, match=ended):
+        fit_joints(
             peak_case(few, EVERYWHERE),
             too_stiff,
-            IdentificationSettings(search=replace(FEW_STARTS, n_populations=0), uncertainties_stated=False),
+            JointFitSettings(search=replace(FEW_STARTS, n_populations=0), uncertainties_stated=False),
             hold_out=HELD_OUT,
         )
 
 
 def test_joints_a_rounding_short_of_their_limits_were_not_said_to_be_there() -> None:
-    few = JointCoordinates(AXIS, ("bearing_stiffness", "nut_stiffness"))
-    too_soft = few.bounds({"bearing_stiffness": (5e6, 1e7), "nut_stiffness": (1e8, 2e8)})
+    few = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
+    too_soft = few.bounds({"bearing_stiffness_n_per_m": (5e6, 1e7), "nut_stiffness_n_per_m": (1e8, 2e8)})
     with pytest.raises(NotIdentifiableError, match="every one of them ended at a limit"):
-        identify(
+        fit_joints(
             peak_case(few, EVERYWHERE),
             too_soft,
-            IdentificationSettings(search=replace(FEW_STARTS, n_populations=0), uncertainties_stated=False),
+            JointFitSettings(search=replace(FEW_STARTS, n_populations=0), uncertainties_stated=False),
             hold_out=HELD_OUT,
         )
 
@@ -237,14 +237,14 @@ def test_joints_a_rounding_short_of_their_limits_were_not_said_to_be_there() -> 
 def test_a_limit_without_end_is_refused() -> None:
     open_above = Bounds(BOUNDS.lower, np.where(np.arange(8) == 2, np.inf, BOUNDS.upper))
     with pytest.raises(OutsideValidityError, match="finite"):
-        identify(peak_case(JOINTS, EVERYWHERE), open_above)
+        fit_joints(peak_case(JOINTS, EVERYWHERE), open_above)
 
 
 # --- progress, cancel, repetition
 
 
 def test_progress_never_falls_and_ends_at_its_total(
-    watched: tuple[Identification, PeakCase, list[tuple[int, int]]],
+    watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
     steps = watched[2]
     done, totals = [one for one, _ in steps], {total for _, total in steps}
@@ -257,7 +257,7 @@ def test_progress_never_falls_and_ends_at_its_total(
 @pytest.mark.parametrize("hold_out", [(), LINE_X[:3]])
 def test_cancelled_at_any_step_it_raises(hold_out: tuple[float, ...]) -> None:
     case = line(np.random.default_rng(1))
-    settings = IdentificationSettings(search=replace(ONE_START, n_random_starts=3))
+    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3))
     asked = 0
 
     def count() -> bool:
@@ -265,15 +265,15 @@ def test_cancelled_at_any_step_it_raises(hold_out: tuple[float, ...]) -> None:
         asked += 1
         return False
 
-    identify(case, LINE_BOUNDS, settings, hold_out=hold_out, cancelled=count)
+    fit_joints(case, LINE_BOUNDS, settings, hold_out=hold_out, cancelled=count)
     assert asked >= 4  # between the starts, before the verdicts and after them
     for patience in range(asked):
         left = iter([False] * patience)
         with pytest.raises(SearchCancelledError, match="cancelled after"):
-            identify(case, LINE_BOUNDS, settings, hold_out=hold_out, cancelled=lambda left=left: next(left, True))
+            fit_joints(case, LINE_BOUNDS, settings, hold_out=hold_out, cancelled=lambda left=left: next(left, True))
 
 
-def numbers(found: Identification) -> list[object]:
+def numbers(found: JointFit) -> list[object]:
     """Everything of an identification that could differ."""
     return [
         found.fit.coordinates.values.tolist(),
@@ -285,16 +285,16 @@ def numbers(found: Identification) -> list[object]:
 
 
 def test_same_seed_same_answer_with_any_number_of_workers() -> None:
-    joints = JointCoordinates(AXIS, ("bearing_stiffness", "nut_stiffness", "coupling_stiffness"))
+    joints = tian.free(AXIS, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")
     case, bounds = peak_case(joints, EVERYWHERE), joints.bounds(tian.LIMITS)
     few = SearchSettings(n_populations=1, candidates_per_coordinate=5, n_generations=6, n_random_starts=2)
-    settings = IdentificationSettings(4, few, uncertainties_stated=False)
-    alone = numbers(identify(case, bounds, settings))
-    assert numbers(identify(case, bounds, settings)) == alone
+    settings = JointFitSettings(4, few, uncertainties_stated=False)
+    alone = numbers(fit_joints(case, bounds, settings))
+    assert numbers(fit_joints(case, bounds, settings)) == alone
     with ProcessPoolExecutor(2) as pool:
-        assert numbers(identify(case, bounds, settings, map_function=pool.map)) == alone
-    other = identify(case, bounds, replace(settings, seed=5))
-    assert other.search.fits[0].start.tolist() != identify(case, bounds, settings).search.fits[0].start.tolist()
+        assert numbers(fit_joints(case, bounds, settings, map_function=pool.map)) == alone
+    other = fit_joints(case, bounds, replace(settings, seed=5))
+    assert other.search.fits[0].start.tolist() != fit_joints(case, bounds, settings).search.fits[0].start.tolist()
 
 
 # --- whole responses
@@ -306,13 +306,13 @@ def responses() -> tuple[FrequencyResponseObservation, ...]:
 
 
 @pytest.fixture(scope="module")
-def from_responses(responses: tuple[FrequencyResponseObservation, ...]) -> Identification:
-    settings = IdentificationSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
-    return identify(ResponseCase(JOINTS, responses), BOUNDS, settings)
+def from_responses(responses: tuple[FrequencyResponseObservation, ...]) -> JointFit:
+    settings = JointFitSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
+    return fit_joints(ResponseCase(JOINTS, responses), BOUNDS, settings)
 
 
-def test_simulated_responses_give_the_axis_back(from_responses: Identification) -> None:
-    error = from_responses.fit.coordinates.values - JOINTS.coordinates(AXIS)
+def test_simulated_responses_give_the_axis_back(from_responses: JointFit) -> None:
+    error = from_responses.fit.coordinates.values - JOINTS.start
     u = from_responses.fit.coordinates.standard_uncertainties
     assert abs(np.log(10.0) * error[2]) < 0.005  # of the nut
     # χ² of the joints' errors, 8 degrees of freedom: 26.1 is passed once in a thousand
@@ -323,16 +323,16 @@ def test_simulated_responses_give_the_axis_back(from_responses: Identification) 
     assert [one.conditions.position for one in from_responses.held_out] == [0.6, 1.0, 1.6]
 
 
-def test_held_out_responses_are_off_by_their_noise(from_responses: Identification) -> None:
+def test_held_out_responses_are_off_by_their_noise(from_responses: JointFit) -> None:
     # ln(H/H measured) of noise of 5 %: rms 0.05, plus what the fit to two positions does not know
     for one in from_responses.held_out:
         assert 0.045 < one.relative_error < 0.065
 
 
 def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyResponseObservation, ...]) -> None:
-    heavy = JointCoordinates(replace(AXIS, table_mass=1.05 * AXIS.table_mass))
-    start = IdentificationSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
-    found = identify(ResponseCase(heavy, responses), BOUNDS, start, hold_out=(1.0,))
+    heavy = tian.free(replace(AXIS, table_mass=1.05 * AXIS.table_mass))
+    start = JointFitSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
+    found = fit_joints(ResponseCase(heavy, responses), BOUNDS, start, hold_out=(1.0,))
     assert found.lack_of_fit
     assert not found.fit.uncertainties_stated
     assert found.fit.residual_variance == pytest.approx(found.fit.chi_squared / found.fit.degrees_of_freedom)
@@ -341,13 +341,13 @@ def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyRespons
 
 def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyResponseObservation, ...]) -> None:
     # the bearings are known as a sum: who knows one within 0.1 % knows the other as if it alone were free
-    two = JointCoordinates(AXIS, ("bearing_stiffness", "far_bearing_stiffness"))
+    two = tian.free(AXIS, "bearing_stiffness", "far_bearing_stiffness")
     bounds = two.bounds(tian.LIMITS)
-    values = {name: getattr(AXIS, name) for name in two.free}
-    priors = relative_priors(two.free, values, {"bearing_stiffness": 1e-3})
-    settings = IdentificationSettings(search=replace(ONE_START, n_random_starts=3))
-    free = identify(ResponseCase(two, responses), bounds, settings).fit
-    held = identify(ResponseCase(two, responses, priors), bounds, settings).fit
+    values = {name: two.parameters[name] for name in two.free}
+    priors = relative_priors(two.free, values, {"bearing_stiffness_n_per_m": 1e-3})
+    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3))
+    free = fit_joints(ResponseCase(two, responses), bounds, settings).fit
+    held = fit_joints(ResponseCase(two, responses, priors), bounds, settings).fit
     information = free.jacobian.T @ free.jacobian
     information[0, 0] += (np.log(10.0) / 1e-3) ** 2
     expected = np.sqrt(np.diag(np.linalg.inv(information)))
@@ -361,11 +361,11 @@ def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyRespo
 
 def test_intervals_cover_whether_uncertainties_are_stated_rightly_or_too_small() -> None:
     rng, truth = np.random.default_rng(3), np.array([10.0, 3.0])
-    settings = IdentificationSettings(search=ONE_START)
+    settings = JointFitSettings(search=ONE_START)
     for scatter, lacking in ((1.0, False), (8.0, True)):
         inside, n, n_lacking = np.zeros(2), 150, 0
         for _ in range(n):
-            found = identify(line(rng, scatter), LINE_BOUNDS, settings, hold_out=[LINE_X[0]])
+            found = fit_joints(line(rng, scatter), LINE_BOUNDS, settings, hold_out=[LINE_X[0]])
             ends = [(one.interval.lower, one.interval.upper) for one in found.judged.coordinates]
             inside += [low < value < high for (low, high), value in zip(ends, truth, strict=True)]
             n_lacking += found.lack_of_fit
@@ -378,7 +378,7 @@ def test_intervals_cover_whether_uncertainties_are_stated_rightly_or_too_small()
 def test_each_position_left_out_plays_no_part_in_its_prediction() -> None:
     rng = np.random.default_rng(8)
     case = line(rng)
-    found = identify(case, LINE_BOUNDS, IdentificationSettings(search=ONE_START))
+    found = fit_joints(case, LINE_BOUNDS, JointFitSettings(search=ONE_START))
     x, y = np.array(case.x), np.array(case.y)
     for k, one in enumerate(found.held_out):
         slope, constant = np.polyfit(np.delete(x, k), np.delete(y, k), 1)
@@ -389,23 +389,23 @@ def test_each_position_left_out_plays_no_part_in_its_prediction() -> None:
 def test_held_out_readings_change_nothing_but_their_errors() -> None:
     case = line(np.random.default_rng(8))
     wrong = StraightLine(case.x, (99.0, *case.y[1:]))
-    settings = IdentificationSettings(search=ONE_START)
-    one, other = (identify(each, LINE_BOUNDS, settings, hold_out=[LINE_X[0]]) for each in (case, wrong))
+    settings = JointFitSettings(search=ONE_START)
+    one, other = (fit_joints(each, LINE_BOUNDS, settings, hold_out=[LINE_X[0]]) for each in (case, wrong))
     np.testing.assert_array_equal(one.fit.coordinates.values, other.fit.coordinates.values)
     assert one.held_out[0].relative_error != other.held_out[0].relative_error
 
 
 def test_wrong_reading_of_a_peak_is_worst_where_it_stands() -> None:
-    few = JointCoordinates(AXIS, ("bearing_stiffness", "nut_stiffness"))
+    few = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
     peaks = []
     for x in (0.5, 0.9, 1.4, 1.9):
         place = DriveConditions(x)
         here = find_peaks(peak_grid(AXIS, [Place(place, tian.BANDS[mode]) for mode in (2, 4)]), AXIS.joints(place))
         readings = [f * (1.02 if x == 1.4 and f > 500.0 else 1.0) for f in here.frequency.tolist()]
         peaks += [ModalObservation(place, reading) for reading in readings]
-    settings = IdentificationSettings(search=replace(ONE_START, n_random_starts=3), uncertainties_stated=False)
+    settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3), uncertainties_stated=False)
     case = peak_case(few, peaks, bands={2: Band(85.0, 160.0), 4: Band(650.0, 860.0)})
-    worst = identify(case, few.bounds(tian.LIMITS), settings).worst_held_out
+    worst = fit_joints(case, few.bounds(tian.LIMITS), settings).worst_held_out
     assert worst is not None
     assert (worst.conditions.position, worst.mode) == (1.4, 4)
     # the fit to the other three is exact, so that nothing of the 2 % is lost
@@ -422,7 +422,7 @@ def test_a_prior_is_worth_what_it_says_beside_residuals_of_any_unit() -> None:
         y = scatter * rng.standard_normal(400) + 5.0 * scatter
         prior, u = 5.3 * scatter, 0.05 * scatter  # as certain as the mean of the readings
         case = Level(tuple(y.tolist()), np.array([[prior], [u]]))
-        found = identify(case, Bounds(np.array([-1e4]), np.array([1e4])), UNSTATED)
+        found = fit_joints(case, Bounds(np.array([-1e4]), np.array([1e4])), UNSTATED)
         s2 = np.var(y, ddof=0)
         weight = np.array([400 / s2, 1 / u**2])
         expected = (weight @ [y.mean(), prior]) / weight.sum()
@@ -430,7 +430,7 @@ def test_a_prior_is_worth_what_it_says_beside_residuals_of_any_unit() -> None:
         assert found.fit.coordinates.standard_uncertainties[0] == pytest.approx(weight.sum() ** -0.5, rel=0.03)
 
 
-UNSTATED = IdentificationSettings(search=ONE_START, uncertainties_stated=False)
+UNSTATED = JointFitSettings(search=ONE_START, uncertainties_stated=False)
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,22 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peaks import modal_problem
-from monitor_core.fitting.residuals.receptance_lines import ResidualForm, in_form, response_problem
+from monitor_core.fitting.residuals.lines import ResidualForm, ResponseProblem, response_problem
+from monitor_core.fitting.residuals.peaks import peak_problem
 from monitor_core.fitting.solver.global_search import SearchSettings, search
 from monitor_core.fitting.solver.least_squares import fit_local
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.models.published.receptance import ReceptanceModel
+from monitor_core.recordings.model_file import read_model_file
 from tests.identification import simulated, tian
 
 AXIS = tian.axis()
-JOINTS = JointCoordinates(AXIS)
-TRUTH = JOINTS.coordinates(AXIS)
+JOINTS = tian.free(AXIS)
+MODELS = tian.PUBLISHED.parent / "models"
+TRUTH = JOINTS.start
 NUT = 2
 #: Two decades of stiffness and four of damping around the truth, which is nowhere near the middle of one's knowledge.
 WIDE = Bounds(TRUTH - np.repeat([1.0, 2.0], 4), TRUTH + np.repeat([1.0, 2.0], 4))
@@ -57,7 +59,7 @@ def test_residuals_are_as_large_as_the_noise(fits):
 def test_wide_random_starts_agree(exact):
     problem = response_problem(JOINTS, simulated.noisy(exact, np.random.default_rng(1)))
     found = search(
-        in_form(problem, ResidualForm.LOGARITHMIC), WIDE, 1, SearchSettings(n_populations=0, n_random_starts=20)
+        replace(problem, form=ResidualForm.LOGARITHMIC), WIDE, 1, SearchSettings(n_populations=0, n_random_starts=20)
     )
     assert found.agreement() >= 0.7
     final = fit_local(problem, WIDE, found.best.coordinates.values)
@@ -68,7 +70,7 @@ def test_wide_random_starts_agree(exact):
 
 def test_peaks_of_the_same_data_know_ten_times_less(exact, fits):
     bands, rng = tian.BANDS, np.random.default_rng(3)
-    modes = modal_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3", "l5")), bands=bands).predict(TRUTH)
+    modes = peak_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3", "l5")), bands=bands).predict(TRUTH)
     errors = []
     for _ in range(20):
         peaks = []
@@ -76,7 +78,7 @@ def test_peaks_of_the_same_data_know_ten_times_less(exact, fits):
             for mode, frequency in enumerate(near, start=1):
                 f, a = simulated.picked_peak(one, frequency)
                 peaks.append(AssignedPeak(ModalObservation(one.conditions, f, 0.002 * f, a, 0.05 * a), mode))
-        fit = fit_local(modal_problem(JOINTS, peaks, bands=bands), WIDE, TRUTH)
+        fit = fit_local(peak_problem(JOINTS, peaks, bands=bands), WIDE, TRUTH)
         errors.append(fit.coordinates.values[NUT] - TRUTH[NUT])
     whole = [fit.coordinates.values[NUT] - TRUTH[NUT] for fit in fits]
     assert np.sqrt(np.mean(np.square(errors))) > 10 * np.sqrt(np.mean(np.square(whole)))
@@ -97,7 +99,7 @@ def test_jacobian_is_the_slope_of_the_residuals_at_all_points(form, excitation, 
     one = FrequencyResponseObservation(
         conditions, frequency, measured.response, 0.05 * np.abs(measured.response), excitation, response
     )
-    problem, x, h = response_problem(JOINTS, [one], form=form), TRUTH + 0.03, 3e-6
+    problem, x, h = ResponseProblem(JOINTS, (one,), form), TRUTH + 0.03, 3e-6
     slope = np.array([problem.residuals(x + e) - problem.residuals(x - e) for e in h * np.eye(8)]).T / (2 * h)
     # 1e-8: rounding of residuals of a few tens, over the step; a joint that plays no part has slopes of exactly 0
     assert np.all(np.abs(problem.jacobian(x) - slope) <= 1e-5 * np.abs(slope).max(axis=0) + 1e-8 * slope.any(axis=0))
@@ -113,7 +115,7 @@ def test_at_its_own_joints_a_response_leaves_nothing():
             conditions, frequency, values.response, np.abs(values.response) + 1e-30, excitation, response
         )
         for form in ResidualForm:
-            assert np.max(np.abs(response_problem(JOINTS, [one], form=form).residuals(TRUTH))) < 1e-9
+            assert np.max(np.abs(ResponseProblem(JOINTS, (one,), form).residuals(TRUTH))) < 1e-9
 
 
 def test_both_forms_are_one_near_the_truth(exact):
@@ -126,11 +128,11 @@ def test_both_forms_are_one_near_the_truth(exact):
 
 def test_too_little_is_refused():
     one = FrequencyResponseObservation(DriveConditions(1.0), np.array([20.0, 30.0]), np.array([1e-7, 1e-8]), np.ones(2))
-    with pytest.raises(NotIdentifiableError, match="at 1 positions at least; got 0"):
+    with pytest.raises(NotIdentifiableError, match="need 8 real and imaginary parts of lines at least; got 0"):
         response_problem(JOINTS, [])
     with pytest.raises(NotIdentifiableError, match="at 2 positions at least; got 1"):
         response_problem(JOINTS, [one], minimum_positions=2)
-    with pytest.raises(NotIdentifiableError, match="half as many lines at least; got 2"):
+    with pytest.raises(NotIdentifiableError, match="need 8 real and imaginary parts of lines at least; got 4"):
         response_problem(JOINTS, [one])
 
 
@@ -144,11 +146,13 @@ def test_the_logarithm_of_nothing_is_refused():
 
 
 def test_joints_that_are_no_coordinates_are_refused():
-    with pytest.raises(OutsideValidityError, match="must be some of"):
-        JointCoordinates(AXIS, ("nut_stiffness", "bearing_stiffness"))
-    with pytest.raises(OutsideValidityError, match="nut_damping must be positive to be free"):
-        JOINTS.coordinates(replace(AXIS, nut_damping=0.0))
-    with pytest.raises(OutsideValidityError, match="coupling_damping has none"):
-        JOINTS.bounds({name: limits for name, limits in tian.LIMITS.items() if name != "coupling_damping"})
+    with pytest.raises(OutsideValidityError, match="nut_damping_ns_per_m must be stated and positive to be free"):
+        tian.free(replace(AXIS, nut_damping=0.0), "nut_damping")
+    lumped = FreeParameters("lumped", read_model_file(MODELS / "lumped.toml").parameters, ("nut_stiffness_n_per_m",))
+    with pytest.raises(OutsideValidityError, match="compared with a receptance model; got a lumped model"):
+        peak_problem(lumped, tian.as_labelled(tian.measured("l1", "l3")), bands=tian.BANDS)
+    mass = FreeParameters("receptance", AXIS.to_file_names(), ("table_mass_kg",))
+    with pytest.raises(OutsideValidityError, match=r"compared by their joints, .*; got table_mass_kg"):
+        peak_problem(mass, tian.as_labelled(tian.measured("l1", "l3")), bands=tian.BANDS)
     with pytest.raises(OutsideValidityError, match=r"must have shape \(8,\)"):
-        JOINTS.parameters(np.zeros(3))
+        JOINTS.record(np.zeros(3))

@@ -7,13 +7,13 @@ import pytest
 from scipy import stats
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
-from monitor_core.fitting.residuals.peaks import modal_problem
+from monitor_core.fitting.residuals.peak_grid import Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peaks import peak_problem
 from monitor_core.identification.cases import ResponseCase
-from monitor_core.identification.mode_tracks import track_modes
-from monitor_core.identification.planning import planned_peaks
+from monitor_core.identification.cases.mode_tracks import track_modes
+from monitor_core.identification.cases.peaks import planned_peaks
 from monitor_core.identification.sensitivity import (
     PeakSensitivity,
     peak_sensitivities,
@@ -29,10 +29,10 @@ IDENTIFIED = replace(
     tian.axis(), bearing_stiffness=4.66e7, far_bearing_stiffness=2.76e7, nut_stiffness=6.75e8, coupling_stiffness=20.7,
     bearing_damping=2630.0, far_bearing_damping=5340.0, nut_damping=100.0, coupling_damping=0.0037,
 )  # fmt: skip
-JOINTS = JointCoordinates(IDENTIFIED)
-AT = JOINTS.coordinates(IDENTIFIED)
+JOINTS = tian.free(IDENTIFIED)
+AT = JOINTS.start
 PLACES = [DriveConditions(x) for x in tian.POSITIONS.values()]
-NUT = JOINTS.free.index("nut_stiffness")
+NUT = JOINTS.free.index("nut_stiffness_n_per_m")
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_preload_goes_with_the_third_power_of_the_stiffness():
 
 
 def test_next_position_is_the_one_that_brings_most():
-    measured = modal_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3")), bands=tian.BANDS).jacobian(AT)
+    measured = peak_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3")), bands=tian.BANDS).jacobian(AT)
     places = [DriveConditions(float(x)) for x in np.linspace(0.4, 2.2, 10)]
     candidates = planned_peaks(JOINTS, AT, places, tian.BANDS)
     assert len(candidates) == 10

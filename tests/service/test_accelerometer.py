@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy import ExplainOptions, Outcome, explain
+from monitor_core.fitting.accelerometer import PLACES, place_accelerometer
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recordings.model_file import DriveModelFile, read_model_file, write_model_file
+from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.session_hdf5 import read_session, write_session
-from service.operations.discrepancy.accelerometer import PLACES, place_accelerometer
-from service.operations.discrepancy.described_drive import described_drive
-from service.operations.discrepancy.explanation import ExplanationRequest, explain_measurements
 from tests.conftest import PROJECT_ROOT
 from tests.service import test_cli
 from tests.service.conftest import Api, assert_problem
@@ -81,7 +80,7 @@ def test_a_simulated_session_is_of_the_table(preload: Any, tmp_path: Path) -> No
     assert "\nThe accelerometer is taken to be on the table, where the model leaves 0." in answer.out
 
 
-def responses_at(point: ResponsePoint, model: DriveModelFile) -> list[FrequencyResponseObservation]:
+def responses_at(point: ResponsePoint, model: AxisDescription) -> list[FrequencyResponseObservation]:
     """Return responses of a family's own equations, with noise."""
     frequency, rng = np.linspace(20.0, 400.0, 80), np.random.default_rng(4)
     made = []
@@ -104,7 +103,7 @@ def test_place_is_found_though_the_description_is_wrong(place: str, name: str, e
     """What is missing or misprinted must not be taken for another place."""
     observed = responses_at(PLACES[place], MACHINE)
     wrong = replace(MACHINE, parameters={**MACHINE.parameters, name: error * MACHINE.parameters[name]}, uncertain={})
-    placed = place_accelerometer(observed, None, described_drive(wrong))
+    placed = place_accelerometer(observed, None, wrong.drive())
     assert {one.response_point for one in placed.observations} == {PLACES[place]}
     assert f"on the {place}, where" in placed.sentences[0]
 
@@ -115,10 +114,10 @@ def test_without_a_bracket_there_is_nothing_to_settle() -> None:
     }
     model = replace(MACHINE, parameters=rigid, uncertain={})
     observed = responses_at(ResponsePoint.ACCELERATION_AT_NUT, model)
-    placed = place_accelerometer(observed, None, described_drive(model))
+    placed = place_accelerometer(observed, None, model.drive())
     assert placed.sentences == ()
     assert {one.response_point for one in placed.observations} == {ResponsePoint.ACCELERATION_AT_TABLE}
-    (sentence,) = place_accelerometer(observed, "nut", described_drive(model)).sentences
+    (sentence,) = place_accelerometer(observed, "nut", model.drive()).sentences
     assert sentence == (
         "The accelerometer is on the nut, as stated; to this model, without a bracket between nut and table, that "
         "makes no difference."
@@ -127,7 +126,7 @@ def test_without_a_bracket_there_is_nothing_to_settle() -> None:
 
 def test_a_bracket_too_stiff_to_show_leaves_the_place_open() -> None:
     stiff = replace(MACHINE, parameters={**MACHINE.parameters, "bracket_stiffness_n_per_m": 1e12}, uncertain={})
-    placed = place_accelerometer(responses_at(PLACES["nut"], stiff), None, described_drive(stiff))
+    placed = place_accelerometer(responses_at(PLACES["nut"], stiff), None, stiff.drive())
     assert placed.sentences == (
         "The session does not tell whether the accelerometer is on the nut; it is taken to be on the table.",
     )
@@ -137,7 +136,7 @@ def test_a_bracket_too_stiff_to_show_leaves_the_place_open() -> None:
 def test_what_says_where_it_was_taken_stays_there(place: str) -> None:
     placed = [replace(one, response_point=PLACES[place], placed=True) for one in responses_at(PLACES["nut"], MACHINE)]
     for stated in (None, "table", "nut"):
-        found = place_accelerometer(placed, stated, described_drive(MACHINE))
+        found = place_accelerometer(placed, stated, MACHINE.drive())
         assert (found.observations, found.sentences) == (tuple(placed), ())
 
 
@@ -146,7 +145,7 @@ def test_healthy_machines_are_placed_each_by_itself() -> None:
     model = replace(MACHINE, uncertain={})
     session = tuple(responses_at(PLACES["nut"], model))
     of_table = tuple(replace(one, placed=True, response=one.response) for one in responses_at(PLACES["table"], model))
-    explanation, _ = explain_measurements(ExplanationRequest(model, session, healthy=(of_table, session)))
+    explanation = explain(model, session, ExplainOptions(healthy=(of_table, session)))
     assert explanation.outcome is Outcome.NONE
     assert all(channel.startswith("acceleration-at-nut") for channel in explanation.gap_by_channel)
 

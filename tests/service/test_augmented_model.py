@@ -5,19 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from monitor_core.discrepancy.augmented_model import augmented_model
 from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_lines, responses
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.recordings.model_file import DriveModelFile, model_file_text, parse_model, read_model_file
-from service.operations.discrepancy.augmented_model import augmented_model, with_corrected_parameters
+from monitor_core.recordings.model_file import model_file_text, parse_model, read_model_file
 from tests.conftest import PROJECT_ROOT
 
 LUMPED = read_model_file(PROJECT_ROOT / "replay_data" / "models" / "lumped.toml")
 HYBRID = read_model_file(PROJECT_ROOT / "replay_data" / "models" / "hybrid.toml")
 HYBRID_WITH_RATING = replace(HYBRID, parameters={**HYBRID.parameters, "dynamic_load_rating_n": 4000.0})
-MOTION = DriveModelFile("motion", {"moving_mass_kg": 80.0})
+MOTION = AxisDescription("motion", {"moving_mass_kg": 80.0})
 #: Of everything that an effect may act on.
 CONDITIONS = DriveConditions(0.3, 200.0, 5.0, 10.0, 0.5)
 
@@ -32,7 +33,7 @@ def explanation(ln_ratios=None, added=None) -> Explanation:
     )  # fmt: skip
 
 
-def read_back(model: DriveModelFile) -> DriveModelFile:
+def read_back(model: AxisDescription) -> AxisDescription:
     return parse_model(model_file_text(model), "augmented")
 
 
@@ -49,11 +50,11 @@ def response_of(physics):
     return responses(physics, prepare_lines([case]))
 
 
-def added_once(effect, stated: DriveModelFile):
+def added_once(effect, stated: AxisDescription):
     return effect.added_to(ExtendedModel.of(stated.build().parameters).physics, noticeable(effect, 0.3))
 
 
-def drive_of(effect) -> DriveModelFile | None:
+def drive_of(effect) -> AxisDescription | None:
     """Return a drive that the effect may be added to twice; none where an axis has it once at most."""
     for stated in (LUMPED, HYBRID_WITH_RATING):
         if effect.applies(ExtendedModel.of(stated.build().parameters).physics):
@@ -130,7 +131,7 @@ def test_file_that_corrects_its_parameters_is_the_axis_with_the_parameters_corre
         "wrong-parameter:nut_stiffness_n_per_m": {"ln_ratio": 0.3},
     }
     stated = replace(LUMPED, effects=effects)
-    corrected = with_corrected_parameters(stated)
+    corrected = stated.with_corrected_parameters()
     assert corrected.effects == {"added-mass": {"mass_kg": 1.5}}
     assert corrected.parameters["bracket_stiffness_n_per_m"] == pytest.approx(2.1e8 * np.exp(-0.7), rel=1e-12)
     frequencies = [

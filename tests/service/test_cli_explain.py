@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from monitor_core.effects import DRIVE_EFFECTS
+from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, ResponsePoint
 from monitor_core.motion import MotionRecord
 from monitor_core.recording import ExcitationQuantity
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse, write_frf_set
-from monitor_core.recordings.model_file import DriveModelFile, read_model_file, write_model_file
+from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import write_motion_record
 from tests.conftest import PROJECT_ROOT
 from tests.discrepancy.simulated_motion import Truth, simulated_record
@@ -53,7 +54,7 @@ EFFECTS = (
 preload = test_cli.preload  # a fixture
 
 
-def changed(model: DriveModelFile, **parameters: float) -> DriveModelFile:
+def changed(model: AxisDescription, **parameters: float) -> AxisDescription:
     return replace(model, parameters={**model.parameters, **parameters})
 
 
@@ -88,7 +89,7 @@ def frf_file(path: Path, observations: list[FrequencyResponseObservation]) -> Pa
     return path
 
 
-def model_in(path: Path, model: DriveModelFile) -> Path:
+def model_in(path: Path, model: AxisDescription) -> Path:
     write_model_file(path, model)
     return path
 
@@ -292,7 +293,7 @@ def test_what_a_session_shows_to_be_wrong_is_named(preload: Any, tmp_path: Path)
 # --- motion
 
 
-MOTION = DriveModelFile(
+MOTION = AxisDescription(
     "motion", {"moving_mass_kg": 80.0, "viscous_friction_ns_per_m": 300.0}, {"moving_mass_kg": 0.02}
 )
 FRICTION = 20.0
@@ -374,7 +375,7 @@ FRF = ("axis.frf.h5", "--baseline", "baseline.toml")
         ((*FRF, "--effects", "spaced.py"), "expected a name of letters, digits and _ . : -; got 'inertia kg m2'"),
         (("axis.frf.h5", "--baseline", "unknown.toml"), "the key of an effect must be one of "),
         (("axis.frf.h5", "--baseline", "absurd.toml"), "ln_ratio must lie within ±200; got 1000"),
-        ((*FRF, "--out", "nowhere/model.toml"), "is to be written into a folder that is there"),
+        ((*FRF, "--out", "nowhere/model.toml"), "folder nowhere does not exist"),
         ((*FRF, "--report", "file"), "'--report'"),
         (("axis.frf.h5", "--baseline", str(MODELS / "lumped.toml")), "position must lie on the screw"),
     ],

@@ -304,7 +304,7 @@ def test_a_simulated_session_gives_its_stiffnesses_back(preload: Any, tmp_path: 
         ((PEAKS, "--model", MODEL, "--workers", 0), "--workers"),
         ((PEAKS, "--model", MODEL, "--band-hz", 60, 250), "--band-hz goes with a session; got tian_modal_table.csv"),
         ((PEAKS, "--model", MODEL.parent / "lumped.toml", "--objective", "eq-26"), "got a lumped model"),
-        ((PEAKS, "--model", MODEL, "--calibration", "a.json"), "--calibration needs --mode-hz, --preload-n"),
+        ((PEAKS, "--model", MODEL, "--calibration", "a.json"), "--calibration also needs --mode-hz, --preload-n"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
@@ -333,7 +333,7 @@ def test_joints_that_all_end_at_a_limit_are_refused(preload: Any, tmp_path: Path
     model, out = model_file(tmp_path, "nut.toml", "nut_stiffness_n_per_m"), tmp_path / "found.toml"
     words = ("identify", PEAKS, "--model", model, "--hold-out-mm", 800, "--out", out)
     answer = preload(*words, "--limit", "nut_stiffness_n_per_m", 1.2e9, 1.3e9)
-    assert_refused(answer, "at least one of nut_stiffness must lie within its limits")
+    assert_refused(answer, "at least one of nut_stiffness_n_per_m must lie within its limits")
     assert not out.exists()
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from monitor_core.fitting.residuals.peak_search import Place, find_peaks, peak_grid
+from monitor_core.fitting.residuals.peak_grid import Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks
 from monitor_core.identification.sensitivity import peak_sensitivities
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.recordings.elements.units import to_millimetres
@@ -150,7 +151,9 @@ def test_joints_that_all_end_at_a_limit_fail_the_job_with_a_sentence(shared_api:
     limits = {"nut_stiffness_n_per_m": [1.2e9, 1.3e9]}
     job = start(shared_api, "narrow", model=NUT, peaks=published_peaks(), limits=limits, hold_out_mm=[800.0])
     failed = wait_for(shared_api, job["id"], "failed", "done")
-    assert failed["error"].startswith("NotIdentifiableError: at least one of nut_stiffness must lie within its limits")
+    assert failed["error"].startswith(
+        "NotIdentifiableError: at least one of nut_stiffness_n_per_m must lie within its limits"
+    )
     assert "parameters" not in (failed["result"] or {})
 
 

@@ -1,40 +1,68 @@
-r"""Parameters of any drive model from whole frequency responses.
+r"""Compare whole frequency responses with a drive: every line is a datum, no peak is picked and no mode assigned.
 
-The counterpart of ``response_problem`` for every family and all points of excitation and response; the residuals are
-those of its :class:`ResidualForm`, the model answers by the common protocol.
+With the same standard deviation σ of real and imaginary part the likelihood of a line is that of two independent
+Gaussian residuals
+
+.. math::
+
+    r = \frac{1}{\sigma} \left[ \mathrm{Re}(H_c - H_t),\ \mathrm{Im}(H_c - H_t) \right]
+
+(c calculated, t tested), so their sum of squares is the χ² whose minimum is the estimate and whose curvature is its
+covariance. That is where a fit must end. It is a bad place to begin: far from the truth the calculated peaks stand
+where the measured ones do not, and χ² hardly changes with where they stand. The logarithm
+
+.. math::
+
+    r = \frac{|H_t|}{\sigma} \left[ \ln\frac{|H_c|}{|H_t|},\ \arg\frac{H_c}{H_t} \right]
+
+(log magnitude and phase, each with the standard deviation σ/|H_t| of first order) is the same residual near the truth
+and sees from afar in which direction a resonance lies. Its weights know the measured |H_t| only, noise included, which
+biases it in the second order of σ/|H_t|; it is for the search, the first one is for the answer.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
-from monitor_core.fitting.coordinates import ModelCoordinates
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.differences import central_differences
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.receptance_lines import ResidualForm, line_weight, logarithm, real_and_imaginary
-from monitor_core.fitting.sufficiency import require_enough, require_seen
+from monitor_core.models.protocol import HasJointGradient, PreparedResponse
 
-#: Of a coordinate, in decades. Slopes of ln H are off by 2e-9 of the largest over the four families, whose modes have
-#: damping ratios of 0.005 and more; truncation grows with their inverse fourth power.
+#: Of a coordinate, in decades, for differences of four points. Slopes of ln H are off by 2e-9 of the largest over the
+#: four families, whose modes have damping ratios of 0.005 and more; truncation grows with their inverse fourth power.
 _STEP = 1e-4
 
 
+class ResidualForm(StrEnum):
+    """How a calculated line is compared with a measured one."""
+
+    COMPLEX = "complex"  #: real and imaginary part over σ: the likelihood
+    LOGARITHMIC = "logarithmic"  #: log magnitude and phase over σ/|H|: the same nearby, and a wider way to it
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelResponseProblem:
-    """Weighted residuals of all lines of all responses; made by :func:`model_response_problem`.
+class ResponseProblem:
+    """Weighted residuals of all lines of all responses; made by :func:`response_problem`.
 
     ``dataclasses.replace(problem, form=...)`` is the same problem with the other residuals.
     """
 
-    drive: ModelCoordinates
+    drive: FreeParameters
     observations: tuple[FrequencyResponseObservation, ...]
     form: ResidualForm = ResidualForm.COMPLEX
     _weights: FloatArray = field(init=False)  # of the residuals of the form, shape (n_lines,)
+    _prepared: tuple[PreparedResponse, ...] = field(init=False)  # where the model answers for its joints alone
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_weights", np.concatenate([line_weight(one, self.form) for one in self.observations]))
+        weights = [line_weight(observation, self.form) for observation in self.observations]
+        object.__setattr__(self, "_weights", np.concatenate(weights) if weights else np.zeros(0))
+        object.__setattr__(self, "_prepared", _prepared(self.drive, self.observations))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,12 +81,18 @@ class ModelResponseProblem:
         OutsideValidityError
             If the model has no such parameters, or does not answer at these points or frequencies.
         """
-        model = self.drive.build(coordinates)
+        if self._prepared:
+            parameters = self.drive.record(coordinates)
+            return tuple(prepared.at(parameters) for prepared in self._prepared)
+        model = self.drive.model(coordinates)
         return tuple(
             model.frequency_response(
-                one.frequency, one.conditions, excitation=one.excitation, response=one.response_point
+                observation.frequency,
+                observation.conditions,
+                excitation=observation.excitation,
+                response=observation.response_point,
             ).response
-            for one in self.observations
+            for observation in self.observations
         )
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
@@ -68,51 +102,112 @@ class ModelResponseProblem:
         ----------
         coordinates : ndarray, shape (n_parameters,)
         """
-        calculated, tested = self._lines(coordinates), np.concatenate([one.response for one in self.observations])
-        error = calculated - tested if self.form is ResidualForm.COMPLEX else logarithm(calculated / tested)
-        return real_and_imaginary(error * self._weights)
+        calculated = self._lines(coordinates)
+        tested = np.concatenate([observation.response for observation in self.observations])
+        error = calculated - tested if self.form is ResidualForm.COMPLEX else np.log(calculated / tested)
+        return _real_and_imaginary(error * self._weights)
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals, shape (2 n_lines, n_parameters).
+
+        In closed form where the model has one, else by differences of four points.
 
         Parameters
         ----------
         coordinates : ndarray, shape (n_parameters,)
         """
-        slopes = central_differences(self._lines, coordinates, _STEP)  # of H, not of its phase, which may jump by 2π
+        slopes = self._closed_slopes(coordinates)
+        if slopes is None:  # differences of H, not of its phase, which may jump by 2π
+            slopes = central_differences(self._lines, coordinates, _STEP)
         if self.form is ResidualForm.LOGARITHMIC:
             slopes = slopes / self._lines(coordinates)
-        return real_and_imaginary(slopes * self._weights).T
+        return _real_and_imaginary(slopes * self._weights).T
 
     def _lines(self, coordinates: FloatArray) -> ComplexArray:
         return np.concatenate(self.predict(coordinates))
 
+    def _closed_slopes(self, coordinates: FloatArray) -> ComplexArray | None:
+        """Return d H/d coordinate of all lines, shape (n_parameters, n_lines); None where a line has no closed form."""
+        if not self._prepared:
+            return None
+        parameters, parts = self.drive.record(coordinates), []
+        for prepared in self._prepared:
+            gradient = prepared.gradient(parameters)
+            if gradient is None:
+                return None
+            rows = [prepared.joint_names.index(name) for name in self.drive.free]
+            parts.append(math.log(10.0) * gradient[rows])
+        return np.concatenate(parts, axis=1)
 
-def model_response_problem(
-    drive: ModelCoordinates,
+
+def response_problem(
+    drive: FreeParameters,
     observations: Sequence[FrequencyResponseObservation],
     *,
     form: ResidualForm = ResidualForm.COMPLEX,
-) -> ModelResponseProblem:
+    minimum_positions: int = 1,
+) -> ResponseProblem:
     """Make the problem of finding the free parameters from frequency responses.
 
     Priors are not in it: :func:`monitor_core.fitting.priors.with_priors` adds ``drive.priors``.
 
     Parameters
     ----------
-    drive : ModelCoordinates
+    drive : FreeParameters
     observations : sequence of FrequencyResponseObservation
     form : ResidualForm
         ``LOGARITHMIC`` for a search over decades, ``COMPLEX`` for the answer.
+    minimum_positions : int
+        Fewer are refused.
 
     Raises
     ------
     NotIdentifiableError
-        If there are fewer data than free parameters (a line is two), or one of these moves no line and has no prior.
+        If there are too few positions, fewer data than free parameters (a line is two), or one of these moves no line
+        and has no prior.
     OutsideValidityError
         If a response is zero at a line and its logarithm is asked for, or the model as stated does not answer.
     """
-    require_enough(drive, 2 * sum(one.frequency.size for one in observations), "real and imaginary parts of lines")
-    problem = ModelResponseProblem(drive, tuple(observations), form)
-    require_seen(drive, problem.jacobian(drive.start))
+    n_positions = len({observation.conditions.position for observation in observations})
+    if n_positions < minimum_positions and minimum_positions > 1:
+        raise NotIdentifiableError(
+            f"joints must be identified from responses at {minimum_positions} positions at least; got {n_positions}"
+        )
+    n_lines = sum(observation.frequency.size for observation in observations)
+    drive.require_enough(2 * n_lines, "real and imaginary parts of lines")
+    problem = ResponseProblem(drive, tuple(observations), form)
+    drive.require_seen(problem.jacobian(drive.start))
     return problem
+
+
+def line_weight(observation: FrequencyResponseObservation, form: ResidualForm) -> FloatArray:
+    """Return what the residual of each line is multiplied with, shape (n_frequencies,)."""
+    if form is ResidualForm.COMPLEX:
+        return 1.0 / observation.standard_deviation
+    magnitude = np.abs(observation.response)
+    if not np.all(magnitude > 0.0):
+        zero = observation.frequency[magnitude.argmin()]
+        raise OutsideValidityError(f"a response must not be zero where its logarithm is compared; got 0 at {zero:g} Hz")
+    return np.asarray(magnitude / observation.standard_deviation)
+
+
+def _prepared(
+    drive: FreeParameters, observations: Sequence[FrequencyResponseObservation]
+) -> tuple[PreparedResponse, ...]:
+    """Return the responses as functions of the joints alone; none where more than joints, or no such model, is free."""
+    model = drive.model(drive.start)
+    if not isinstance(model, HasJointGradient):
+        return ()
+    prepared = tuple(
+        model.joint_response(
+            observation.frequency, observation.conditions, observation.excitation, observation.response_point
+        )
+        for observation in observations
+    )
+    return prepared if all(set(drive.free) <= set(lines.joint_names) for lines in prepared) else ()
+
+
+def _real_and_imaginary(values: ComplexArray) -> FloatArray:
+    """Put the imaginary parts behind the real ones, along the last axis."""
+    parts: FloatArray = np.concatenate([values.real, values.imag], axis=-1)
+    return parts

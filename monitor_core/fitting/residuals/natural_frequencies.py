@@ -1,6 +1,6 @@
-r"""Parameters of any drive model from natural frequencies.
+r"""Compare natural frequencies with those of a drive model of any family.
 
-The counterpart of ``modal_problem`` for every family: the model answers by the common protocol, once per condition.
+The model answers by the common protocol, once per condition.
 A measured frequency leaves
 
 .. math::
@@ -20,12 +20,11 @@ from scipy.optimize import linear_sum_assignment
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.coordinates import ModelCoordinates
+from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.differences import central_differences
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_search import IndexArray
-from monitor_core.fitting.residuals.peaks import relative_frequency_uncertainty
-from monitor_core.fitting.sufficiency import require_enough, require_seen
+from monitor_core.fitting.residuals.peak_bands import relative_frequency_uncertainty
+from monitor_core.fitting.residuals.peak_grid import IndexArray
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 
 #: Of a coordinate, in decades. Slopes of ln f are off by 4e-10 of the largest over the four families, as much by
@@ -43,16 +42,16 @@ class NaturalFrequencyProblem:
     residual has a kink or a jump. Assign again at the coordinates found and see whether the numbers are the same.
     """
 
-    drive: ModelCoordinates
+    drive: FreeParameters
     peaks: tuple[AssignedPeak, ...]
     motor_end: MotorEnd | None = None  # while the frequencies were measured; None: as in the family's paper
     _places: tuple[tuple[DriveConditions, tuple[int, ...]], ...] = field(init=False)  # with the places of their peaks
 
     def __post_init__(self) -> None:
         places: dict[DriveConditions, list[int]] = {}
-        for k, one in enumerate(self.peaks):
-            places.setdefault(one.observation.conditions, []).append(k)
-        object.__setattr__(self, "_places", tuple((one, tuple(members)) for one, members in places.items()))
+        for k, peak in enumerate(self.peaks):
+            places.setdefault(peak.observation.conditions, []).append(k)
+        object.__setattr__(self, "_places", tuple((place, tuple(members)) for place, members in places.items()))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -62,7 +61,7 @@ class NaturalFrequencyProblem:
     @property
     def frequency(self) -> FloatArray:
         """Measured, shape (n_peaks,) [Hz]."""
-        return np.array([one.observation.frequency for one in self.peaks])
+        return np.array([peak.observation.frequency for peak in self.peaks])
 
     def predict(self, coordinates: FloatArray) -> FloatArray:
         """Return the model's natural frequency for each measured one, shape (n_peaks,) [Hz].
@@ -76,7 +75,7 @@ class NaturalFrequencyProblem:
         OutsideValidityError
             If the model has no such parameters, or fewer elastic modes than were measured.
         """
-        model, predicted = self.drive.build(coordinates), np.zeros(len(self.peaks))
+        model, predicted = self.drive.model(coordinates), np.zeros(len(self.peaks))
         for conditions, members in self._places:
             elastic = _elastic_frequencies(model, conditions, self.motor_end)
             for k in members:
@@ -109,11 +108,11 @@ class NaturalFrequencyProblem:
         return slopes.T * self._weight()[:, None]
 
     def _weight(self) -> FloatArray:
-        return np.array([1.0 / relative_frequency_uncertainty(one.observation) for one in self.peaks])
+        return np.array([1.0 / relative_frequency_uncertainty(peak.observation) for peak in self.peaks])
 
 
 def natural_frequency_problem(
-    drive: ModelCoordinates, peaks: Sequence[AssignedPeak], *, motor_end: MotorEnd | None = None
+    drive: FreeParameters, peaks: Sequence[AssignedPeak], *, motor_end: MotorEnd | None = None
 ) -> NaturalFrequencyProblem:
     """Make the problem of finding the free parameters from natural frequencies; amplitudes play no part.
 
@@ -121,7 +120,7 @@ def natural_frequency_problem(
 
     Parameters
     ----------
-    drive : ModelCoordinates
+    drive : FreeParameters
     peaks : sequence of AssignedPeak
         Measured natural frequencies with their elastic modes, from :func:`assign_by_frequency` or as a source states
         them. One without an uncertainty has 1 %.
@@ -135,9 +134,9 @@ def natural_frequency_problem(
     OutsideValidityError
         If the model as stated has no such mode, or no answer under the conditions.
     """
-    require_enough(drive, len(peaks), "natural frequencies")
+    drive.require_enough(len(peaks), "natural frequencies")
     problem = NaturalFrequencyProblem(drive, tuple(peaks), motor_end)
-    require_seen(drive, problem.jacobian(drive.start))
+    drive.require_seen(problem.jacobian(drive.start))
     return problem
 
 
@@ -152,7 +151,7 @@ def assign_by_frequency(
 
     For any family, by frequency alone: under each condition the sum of (ln f_t/f_c)² is least, so that peaks keep the
     order of their modes. The receptance family has shapes too, which
-    :func:`monitor_core.identification.assignment.assign_modes` follows along the screw.
+    :func:`monitor_core.identification.cases.assignment.assign_modes` follows along the screw.
 
     Parameters
     ----------
@@ -175,28 +174,28 @@ def assign_by_frequency(
         If a peak is farther than ``largest_shift`` from every mode, or two under one condition belong to one mode.
     """
     modes = np.zeros(len(observations), dtype=np.int_)
-    for conditions in dict.fromkeys(one.conditions for one in observations):
-        here = [k for k, one in enumerate(observations) if one.conditions == conditions]
+    for conditions in dict.fromkeys(observation.conditions for observation in observations):
+        here = [k for k, observation in enumerate(observations) if observation.conditions == conditions]
         elastic = _elastic_frequencies(model, conditions, motor_end)
         modes[here] = _nearest_modes([observations[k] for k in here], elastic, largest_shift)
-    return tuple(AssignedPeak(one, int(mode)) for one, mode in zip(observations, modes, strict=True))
+    return tuple(AssignedPeak(observation, int(mode)) for observation, mode in zip(observations, modes, strict=True))
 
 
 def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, largest_shift: float) -> IndexArray:
     """Return the mode of each peak under one condition, counted from 1, shape (n_peaks,)."""
-    away = np.abs(np.log(np.array([[one.frequency] for one in here]) / elastic))
-    for one, distance in zip(here, away, strict=True):
+    away = np.abs(np.log(np.array([[peak.frequency] for peak in here]) / elastic))
+    for peak, distance in zip(here, away, strict=True):
         if distance.min() > math.log1p(largest_shift):
             raise NotIdentifiableError(
                 f"a peak must lie within a factor of {1.0 + largest_shift:g} of an elastic mode of the model; "
-                f"{one.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
+                f"{peak.name} is nearest to one at {elastic[distance.argmin()]:.0f} Hz"
             )
     rows, columns = linear_sum_assignment(away**2)
     placed = dict(zip(rows.tolist(), columns.tolist(), strict=True))
-    for k, one in enumerate(here):
+    for k, peak in enumerate(here):
         if k not in placed or away[k, placed[k]] > math.log1p(largest_shift):
             raise NotIdentifiableError(
-                f"a mode has one peak under a condition; {one.name} and another there belong to that at "
+                f"a mode has one peak under a condition; {peak.name} and another there belong to that at "
                 f"{elastic[away[k].argmin()]:.0f} Hz; average repeated readings, leave out what is no mode"
             )
     return np.array([placed[k] + 1 for k in range(len(here))])
@@ -205,4 +204,4 @@ def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, larges
 def _elastic_frequencies(model: DriveModel, conditions: DriveConditions, motor_end: MotorEnd | None) -> FloatArray:
     """Return the natural frequencies above zero, rising, shape (n_modes,) [Hz]."""
     found = model.natural_frequencies(conditions, motor_end)
-    return np.array([one.frequency for one in found if one.frequency > 0.0])
+    return np.array([mode.frequency for mode in found if mode.frequency > 0.0])

@@ -1,4 +1,4 @@
-r"""Peaks of the table's receptance in stated bands: frequency and height as a modal test reads them off |H|.
+r"""Find peaks of the table's receptance in bands: frequency and height as a modal test reads them off |H|.
 
 A peak is the highest interior local maximum of a band; a rise towards an edge of the band is none. Its top lies between
 lines. Across a sharp peak |H| changes a hundredfold from one line to the next, but numerator and denominator of
@@ -12,57 +12,25 @@ three lines of the maximum, and the top is where |G|² has its minimum. A parabo
 where the peak is as narrow as a line.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
-from monitor_core.errors import OutsideValidityError
-from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.fitting.residuals.peak_grid import IndexArray, PeakGrid, lines_taken
 from monitor_core.models.published.receptance.closed_form import (
     EntireResponses,
-    LinearTerm,
-    PositionTerms,
     entire_responses,
-    position_terms,
     table_receptance,
     table_receptance_gradient,
 )
-from monitor_core.models.published.receptance.parameters import JointParameters, ReceptanceParameters
-from monitor_core.models.rod import RodWaves
+from monitor_core.models.published.receptance.parameters import JointParameters
 
 #: Newton steps for the top: |G|² is nearly a parabola.
 _NEWTON_STEPS = 5
 #: Where between its neighbours a top is sought first: a mode near its node has a zero of H beside its pole.
 _STARTS = np.linspace(-1.0, 1.0, 9)[:, None]
 _START_SPACING = 0.25
-IndexArray = npt.NDArray[np.int_]
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Where a peak is looked for."""
-
-    lower: float  # [Hz]
-    upper: float  # [Hz]
-    n_lines: int = 170
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.lower < self.upper and self.n_lines >= 5):
-            raise OutsideValidityError(
-                "a band must have 0 < lower < upper and at least 5 lines; got "
-                f"[{self.lower}, {self.upper}] Hz with {self.n_lines}"
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """One band at one position."""
-
-    conditions: DriveConditions
-    band: Band
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,17 +52,6 @@ class PeakGradient:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PeakGrid:
-    """Lines of some places one after the other, with all that does not depend on the joints; made once."""
-
-    frequency: FloatArray  # shape (n_lines,), all bands one after the other [Hz]
-    spacing: FloatArray  # of the lines of each place, shape (n_places,) [Hz]
-    starts: tuple[int, ...]  # first line of each place
-    interior: BoolArray  # no edge of a band, shape (n_lines,)
-    terms: PositionTerms
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Summit:
     """G = Δ/N and its derivatives with respect to the place t at the top of each peak, shape (n_found,) each."""
 
@@ -104,42 +61,6 @@ class _Summit:
     bend: ComplexArray
     numerator: ComplexArray
     numerator_slope: ComplexArray
-
-
-def peak_grid(
-    parameters: ReceptanceParameters, places: Sequence[Place], motor_end: MotorEnd = MotorEnd.FREE
-) -> PeakGrid:
-    """Precompute the trigonometry of all places.
-
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-        Of which the joints' values are not used.
-    places : sequence of Place
-        At least one.
-    motor_end : MotorEnd
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is no place or a position is not on the screw.
-    """
-    if not places:
-        raise OutsideValidityError("peaks must be looked for in at least one band; got none")
-    grids = [np.linspace(place.band.lower, place.band.upper, place.band.n_lines) for place in places]
-    terms = [
-        position_terms(parameters, 2.0 * np.pi * grid, place.conditions, motor_end)
-        for place, grid in zip(places, grids, strict=True)
-    ]
-    interior = np.concatenate([np.r_[False, np.ones(grid.size - 2, dtype=bool), False] for grid in grids])
-    starts = np.cumsum([0, *(grid.size for grid in grids[:-1])])
-    return PeakGrid(
-        np.concatenate(grids),
-        np.array([grid[1] - grid[0] for grid in grids]),
-        tuple(int(start) for start in starts),
-        interior,
-        _joined(terms),
-    )
 
 
 def find_peaks(grid: PeakGrid, joints: JointParameters) -> Peaks:
@@ -152,7 +73,7 @@ def find_peaks(grid: PeakGrid, joints: JointParameters) -> Peaks:
     """
     found, top = _tops(grid, table_receptance(grid.terms, joints))
     lines = _around(top[found])
-    summit = _climb(entire_responses(_taken(grid.terms, lines.ravel()), joints), lines.shape)
+    summit = _climb(entire_responses(lines_taken(grid.terms, lines.ravel()), joints), lines.shape)
     return _peaks(grid, found, top, summit)
 
 
@@ -176,7 +97,7 @@ def find_peaks_with_gradient(grid: PeakGrid, joints: JointParameters) -> PeakGra
     """
     found, top = _tops(grid, table_receptance(grid.terms, joints))
     lines = _around(top[found])
-    terms = _taken(grid.terms, lines.ravel())
+    terms = lines_taken(grid.terms, lines.ravel())
     responses = entire_responses(terms, joints)
     summit = _climb(responses, lines.shape)
     _, gradient = table_receptance_gradient(terms, joints)
@@ -253,44 +174,3 @@ def _peaks(grid: PeakGrid, found: BoolArray, top: IndexArray, summit: _Summit) -
     frequency[found] = grid.frequency[top[found]] + summit.offset * grid.spacing[found]
     amplitude[found] = 1.0 / np.abs(summit.g)
     return Peaks(found, frequency, amplitude)
-
-
-def _joined(terms: Sequence[PositionTerms]) -> PositionTerms:
-    """Put the lines of several grids of one axis one after the other."""
-    return _combined(terms, np.concatenate)
-
-
-def _taken(terms: PositionTerms, lines: IndexArray) -> PositionTerms:
-    """Take some lines of a grid."""
-    return _combined([terms], lambda arrays: arrays[0][lines])
-
-
-def _combined(terms: Sequence[PositionTerms], combine: Callable[[list[ComplexArray]], ComplexArray]) -> PositionTerms:
-    """Make one record of several, array by array."""
-
-    def rod(rods: list[RodWaves[ComplexArray]]) -> RodWaves[ComplexArray]:
-        return RodWaves(
-            combine([one.cosine for one in rods]),
-            combine([one.sine_over_z for one in rods]),
-            combine([one.z_sine for one in rods]),
-        )
-
-    def linear(parts: list[LinearTerm]) -> LinearTerm:
-        return LinearTerm(combine([one.constant for one in parts]), combine([one.slope for one in parts]))
-
-    return PositionTerms(
-        j_omega=combine([one.j_omega for one in terms]),
-        near=rod([one.near for one in terms]),
-        far=rod([one.far for one in terms]),
-        far_loaded_cosine=combine([one.far_loaded_cosine for one in terms]),
-        far_loaded_z_sine=combine([one.far_loaded_z_sine for one in terms]),
-        table_stiffness=combine([one.table_stiffness for one in terms]),
-        torsion=linear([one.torsion for one in terms]),
-        turning=linear([one.turning for one in terms]),
-        coupling_lever=combine([one.coupling_lever for one in terms]),
-        torque_lever=linear([one.torque_lever for one in terms]),
-        held_torsion=linear([one.held_torsion for one in terms]),
-        held_turning=linear([one.held_turning for one in terms]),
-        transmission_ratio=terms[0].transmission_ratio,
-        nut_mass=terms[0].nut_mass,
-    )

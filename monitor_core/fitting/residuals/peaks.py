@@ -1,4 +1,4 @@
-r"""Joints from measured peaks: Eq. (26) of Tian et al. as printed, or weighted by what the peaks are worth.
+r"""Compare measured peaks with those of Tian's drive: Eq. (26) as printed, or weighted by what the peaks are worth.
 
 The paper minimises over positions p and orders q
 
@@ -13,7 +13,6 @@ a χ². The root is monotonic and moves no minimum: both objectives are sums of 
 :func:`paper_objective` is the printed number.
 """
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,23 +22,19 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
-from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_search import (
-    Band,
-    IndexArray,
-    PeakGrid,
-    Peaks,
-    Place,
-    find_peaks,
-    find_peaks_with_gradient,
-    peak_grid,
+from monitor_core.fitting.coordinates import FreeParameters
+from monitor_core.fitting.observations import AssignedPeak
+from monitor_core.fitting.residuals.peak_bands import (
+    mode_bands,
+    relative_amplitude_uncertainty,
+    relative_frequency_uncertainty,
 )
+from monitor_core.fitting.residuals.peak_grid import Band, IndexArray, PeakGrid, Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import Peaks, find_peaks, find_peaks_with_gradient
 from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.models.published.receptance import ReceptanceParameters
+from monitor_core.models.published.receptance.joint_response import JOINT_NAMES_IN_FILE, joint_values, joints_of
 
-#: Relative standard uncertainties where an observation states none: a peak read off lines of 1 Hz and more, and the
-#: height of a peak as hammer, sensor and a joint's damping repeat it.
-FREQUENCY_UNCERTAINTY, AMPLITUDE_UNCERTAINTY = 0.01, 0.20
 #: Relative error of frequency and of amplitude where the model has no peak in the band.
 MISSING_PEAK = 1.0
 
@@ -61,13 +56,13 @@ class _Group:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModalProblem:
-    """Relative errors of peak frequencies, then of amplitudes where stated; made by :func:`modal_problem`.
+class PeakProblem:
+    """Relative errors of peak frequencies, then of amplitudes where stated; made by :func:`peak_problem`.
 
     A peak that the model does not have at some joints counts :data:`MISSING_PEAK`, with derivatives of zero.
     """
 
-    joints: JointCoordinates
+    drive: FreeParameters  # of the receptance family
     peaks: tuple[AssignedPeak, ...]
     bands: Mapping[int, Band]
     frequency: FloatArray  # measured, shape (n_peaks,) [Hz]
@@ -79,8 +74,8 @@ class ModalProblem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the free joints."""
-        return self.joints.free
+        """Names of the free parameters."""
+        return self.drive.free
 
     def predict(self, coordinates: FloatArray) -> Peaks:
         """Return the model's peak for each measured one.
@@ -91,8 +86,9 @@ class ModalProblem:
         """
         n = self.frequency.size
         found, frequency, amplitude = np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n)
+        parameters = self.drive.record(coordinates)
         for group in self._groups:
-            here = find_peaks(group.grid, self.joints.joints(coordinates, group.conditions))
+            here = find_peaks(group.grid, joints_of(parameters, group.conditions))
             found[group.members] = here.found
             frequency[group.members] = here.frequency
             amplitude[group.members] = here.amplitude
@@ -114,11 +110,12 @@ class ModalProblem:
         ----------
         coordinates : ndarray, shape (n_parameters,)
         """
-        n, rows = self.frequency.size, self.joints.rows
+        n, rows = self.frequency.size, [JOINT_NAMES_IN_FILE.index(name) for name in self.names]
+        parameters = self.drive.record(coordinates)
         by_frequency, by_amplitude = np.zeros((n, len(rows))), np.zeros((n, len(rows)))
         for group in self._groups:
-            joints = self.joints.joints(coordinates, group.conditions)
-            here, slopes = find_peaks_with_gradient(group.grid, joints), self.joints.slopes(joints)
+            joints = joints_of(parameters, group.conditions)
+            here, slopes = find_peaks_with_gradient(group.grid, joints), math.log(10.0) * joint_values(joints)[rows]
             by_frequency[group.members] = (here.log_frequency[rows] * here.peaks.frequency).T * slopes
             by_amplitude[group.members] = (here.log_amplitude[rows] * here.peaks.amplitude).T * slopes
         return np.concatenate(
@@ -137,8 +134,8 @@ class ModalProblem:
         return np.concatenate([of_frequency * self.frequency_weight, of_amplitude * self.amplitude_weight])
 
 
-def modal_problem(
-    joints: JointCoordinates,
+def peak_problem(
+    drive: FreeParameters,
     peaks: Sequence[AssignedPeak],
     *,
     bands: Mapping[int, Band] | None = None,
@@ -146,14 +143,15 @@ def modal_problem(
     minimum_positions: int = 2,
     minimum_data: int | None = None,
     motor_end: MotorEnd = MotorEnd.FREE,
-) -> ModalProblem:
+) -> PeakProblem:
     """Make the problem of finding the joints from peaks.
 
     Parameters
     ----------
-    joints : JointCoordinates
+    drive : FreeParameters
+        Of the receptance family; joints alone may be free.
     peaks : sequence of AssignedPeak
-        Measured peaks with their modes, from :func:`monitor_core.identification.assignment.assign_modes`.
+        Measured peaks with their modes, from :func:`monitor_core.identification.cases.assignment.assign_modes`.
     bands : mapping of int to Band, optional
         Where the peak of each mode is looked for; by default :func:`mode_bands`.
     weighting : Weighting
@@ -170,115 +168,57 @@ def modal_problem(
     OutsideValidityError
         If a mode has no band, or a measured peak lies outside it.
     """
-    _require_enough(peaks, minimum_positions, len(joints.free) if minimum_data is None else minimum_data)
+    _require_enough(peaks, minimum_positions, len(drive.free) if minimum_data is None else minimum_data)
     bands = dict(bands) if bands is not None else mode_bands(peaks)
-    for one in peaks:
-        band = bands.get(one.mode)
+    for peak in peaks:
+        band = bands.get(peak.mode)
         if band is None:
-            raise OutsideValidityError(f"every mode needs a band; mode {one.mode} has none")
-        if not band.lower < one.observation.frequency < band.upper:
+            raise OutsideValidityError(f"every mode needs a band; mode {peak.mode} has none")
+        if not band.lower < peak.observation.frequency < band.upper:
             raise OutsideValidityError(
-                f"{one.observation.name} must lie in the band of mode {one.mode}, {band.lower:g} to {band.upper:g} Hz"
+                f"{peak.observation.name} must lie in the band of mode {peak.mode}, {band.lower:g} to {band.upper:g} Hz"
             )
-    observations = [one.observation for one in peaks]
-    with_amplitude = np.array([k for k, one in enumerate(observations) if one.amplitude is not None], dtype=np.int_)
+    observations = [peak.observation for peak in peaks]
+    read = [observation.amplitude is not None for observation in observations]
+    with_amplitude = np.array(np.flatnonzero(read), dtype=np.int_)
     weigh = weighting is Weighting.UNCERTAINTY
-    return ModalProblem(
-        joints,
+    return PeakProblem(
+        drive,
         tuple(peaks),
         bands,
-        np.array([one.frequency for one in observations]),
-        np.array([1.0 / relative_frequency_uncertainty(one) if weigh else 1.0 for one in observations]),
-        np.array([one.amplitude for one in observations if one.amplitude is not None]),
+        np.array([observation.frequency for observation in observations]),
+        np.array([1.0 / relative_frequency_uncertainty(observation) if weigh else 1.0 for observation in observations]),
+        np.array([observation.amplitude for observation in observations if observation.amplitude is not None]),
         np.array(
             [
-                1.0 / relative_amplitude_uncertainty(one) if weigh else 1.0
-                for one in observations
-                if one.amplitude is not None
+                1.0 / relative_amplitude_uncertainty(observation) if weigh else 1.0
+                for observation in observations
+                if observation.amplitude is not None
             ]
         ),
         with_amplitude,
-        _grouped(joints, peaks, bands, motor_end),
+        _grouped(drive, peaks, bands, motor_end),
     )
 
 
-def paper_objective(problem: ModalProblem, coordinates: FloatArray) -> float:
+def paper_objective(problem: PeakProblem, coordinates: FloatArray) -> float:
     """Return y of Eq. (26) [-]: the root of the sum of squared residuals, as printed where the weights are units.
 
     Parameters
     ----------
-    problem : ModalProblem
+    problem : PeakProblem
     coordinates : ndarray, shape (n_parameters,)
     """
     return float(np.linalg.norm(problem.residuals(coordinates)))
 
 
-def mode_bands(peaks: Sequence[AssignedPeak], *, margin: float = 0.35) -> dict[int, Band]:
-    """Return a band for each mode: around its measured frequencies, up to half way (geometrically) to the next mode.
-
-    Parameters
-    ----------
-    peaks : sequence of AssignedPeak
-    margin : float
-        By which a band reaches beyond the measured frequencies, relative. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If two modes change places along the screw, so that no band holds one of them alone.
-    """
-    extent: dict[int, tuple[float, float]] = {}
-    for one in peaks:
-        low, high = extent.get(one.mode, (math.inf, 0.0))
-        extent[one.mode] = (min(low, one.observation.frequency), max(high, one.observation.frequency))
-    bands = {}
-    for mode, (low, high) in extent.items():
-        below = [other for _, other in extent.values() if other < low]
-        above = [other for other, _ in extent.values() if other > high]
-        lower = max([low / (1.0 + margin), *(math.sqrt(low * other) for other in below)])
-        upper = min([high * (1.0 + margin), *(math.sqrt(high * other) for other in above)])
-        bands[mode] = Band(lower, upper)
-    by_frequency = sorted(bands, key=lambda mode: bands[mode].lower)
-    for lower_mode, upper_mode in itertools.pairwise(by_frequency):
-        if bands[lower_mode].upper > bands[upper_mode].lower * (1.0 + 1e-9):
-            raise OutsideValidityError(
-                f"the measured frequencies of modes {lower_mode} and {upper_mode} must not overlap for a band of each; "
-                "they cross along the screw, so state bands"
-            )
-    return bands
-
-
-def relative_frequency_uncertainty(observation: ModalObservation) -> float:
-    """Return the standard uncertainty of the frequency over the frequency [-], the default where none is stated.
-
-    Parameters
-    ----------
-    observation : ModalObservation
-    """
-    stated = observation.frequency_uncertainty
-    return FREQUENCY_UNCERTAINTY if stated is None else stated / observation.frequency
-
-
-def relative_amplitude_uncertainty(observation: ModalObservation) -> float:
-    """Return the standard uncertainty of the amplitude over the amplitude [-], the default where none is stated.
-
-    Parameters
-    ----------
-    observation : ModalObservation
-        With an amplitude.
-    """
-    if observation.amplitude is None or observation.amplitude_uncertainty is None:
-        return AMPLITUDE_UNCERTAINTY
-    return observation.amplitude_uncertainty / observation.amplitude
-
-
 def _require_enough(peaks: Sequence[AssignedPeak], minimum_positions: int, minimum_data: int) -> None:
-    n_positions = len({one.observation.conditions.position for one in peaks})
+    n_positions = len({peak.observation.conditions.position for peak in peaks})
     if n_positions < minimum_positions:
         raise NotIdentifiableError(
             f"joints must be identified from peaks at {minimum_positions} positions at least; got {n_positions}"
         )
-    n_data = len(peaks) + sum(one.observation.amplitude is not None for one in peaks)
+    n_data = len(peaks) + sum(peak.observation.amplitude is not None for peak in peaks)
     if n_data < minimum_data:
         raise NotIdentifiableError(
             f"the free joints need {minimum_data} frequencies and amplitudes at least; got {n_data}; measure at more "
@@ -287,15 +227,32 @@ def _require_enough(peaks: Sequence[AssignedPeak], minimum_positions: int, minim
 
 
 def _grouped(
-    joints: JointCoordinates, peaks: Sequence[AssignedPeak], bands: Mapping[int, Band], motor_end: MotorEnd
+    drive: FreeParameters, peaks: Sequence[AssignedPeak], bands: Mapping[int, Band], motor_end: MotorEnd
 ) -> tuple[_Group, ...]:
     """Put peaks under one preload together: they have one set of joints, and one call serves them all."""
     by_preload: dict[float | None, list[int]] = {}
-    for k, one in enumerate(peaks):
-        by_preload.setdefault(one.observation.conditions.preload, []).append(k)
+    for k, peak in enumerate(peaks):
+        by_preload.setdefault(peak.observation.conditions.preload, []).append(k)
     groups = []
     for members in by_preload.values():
         places = [Place(peaks[k].observation.conditions, bands[peaks[k].mode]) for k in members]
-        grid = peak_grid(joints.axis, places, motor_end)
+        grid = peak_grid(receptance_axis(drive), places, motor_end)
         groups.append(_Group(places[0].conditions, grid, np.array(members, dtype=np.int_)))
     return tuple(groups)
+
+
+def receptance_axis(drive: FreeParameters) -> ReceptanceParameters:
+    """Return the axis as stated; raises OutsideValidityError unless it is of the receptance family, with free joints.
+
+    Parameters
+    ----------
+    drive : FreeParameters
+    """
+    if not isinstance(drive.stated, ReceptanceParameters):
+        raise OutsideValidityError(f"peaks are compared with a receptance model; got a {drive.family} model")
+    foreign = [name for name in drive.free if name not in JOINT_NAMES_IN_FILE]
+    if foreign:
+        raise OutsideValidityError(
+            f"peaks are compared by their joints, {', '.join(JOINT_NAMES_IN_FILE)}; got {foreign[0]}"
+        )
+    return drive.stated

@@ -1,39 +1,17 @@
 """Global search: populations over the whole bounds, then local fits from many starts, and how far these agree."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.optimize import OptimizeResult, differential_evolution
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds, Problem
 from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
-
-_T = TypeVar("_T")
-_R = TypeVar("_R")
-
-#: Into how many parts the candidates of a generation are cut, whatever the number of workers: enough for eight.
-_PARTS = 8
-
-
-class SearchCancelledError(MonitorCoreError, RuntimeError):
-    """The search was stopped on request before it had an answer."""
-
-
-class MapFunction(Protocol):
-    """``map`` and what is like it: a process pool's ``map``, or ``lambda f, s: client.gather(client.map(f, list(s)))``.
-
-    Answers must come in the order of the items. A lazy one shows progress and can be cancelled between items.
-    """
-
-    def __call__(self, function: Callable[[_T], _R], items: Iterable[_T], /) -> Iterable[_R]:
-        """Apply the function to each item."""
-        ...
+from monitor_core.fitting.solver.population import MapFunction, Population, Steps, evolve
 
 
 class StartOrigin(StrEnum):
@@ -102,9 +80,9 @@ class Search:
 
     def agreement(self, origin: StartOrigin | None = None) -> float:
         """Return the share of starts (of one origin) that reached the best optimum; failed ones did not. [-]."""
-        of_origin = [one for one in self.fits if origin in (None, one.origin)]
-        n_failed = sum(origin in (None, one.origin) for one in self.failed)
-        return sum(one.same_as_best for one in of_origin) / max(len(of_origin) + n_failed, 1)
+        of_origin = [started for started in self.fits if origin in (None, started.origin)]
+        n_failed = sum(origin in (None, failed.origin) for failed in self.failed)
+        return sum(started.same_as_best for started in of_origin) / max(len(of_origin) + n_failed, 1)
 
 
 def search(
@@ -164,13 +142,14 @@ def search(
         raise OutsideValidityError("a global search needs finite bounds; got an infinite one")
     if settings.n_starts < 1:
         raise OutsideValidityError("a search needs at least one population or one random start; got none")
-    steps = _Steps(settings.n_populations * settings.n_generations + settings.n_starts, progress, cancelled)
+    steps = Steps(settings.n_populations * settings.n_generations + settings.n_starts, progress, cancelled)
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(settings.n_starts)]
-    evaluate = _Population(problem, map_function)
+    size = settings.candidates_per_coordinate, settings.n_generations
+    evaluate = Population(problem, map_function)
     starts: list[tuple[StartOrigin, FloatArray]] = []
     for i, stream in enumerate(streams):
         if i < settings.n_populations:
-            best = _evolve(evaluate, bounds, stream, settings, steps)
+            best = evolve(evaluate, bounds, stream, size, steps)
             steps.reach((i + 1) * settings.n_generations)
             starts.append((StartOrigin.POPULATION, best))
         else:
@@ -181,75 +160,6 @@ def search(
         outcomes.append(outcome)
         steps.reach(settings.n_populations * settings.n_generations + len(outcomes))
     return _ranked(starts, outcomes, bounds, settings, evaluate.n_evaluations)
-
-
-class _Steps:
-    """Counts steps for whoever watches, and stops where asked to."""
-
-    def __init__(
-        self, total: int, progress: Callable[[int, int], None] | None, cancelled: Callable[[], bool] | None
-    ) -> None:
-        self.done, self.total, self._progress, self._cancelled = 0, total, progress, cancelled
-
-    def reach(self, done: int) -> None:
-        if done > self.done:
-            self.done = done
-            if self._progress is not None:
-                self._progress(done, self.total)
-        if self._cancelled is not None and self.done < self.total and self._cancelled():
-            raise SearchCancelledError(f"the search was cancelled after {self.done} of {self.total} steps")
-
-
-class _Population:
-    """χ² of all candidates of a generation, through the map."""
-
-    def __init__(self, problem: Problem, map_function: MapFunction) -> None:
-        self._function = partial(_chi_squared_of, problem)
-        self._map = map_function
-        self.n_evaluations = 0
-
-    def __call__(self, candidates: FloatArray) -> FloatArray:
-        rows = np.atleast_2d(candidates.T)  # scipy hands over (n_parameters, n_candidates)
-        self.n_evaluations += len(rows)
-        return np.concatenate(list(self._map(self._function, np.array_split(rows, min(_PARTS, len(rows))))))
-
-
-def _chi_squared_of(problem: Problem, candidates: FloatArray) -> FloatArray:
-    """Return χ² of each candidate, infinite where the model has no answer; shape (n_candidates,)."""
-    chi_squared = np.full(len(candidates), np.inf)
-    for i, candidate in enumerate(candidates):
-        try:
-            residuals = problem.residuals(candidate)
-        except MonitorCoreError:
-            continue
-        if np.max(np.abs(residuals), initial=0.0) < 1e150:
-            chi_squared[i] = residuals @ residuals
-    return chi_squared
-
-
-def _evolve(
-    evaluate: _Population, bounds: Bounds, stream: np.random.Generator, settings: SearchSettings, steps: _Steps
-) -> FloatArray:
-    """Return the best candidate of one differential evolution, shape (n_parameters,)."""
-
-    def after_generation(intermediate_result: OptimizeResult) -> None:
-        steps.reach(steps.done + 1)
-
-    steps.reach(steps.done)
-    found = differential_evolution(
-        evaluate,
-        list(zip(bounds.lower, bounds.upper, strict=True)),
-        popsize=settings.candidates_per_coordinate,
-        maxiter=settings.n_generations,
-        mutation=(0.4, 0.9),
-        recombination=0.9,
-        seed=stream,
-        callback=after_generation,
-        polish=False,
-        updating="deferred",
-        vectorized=True,
-    )
-    return np.asarray(found.x, dtype=np.float64)
 
 
 def _fit_or_reason(problem: Problem, bounds: Bounds, settings: FitSettings, start: FloatArray) -> LocalFit | str:
@@ -270,7 +180,7 @@ def _ranked(
     failed = [FailedStart(*start, out) for start, out in zip(starts, outcomes, strict=True) if isinstance(out, str)]
     if not fitted:
         raise NotIdentifiableError(f"none of {len(starts)} starts led to a fit; the first: {failed[0].reason}")
-    fitted.sort(key=lambda one: one[2].chi_squared)
+    fitted.sort(key=lambda started: started[2].chi_squared)
     best = fitted[0][2]
     width = bounds.upper - bounds.lower
     uncertainty = best.coordinates.standard_uncertainties

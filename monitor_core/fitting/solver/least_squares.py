@@ -4,11 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, lsq_linear
+from scipy.optimize import least_squares
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds, Problem
+from monitor_core.fitting.solver.directions import bounded_step, inverse_information, scaled_directions
 from monitor_core.uncertainty import VectorEstimate
 
 #: A fit has converged when the linearised residuals promise a fall of χ² below this part of one standard uncertainty:
@@ -19,9 +20,6 @@ CONVERGED_BELOW = 1e-6
 _POLISHED_BELOW = 1e-14
 _POLISHING_ROUNDS = 20
 
-#: Relative singular value of the column-scaled Jacobian below which nothing is known along a direction. The variance
-#: there is finite, so that it drops out of what does not depend on it, and is larger than any that is of use.
-_UNSEEN = 1e-10
 #: As near to a bound as this, in parts of the width of the bounds (or of the coordinate), is at it.
 _AT_BOUND = 1e-7
 
@@ -71,7 +69,7 @@ class LocalFit:
         From the singular values and not from the covariance, whose digits are lost where a direction is unseen: what
         does not move along such a direction keeps its small uncertainty.
         """
-        scale, singular, directions = _scaled_directions(self.jacobian)
+        scale, singular, directions = scaled_directions(self.jacobian)
         along = directions @ (gradient / scale) / singular
         return math.sqrt(self.residual_variance) * float(np.linalg.norm(along))
 
@@ -189,7 +187,7 @@ def _polished(objective: _Objective, bounds: Bounds, coordinates: FloatArray) ->
     residuals = objective.residuals(coordinates)
     for _ in range(_POLISHING_ROUNDS):
         jacobian = objective.jacobian(coordinates)
-        step, decrease = _bounded_step(jacobian, residuals, bounds.lower - coordinates, bounds.upper - coordinates)
+        step, decrease = bounded_step(jacobian, residuals, bounds.lower - coordinates, bounds.upper - coordinates)
         if decrease <= _POLISHED_BELOW * objective.variance(residuals):
             break
         for shortened in (1.0, 0.5, 0.1, 0.01):
@@ -201,7 +199,7 @@ def _polished(objective: _Objective, bounds: Bounds, coordinates: FloatArray) ->
         else:
             break  # rounding, or a minimum that the linearised step overlooks
     jacobian = objective.jacobian(coordinates)
-    step, decrease = _bounded_step(jacobian, residuals, bounds.lower - coordinates, bounds.upper - coordinates)
+    step, decrease = bounded_step(jacobian, residuals, bounds.lower - coordinates, bounds.upper - coordinates)
     variance = objective.variance(residuals)
     rounding = bool((np.abs(step) <= 1e-10 * np.abs(coordinates)).all())  # residuals of 0 have no scale of their own
     names = objective.problem.names
@@ -210,7 +208,7 @@ def _polished(objective: _Objective, bounds: Bounds, coordinates: FloatArray) ->
         names=names,
         coordinates=VectorEstimate(
             coordinates,
-            variance * _inverse_information(jacobian),
+            variance * inverse_information(jacobian),
             math.inf if objective.settings.uncertainties_stated else residuals.size - len(names),
         ),
         residuals=residuals,
@@ -225,45 +223,8 @@ def _polished(objective: _Objective, bounds: Bounds, coordinates: FloatArray) ->
     )
 
 
-def _bounded_step(
-    jacobian: FloatArray, residuals: FloatArray, lowest: FloatArray, highest: FloatArray
-) -> tuple[FloatArray, float]:
-    """Return the step within bounds that minimises |r + J s|², and by how much it would fall."""
-    scale = _column_scale(jacobian)
-    p = scale.size
-    # So little damping moves no determined direction; without it an unseen one runs to a bound for nothing.
-    damped = np.vstack([jacobian / scale, 1e-8 * np.eye(p)])
-    target = np.concatenate([-residuals, np.zeros(p)])
-    step = lsq_linear(damped, target, (lowest * scale, highest * scale), method="bvls").x / scale
-    left = residuals + jacobian @ step
-    return step, max(float(residuals @ residuals - left @ left), 0.0)
-
-
 def _onto_bounds(coordinates: FloatArray, bounds: Bounds) -> FloatArray:
     """Put what a step to the bound leaves off it by rounding exactly on it."""
     width = np.minimum(bounds.upper - bounds.lower, np.maximum(1.0, np.abs(coordinates)))
     onto = np.where(coordinates - bounds.lower <= 1e-12 * width, bounds.lower, coordinates)
     return np.where(bounds.upper - onto <= 1e-12 * width, bounds.upper, onto)
-
-
-def _column_scale(jacobian: FloatArray) -> FloatArray:
-    """Return the lengths of the columns, those without influence as the least length that counts; shape (p,)."""
-    length: FloatArray = np.linalg.norm(jacobian, axis=0)
-    if not (length > 0.0).any():
-        raise NotIdentifiableError("the objective is flat: no coordinate moves any residual")
-    at_least: FloatArray = np.maximum(length, _UNSEEN * length.max())
-    return at_least
-
-
-def _scaled_directions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return column scale, singular values and, as rows, directions of the column-scaled Jacobian."""
-    scale = _column_scale(jacobian)
-    _, singular, directions = np.linalg.svd(jacobian / scale, full_matrices=False)
-    return scale, np.maximum(singular, _UNSEEN * singular[0]), directions
-
-
-def _inverse_information(jacobian: FloatArray) -> FloatArray:
-    scale, singular, directions = _scaled_directions(jacobian)
-    half = directions.T / singular / scale[:, np.newaxis]
-    covariance: FloatArray = half @ half.T
-    return covariance

@@ -1,21 +1,20 @@
-"""What the commands that read a session share: its measurements, gated and fitted."""
+"""What the commands that read a session share: its options, and the session itself with progress."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisSettings, MeasurementOutcome, check_window, judge_measurement, measure_response
-from monitor_core.preload import Calibration
-from monitor_core.recording import Rejection, RejectionReason, Window
-from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.fitting.accelerometer import PLACES
+from monitor_core.measured_responses import SessionResponses, responses_of_session
+from monitor_core.pipeline import AxisSettings
+from monitor_core.recording import Window
+from monitor_core.recordings.session_hdf5 import SessionReader, open_session
+from monitor_core.session import RecordedMeasurements
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
-from service.operations.discrepancy.accelerometer import PLACES
-from service.operations.measured_responses import SessionResponses, responses_of_windows
 
 SESSION_SUFFIXES = (".h5", ".hdf5")
 
@@ -43,17 +42,6 @@ def require_session(accelerometer: str | None, *, of_session: bool) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class SessionMeasurement:
-    """One measurement of a session: what came of it, and of the windows that were refused."""
-
-    name: str
-    position_mm: float
-    preload: float | None  # as set on purpose [N]
-    outcome: MeasurementOutcome
-    refused_windows: tuple[Rejection, ...]
-
-
 def is_session(path: Path) -> bool:
     """Tell a session file from a modal table by its name."""
     return path.suffix.lower() in SESSION_SUFFIXES
@@ -66,70 +54,31 @@ def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | N
     return AxisSettings(search_band=band_hz, moving_mass=moving_mass)
 
 
-def judge_session(
-    path: Path, settings: AxisSettings, calibration: Calibration | None = None
-) -> Iterator[SessionMeasurement]:
-    """Judge the measurements of a session one after another, with progress; memory stays flat."""
-    for one in _checked_windows(path, settings, calibration):
-        first = one.recorded[0].conditions
-        yield SessionMeasurement(
-            one.name,
-            to_millimetres(first.position),
-            first.preload,
-            judge_measurement(one.accepted, settings, calibration) if one.accepted else _nothing_accepted(one.refused),
-            one.refused,
-        )
-
-
-def responses_of_session(path: Path, settings: AxisSettings) -> SessionResponses:
-    """Return the averaged responses of the measurements that can be judged, with progress; memory stays flat.
-
-    All lines of a measurement count, wherever its mode is looked for.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is none.
-    """
-    return responses_of_windows(
-        (
-            measure_response(one.accepted, settings) if one.accepted else _nothing_accepted(one.refused).modal,
-            one.accepted,
-        )
-        for one in _checked_windows(path, settings, None)
-    )
-
-
 @dataclass(frozen=True, slots=True)
-class _CheckedWindows:
-    name: str
-    recorded: Sequence[Window]
-    accepted: Sequence[Window]
-    refused: tuple[Rejection, ...]
+class _WatchedSession:
+    """A session that counts the measurements taken from it."""
+
+    reader: SessionReader
+    count: Callable[[], None]
+
+    @property
+    def measurements(self) -> tuple[str, ...]:
+        return self.reader.measurements
+
+    def windows_of(self, measurement: str) -> tuple[Window, ...]:
+        self.count()
+        return self.reader.windows_of(measurement)
 
 
-def _checked_windows(path: Path, settings: AxisSettings, calibration: Calibration | None) -> Iterator[_CheckedWindows]:
+@contextmanager
+def watched_session(path: Path) -> Iterator[RecordedMeasurements]:
+    """Open a session and show how many of its measurements were taken; memory stays flat."""
     with open_session(path) as reader, progress_bar() as progress:
         task = progress.add_task(path.name, total=len(reader.measurements))
-        for name in reader.measurements:
-            windows = reader.windows_of(name)
-            checked = [(window, check_window(window, settings, calibration)) for window in windows]
-            refused = tuple(quality for _, quality in checked if isinstance(quality, Rejection))
-            accepted = [window for window, quality in checked if not isinstance(quality, Rejection)]
-            yield _CheckedWindows(name, windows, accepted, refused)
-            progress.advance(task)
+        yield _WatchedSession(reader, lambda: progress.advance(task))
 
 
-def fitted_modes(judged: list[SessionMeasurement]) -> list[ModalMeasurement]:
-    """Return the modes of the measurements whose preload was set on purpose and that were not refused."""
-    return [
-        item.outcome.modal
-        for item in judged
-        if item.preload is not None and isinstance(item.outcome.modal, ModalMeasurement)
-    ]
-
-
-def _nothing_accepted(refused: tuple[Rejection, ...]) -> MeasurementOutcome:
-    reasons = ", ".join(sorted({str(rejection.reason) for rejection in refused}))
-    rejection = Rejection(RejectionReason.TOO_FEW_AVERAGES, f"every window was refused: {reasons}")
-    return MeasurementOutcome(rejection, rejection, rejection)
+def responses_of_file(path: Path, settings: AxisSettings) -> SessionResponses:
+    """Return the averaged responses of a session file, with progress; raises as :func:`responses_of_session`."""
+    with watched_session(path) as session:
+        return responses_of_session(session, settings)

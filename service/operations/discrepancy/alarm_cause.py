@@ -18,18 +18,18 @@ from monitor_core.change.cells import places_of
 from monitor_core.change.reference_ratio import FEWEST_PLACES
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
 from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recordings.elements.units import metres
 from service.clock import now
 from service.documents.change import examined_document, refused_document
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
-from service.operations.axis_drive import drive_of_axis
-from service.operations.measured_responses import measured_responses
+from service.operations.axis_drive import axis_drive
 from service.operations.monitoring.alarms import store_explanation
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.measured_modes import measured_with_windows
-from service.operations.own_process import Tell, in_own_process
+from service.operations.own_process import Progress, Report, in_own_process
 from service.store import alarms, jobs
 from service.store.axes import get_axis
 from service.store.database import Database
@@ -112,7 +112,7 @@ class AlarmExplanations:
             If the axis has no drive model, or was not measured at enough places.
         """
         case = self._case(alarm_id)
-        drive_of_axis(_model(case.configuration))
+        axis_drive(_model(case.configuration))
         if case.n_places < FEWEST_PLACES:
             raise NotIdentifiableError(
                 f"expected measurements at {FEWEST_PLACES} places or more since {case.alarm.evidence['onset']}; got "
@@ -151,10 +151,11 @@ class AlarmExplanations:
         reference, recent = self._responses(case)
         preload = case.alarm.evidence["baseline_preload_n"]
 
-        def tell(sentence: str) -> None:
-            job.report(1, 2, {"progress": sentence})
+        def report(progress: Progress) -> None:
+            job.report(progress.done, progress.total, {"progress": progress.sentence})
 
-        return in_own_process(partial(_explain, _model(case.configuration), reference, recent, preload), tell)
+        work = partial(_explain, _model(case.configuration), reference, recent, preload)
+        return in_own_process(work, report, Progress(1, 2, "reading what was measured"))
 
     def _responses(self, case: _Case) -> tuple[Sequence[FrequencyResponseObservation], ...]:
         """Measure both sides once more, on all lines: the antiresonance of the nut lies beside the mode."""
@@ -184,7 +185,8 @@ def _baseline(alarm: AlarmRow) -> tuple[datetime, datetime]:
 
 def _usual_temperature(reference: Sequence[ModalMeasurement], recent: Sequence[ModalMeasurement]) -> float | None:
     """Return that of the reference; None unless every measurement states its own."""
-    stated = [temperature for one in (*reference, *recent) if (temperature := one.conditions.temperature) is not None]
+    temperatures = [modal.conditions.temperature for modal in (*reference, *recent)]
+    stated = [temperature for temperature in temperatures if temperature is not None]
     if not reference or len(stated) < len(reference) + len(recent):
         return None
     return float(np.mean(stated[: len(reference)]))
@@ -201,8 +203,8 @@ def _explain(
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
     preload: float,
-    tell: Tell,
+    report: Report,
 ) -> ChangeExplanation:
     """Work in the process of its own."""
-    tell("fitting the reference, then each change")
-    return explain_change(drive_of_axis(model), reference, recent, preload=preload)
+    report(Progress(1, 2, "fitting the reference, then each change"))
+    return explain_change(axis_drive(model), reference, recent, preload=preload)

@@ -2,7 +2,7 @@
 
 from monitor_core.trend import DetectorDesign
 from service.clock import now
-from service.operations.axis_drive import drive_of_axis
+from service.operations.axis_drive import axis_drive
 from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
 from service.operations.monitoring.lanes import Lanes
 from service.operations.monitoring.monitor_state import dump_design, load_design
@@ -29,7 +29,7 @@ class Axes:
             If the drive model is none that an alarm could be explained with.
         """
         if configuration.drive_model is not None:
-            drive_of_axis(configuration.drive_model)
+            axis_drive(configuration.drive_model)
         design = self._detector_design(axis_id, configuration)
         with self._lanes.of(axis_id), self._database.write() as session:
             row = session.get(AxisRow, axis_id)

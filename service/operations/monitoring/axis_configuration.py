@@ -3,7 +3,7 @@
 from functools import lru_cache
 from typing import Annotated, Literal, Self
 
-from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
@@ -11,9 +11,7 @@ from monitor_core.quality import QualityGate
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
-
-Number = Annotated[float, Strict(), AllowInfNan(False)]
-Positive = Annotated[Number, Field(gt=0)]
+from service.operations.fields import Positive
 
 
 class AxisConfiguration(BaseModel):

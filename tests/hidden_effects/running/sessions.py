@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
-from service.operations.measured_responses import measured_responses
 from tests.plant.chain import Axis, Condition
 from tests.plant.measurements import INTERNAL_RATE, LEAD_IN, Acquisition, Recorded, Scatter, to_windows
 from tests.plant.motion import draw_reference

@@ -10,9 +10,9 @@ from monitor_core.change.attribution import ChangeExplanation, explain_change
 from monitor_core.change.changes import Cause
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
 from monitor_core.recordings.session_hdf5 import read_session
-from service.operations.measured_responses import measured_responses
 from tests.hidden_effects.running.sessions import BAND, HAPPENINGS, OUTSIDE, PRELOAD
 from tests.hidden_effects.running.trials import described_axis, trials
 

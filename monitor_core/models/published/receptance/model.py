@@ -17,6 +17,7 @@ from monitor_core.models.protocol import (
     require_frequencies,
 )
 from monitor_core.models.published.receptance.closed_form import position_terms, receptance_between
+from monitor_core.models.published.receptance.joint_response import JointResponse, joint_response
 from monitor_core.models.published.receptance.modes import natural_frequencies, normal_modes
 from monitor_core.models.published.receptance.parameters import ReceptanceParameters
 from monitor_core.response import FrequencyResponse
@@ -55,6 +56,18 @@ class ReceptanceModel:
         if response.is_acceleration:
             values = -(omega**2) * values
         return FrequencyResponse(frequency, values, quantity_of(excitation, response))
+
+    def joint_response(
+        self, frequency: FloatArray, conditions: DriveConditions, excitation: ExcitationPoint, response: ResponsePoint
+    ) -> JointResponse:
+        """Prepare the lines of a response as a function of the joints, with its gradient, shape (n_frequencies,) [Hz].
+
+        Raises
+        ------
+        OutsideValidityError
+            If a frequency is not positive or the position is not on the screw.
+        """
+        return joint_response(self.parameters, require_frequencies(frequency), conditions, excitation, response)
 
     def natural_frequencies(
         self, conditions: DriveConditions, motor_end: MotorEnd | None = None

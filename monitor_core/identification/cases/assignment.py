@@ -23,8 +23,8 @@ from scipy.optimize import linear_sum_assignment
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
-from monitor_core.fitting.residuals.peak_search import IndexArray
-from monitor_core.identification.mode_tracks import ModeTracks, track_modes
+from monitor_core.fitting.residuals.peak_grid import IndexArray
+from monitor_core.identification.cases.mode_tracks import ModeTracks, track_modes
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.parameters import ReceptanceParameters
 
@@ -100,15 +100,15 @@ def assign_modes(
         raise NotIdentifiableError("modes must be assigned to one peak at least; the table has none")
     conditions = conditions_in_order(observations)
     tracks = track_modes(parameters, conditions, n_modes=n_modes, motor_end=motor_end)
-    where = np.array([conditions.index(one.conditions) for one in observations])
-    measured = np.log([one.frequency for one in observations])
+    where = np.array([conditions.index(observation.conditions) for observation in observations])
+    measured = np.log([observation.frequency for observation in observations])
     limit = math.log1p(largest_shift)
     _require_near(observations, measured, where, tracks, largest_shift)
     modes, shift = _placed(measured, where, tracks, limit)
     distance = np.abs(measured - np.log(tracks.frequency[where, modes]))
     if np.any(distance > limit):
         raise NotIdentifiableError(_two_for_one(observations, measured, where, tracks, int(distance.argmax())))
-    peaks = tuple(AssignedPeak(one, int(mode) + 1) for one, mode in zip(observations, modes, strict=True))
+    peaks = tuple(AssignedPeak(peak, int(mode) + 1) for peak, mode in zip(observations, modes, strict=True))
     shown = sorted({int(mode) for mode in modes})
     return ModeAssignment(
         peaks, _missing(tracks, where, modes, shift), {mode + 1: float(shift[mode]) for mode in shown}
@@ -165,9 +165,9 @@ def _two_for_one(
     shared = next((mode for mode in nearest if np.sum(nearest == mode) > 1), None)
     if shared is None:
         return f"{observations[worst].name} belongs to no mode once the others at its position have theirs"
-    one, other = (observations[k] for k in here[nearest == shared][:2])
+    peak, other = (observations[k] for k in here[nearest == shared][:2])
     return (
-        f"a mode has one peak at a position; {one.name} and that at {other.frequency:g} Hz both belong to mode "
+        f"a mode has one peak at a position; {peak.name} and that at {other.frequency:g} Hz both belong to mode "
         f"{shared + 1}; average repeated readings, leave out what is no mode"
     )
 

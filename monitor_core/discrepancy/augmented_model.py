@@ -1,4 +1,4 @@
-"""A model file after an explanation: refitted parameters, and the effects of the file with those that were found."""
+"""Make the description of an axis after an explanation: refitted parameters, its own effects with those found."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,42 +6,22 @@ from dataclasses import replace
 from typing import Any
 
 from monitor_core.discrepancy.explanation import Explanation
-from monitor_core.effects import PREFIX
-from monitor_core.effects.effect import Effect, EffectParameter
-from monitor_core.recordings.model_file import DriveModelFile
+from monitor_core.effects import Effect, EffectParameter
+from monitor_core.fitting.description import AxisDescription
 
 #: Parameters of effects that multiply what is there, and such that take a share of what is left; others add.
 _FACTORS = frozenset(("relative_change", "gain_error"))
 _SHARES_OF_THE_REST = frozenset(("share", "inertia_share"))
 
 
-def with_corrected_parameters(model: DriveModelFile) -> DriveModelFile:
-    """Return the same axis with the ``wrong-parameter:`` effects of its file gone into its parameters.
-
-    Such a parameter can then be called wrong once more.
-
-    Parameters
-    ----------
-    model : DriveModelFile
-        One that can be built.
-    """
-    wrong = {key.removeprefix(PREFIX): one for key, one in model.effects.items() if key.startswith(PREFIX)}
-    return replace(
-        model,
-        parameters={
-            name: value * math.exp(wrong[name]["ln_ratio"]) if name in wrong else value
-            for name, value in model.parameters.items()
-        },
-        effects={key: one for key, one in model.effects.items() if not key.startswith(PREFIX)},
-    )
-
-
-def augmented_model(baseline: DriveModelFile, explanation: Explanation, table: Sequence[Effect[Any]]) -> DriveModelFile:
+def augmented_model(
+    baseline: AxisDescription, explanation: Explanation, table: Sequence[Effect[Any]]
+) -> AxisDescription:
     """Return the model with what was found.
 
     Parameters
     ----------
-    baseline : DriveModelFile
+    baseline : AxisDescription
     explanation : Explanation
     table : sequence of Effect
         What the keys of effects mean.
@@ -57,7 +37,7 @@ def augmented_model(baseline: DriveModelFile, explanation: Explanation, table: S
 
 def _parameters(key: str, table: Sequence[Effect[Any]]) -> dict[str, EffectParameter]:
     """Return what an effect may have; of two that share a key, all that either has."""
-    return {one.name: one for effect in table if effect.key == key for one in effect.parameters}
+    return {parameter.name: parameter for effect in table if effect.key == key for parameter in effect.parameters}
 
 
 def _together(

@@ -1,19 +1,16 @@
-"""A calibration predicted from identified joints, for an axis whose nut was never adjusted."""
+"""Predict a calibration from identified joints, for an axis whose nut was never adjusted."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.identification.feature_prediction import MonitoredMode, predict_coefficients
 from monitor_core.models.protocol import DriveModel, MotorEnd
-from monitor_core.preload import CoefficientPrior, calibration_from_prior
-from monitor_core.preload.calibration import ValidRange
+from monitor_core.preload import Calibration, CoefficientPrior, ValidRange, calibration_from_prior
 from monitor_core.recording import ExcitationSource
-from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
 #: Preloads that the prediction is made for, as parts of the preload that the joints were identified at.
@@ -36,8 +33,8 @@ def predicted_calibration(
     model_at: Callable[[FloatArray], DriveModel],
     coordinates: VectorEstimate,
     positions: tuple[float, float],
-) -> dict[str, Any]:
-    """Return the calibration document that ``preload estimate`` and ``preload calibrate --prior`` take.
+) -> Calibration:
+    """Return the calibration that a preload is estimated with, or that is joined with readings as a prior.
 
     Parameters
     ----------
@@ -72,4 +69,4 @@ def predicted_calibration(
         f"joints identified at {request.preload.value:g} N",
         excitation_source=request.excitation_source,
     )
-    return calibration_document(calibration_from_prior(prior))
+    return calibration_from_prior(prior)

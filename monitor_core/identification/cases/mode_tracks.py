@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.residuals.peak_search import IndexArray
+from monitor_core.fitting.residuals.peak_grid import IndexArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance.chain import DiscreteDrive, discretise
 from monitor_core.models.published.receptance.parameters import ReceptanceParameters
@@ -103,9 +103,9 @@ def track_modes(
             f"positions and {n_modes} modes"
         )
     frequency, share, sensitivity = (np.zeros((len(conditions), n_modes)) for _ in range(3))
-    of_others = [replace(one, position=0.5 * parameters.screw_length) for one in conditions]
+    of_others = [replace(where, position=0.5 * parameters.screw_length) for where in conditions]
     for group in dict.fromkeys(of_others):
-        members = [k for k, one in enumerate(of_others) if one == group]
+        members = [k for k, where in enumerate(of_others) if where == group]
         places = [conditions[k].position for k in members]
         first = min(places)
         followed = _followed(parameters, group, motor_end, _steps(parameters.screw_length, places))

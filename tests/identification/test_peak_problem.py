@@ -7,28 +7,29 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.joint_coordinates import JointCoordinates
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_search import Band, Place, find_peaks, peak_grid
-from monitor_core.fitting.residuals.peaks import Weighting, modal_problem, mode_bands, paper_objective
+from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
+from monitor_core.fitting.residuals.peak_search import find_peaks
+from monitor_core.fitting.residuals.peaks import Weighting, mode_bands, paper_objective, peak_problem
 from monitor_core.fitting.solver.global_search import SearchSettings, search
 from monitor_core.fitting.solver.least_squares import fit_local
-from monitor_core.identification.assignment import assign_modes
-from monitor_core.identification.identifiability import Verdict, assess
+from monitor_core.identification.cases.assignment import assign_modes
+from monitor_core.identification.directions import Verdict
+from monitor_core.identification.identifiability import assess
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
 from tests.identification import tian
 
 AXIS = tian.axis()
-JOINTS = JointCoordinates(AXIS)
+JOINTS = tian.free(AXIS)
 BOUNDS = JOINTS.bounds(tian.LIMITS)
-SHIPPED = JOINTS.coordinates(AXIS)
+SHIPPED = JOINTS.start
 HELD_OUT = ("l2", "l4", "l6")
 
 
 def published(*names, weighting=Weighting.UNCERTAINTY, joints=JOINTS):
     peaks = tian.as_labelled(tian.measured(*names))
-    return modal_problem(joints, peaks, bands=tian.BANDS, weighting=weighting, minimum_positions=1)
+    return peak_problem(joints, peaks, bands=tian.BANDS, weighting=weighting, minimum_positions=1)
 
 
 def held_out_errors(coordinates):
@@ -70,12 +71,12 @@ def test_stiffness_that_the_peaks_determine(weighted):
 def test_what_the_peaks_do_not_determine(weighted):
     judged = assess(published("l1", "l3", "l5"), BOUNDS, weighted.best)
     verdict = {one.name: one.verdict for one in judged.coordinates}
-    assert verdict["nut_damping"] is Verdict.NOT_DETERMINED
-    assert verdict["nut_stiffness"] is Verdict.DETERMINED
+    assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
+    assert verdict["nut_stiffness_n_per_m"] is Verdict.DETERMINED
     (pair,) = judged.pairs
-    assert {pair.first, pair.second} == {"bearing_stiffness", "far_bearing_stiffness"}
+    assert {pair.first, pair.second} == {"bearing_stiffness_n_per_m", "far_bearing_stiffness_n_per_m"}
     assert pair.correlation == pytest.approx(-0.97, abs=0.01)
-    assert judged.unseen[0].describe() == "nut_damping alone"
+    assert judged.unseen[0].describe() == "nut_damping_ns_per_m alone"
 
 
 def test_equation_26_lets_the_amplitudes_decide(weighted):
@@ -94,7 +95,7 @@ def test_one_position_predicts_the_others_badly(position):
 
 def test_fitted_joints_assign_the_peaks_as_the_paper_does(weighted):
     table = tian.measured(*tian.POSITIONS)
-    found = assign_modes(JOINTS.parameters(weighted.best.coordinates.values), table)
+    found = assign_modes(JOINTS.record(weighted.best.coordinates.values), table)
     assert [one.mode for one in found.peaks] == [one.order for one in table]
 
 
@@ -141,7 +142,7 @@ def test_peaks_are_those_of_a_grid_a_thousand_times_finer():
     rng = np.random.default_rng(2)
     n_found = 0
     for _ in range(16):
-        parameters = JOINTS.parameters(rng.uniform(BOUNDS.lower, BOUNDS.upper))
+        parameters = JOINTS.record(rng.uniform(BOUNDS.lower, BOUNDS.upper))
         conditions = DriveConditions(float(rng.uniform(0.4, 2.2)))
         found = find_peaks(
             peak_grid(AXIS, [Place(conditions, band) for band in tian.BANDS.values()]), parameters.joints(conditions)
@@ -181,10 +182,10 @@ def test_jacobian_is_the_slope_of_the_residuals():
 
 
 def test_a_subset_of_the_joints_may_be_free():
-    few = JointCoordinates(AXIS, ("bearing_stiffness", "nut_stiffness", "coupling_damping"))
+    few = tian.free(AXIS, "bearing_stiffness", "nut_stiffness", "coupling_damping")
     some, every = published("l1", "l3", "l5", joints=few), published("l1", "l3", "l5")
     assert some.names == few.free
-    x = few.coordinates(AXIS)
+    x = few.start
     np.testing.assert_allclose(some.residuals(x), every.residuals(SHIPPED), rtol=1e-10)
     np.testing.assert_allclose(some.jacobian(x), every.jacobian(SHIPPED)[:, [0, 2, 7]], rtol=1e-8, atol=1e-8)
 
@@ -192,17 +193,17 @@ def test_a_subset_of_the_joints_may_be_free():
 def test_peaks_at_two_preloads_share_one_nut():
     # the nut's rigidity follows the preload: from peaks at 1 and 3 kN its catalogue value comes back
     nut = replace(AXIS, nut_stiffness=1.2e9, dynamic_load_rating=5e4)
-    joints = JointCoordinates(nut, ("bearing_stiffness", "nut_stiffness"))
+    joints = tian.free(nut, "bearing_stiffness", "nut_stiffness")
     places = [DriveConditions(x, preload=p) for x, p in ((0.6, 1000.0), (1.6, 1000.0), (0.6, 3000.0), (1.6, 3000.0))]
     peaks = []
     for one in places:
         top = find_peaks(peak_grid(nut, [Place(one, Band(600.0, 860.0))]), nut.joints(one))
         peaks.append(AssignedPeak(ModalObservation(one, float(top.frequency[0])), 4))
-    problem = modal_problem(joints, peaks, bands={4: Band(600.0, 860.0)})
+    problem = peak_problem(joints, peaks, bands={4: Band(600.0, 860.0)})
     assert problem.frequency[2] > problem.frequency[0] * 1.01
-    start = joints.coordinates(nut) + 0.05
+    start = joints.start + 0.05
     fit = fit_local(problem, joints.bounds(dict.fromkeys(joints.free, (1e7, 1e10))), start)
-    np.testing.assert_allclose(fit.coordinates.values, joints.coordinates(nut), atol=1e-6)
+    np.testing.assert_allclose(fit.coordinates.values, joints.start, atol=1e-6)
 
 
 def test_a_problem_travels_to_another_process():
@@ -219,7 +220,7 @@ def test_bands_hold_their_own_mode_alone():
     for mode, band in tian.BANDS.items():
         assert bands[mode].lower < band.lower * 1.45
         assert bands[mode].upper <= bands.get(mode + 1, Band(1e3, 2e3)).lower
-    problem = modal_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3", "l5")))
+    problem = peak_problem(JOINTS, tian.as_labelled(tian.measured("l1", "l3", "l5")))
     expected = published("l1", "l3", "l5").predict(SHIPPED)
     np.testing.assert_allclose(problem.predict(SHIPPED).frequency, expected.frequency, atol=1e-3)
 
@@ -234,18 +235,18 @@ def test_modes_that_change_places_have_no_bands():
 def test_too_few_positions_are_refused():
     peaks = tian.as_labelled(tian.measured("l3"))
     with pytest.raises(NotIdentifiableError, match="at 2 positions at least; got 1"):
-        modal_problem(JOINTS, peaks, bands=tian.BANDS)
+        peak_problem(JOINTS, peaks, bands=tian.BANDS)
 
 
 def test_too_few_data_are_refused():
     frequencies_only = tian.as_labelled(tian.measured("l2", "l4"))
     with pytest.raises(NotIdentifiableError, match="need 8 frequencies and amplitudes at least; got 7"):
-        modal_problem(JOINTS, frequencies_only, bands=tian.BANDS)
+        peak_problem(JOINTS, frequencies_only, bands=tian.BANDS)
 
 
 def test_a_peak_outside_its_band_is_refused():
     peaks = tian.as_labelled(tian.measured("l1", "l3", "l5"))
     with pytest.raises(OutsideValidityError, match="the peak at 24 Hz at 600 mm must lie in the band of mode 1"):
-        modal_problem(JOINTS, peaks, bands={**tian.BANDS, 1: Band(30.0, 45.0)})
+        peak_problem(JOINTS, peaks, bands={**tian.BANDS, 1: Band(30.0, 45.0)})
     with pytest.raises(OutsideValidityError, match="mode 4 has none"):
-        modal_problem(JOINTS, peaks, bands={1: tian.BANDS[1], 2: tian.BANDS[2], 3: tian.BANDS[3]})
+        peak_problem(JOINTS, peaks, bands={1: tian.BANDS[1], 2: tian.BANDS[2], 3: tian.BANDS[3]})

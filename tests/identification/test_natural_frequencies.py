@@ -10,20 +10,19 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.coordinates import JOINT_LIMITS, ModelCoordinates, joint_coordinates
-from monitor_core.fitting.joint_coordinates import JointCoordinates
+from monitor_core.fitting.coordinates import JOINT_LIMITS, FreeParameters, free_joints
+from monitor_core.fitting.differences import central_differences
 from monitor_core.fitting.observations import AssignedPeak, FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.priors import with_priors
-from monitor_core.fitting.residuals.lines import model_response_problem
+from monitor_core.fitting.residuals.lines import ResidualForm, response_problem
 from monitor_core.fitting.residuals.natural_frequencies import (
     NaturalFrequencyProblem,
     assign_by_frequency,
     natural_frequency_problem,
 )
-from monitor_core.fitting.residuals.peaks import modal_problem
-from monitor_core.fitting.residuals.receptance_lines import ResidualForm, response_problem
+from monitor_core.fitting.residuals.peaks import peak_problem
 from monitor_core.fitting.solver.least_squares import fit_local
-from monitor_core.identification.mode_tracks import track_modes
+from monitor_core.identification.cases.mode_tracks import track_modes
 from monitor_core.models.families import FAMILIES, build_model
 from monitor_core.models.parameters import PARAMETERS, name_in_file
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
@@ -59,8 +58,8 @@ def nguyen_table(uncertainty=1.0):
 
 
 def nguyen_problem(parameters, *free, uncertain=None):
-    drive = ModelCoordinates("lumped", parameters, free, uncertain or {})
-    peaks = assign_by_frequency(drive.build(drive.start), nguyen_table(), largest_shift=0.8)
+    drive = FreeParameters("lumped", parameters, free, uncertain or {})
+    peaks = assign_by_frequency(drive.model(drive.start), nguyen_table(), largest_shift=0.8)
     return natural_frequency_problem(drive, peaks)
 
 
@@ -96,17 +95,30 @@ def test_responses_are_those_of_the_analytic_problem(form, excitation, point):
     axis = tian.axis()
     measured = ReceptanceModel(replace(axis, nut_stiffness=8e8))
     observations = [as_observation(measured, DriveConditions(x), excitation, point) for x in (0.7, 1.4)]
-    joints = JointCoordinates(axis)
-    analytic = response_problem(joints, observations, form=form)
-    drive = ModelCoordinates("receptance", axis.to_file_names(), tuple(name_in_file(name) for name in joints.free))
-    problem = model_response_problem(drive, observations, form=form)
-    x = joints.coordinates(axis) + 0.02
-    by_observation = analytic.residuals(x).reshape(2, -1)
-    np.testing.assert_allclose(
-        problem.residuals(x).reshape(2, -1), by_observation, atol=1e-9 * np.abs(by_observation).max()
-    )
-    slopes = analytic.jacobian(x)
-    # a response to a torque has no analytic slopes: two points there, four here
+    drive = tian.free(axis)
+    problem = response_problem(drive, observations, form=form)
+    x = drive.start + 0.02
+
+    def residuals(coordinates):
+        """Ask the model by the protocol that all families share."""
+        parts = []
+        for one in observations:
+            answer = drive.model(coordinates).frequency_response(
+                one.frequency, one.conditions, excitation=excitation, response=point
+            )
+            error = (
+                answer.response - one.response
+                if form is ResidualForm.COMPLEX
+                else np.log(answer.response / one.response) * np.abs(one.response)
+            )
+            parts.append(error / one.standard_deviation)
+        lines = np.concatenate(parts)
+        return np.concatenate([lines.real, lines.imag])
+
+    expected = residuals(x)
+    np.testing.assert_allclose(problem.residuals(x), expected, atol=1e-9 * np.abs(expected).max())
+    slopes = central_differences(residuals, x, 1e-4).T
+    # a response to a torque has no slopes in closed form: both are differences, of H there and of its logarithm here
     within = 1e-8 if excitation is ExcitationPoint.FORCE_AT_TABLE else 1e-5
     assert np.all(np.abs(problem.jacobian(x) - slopes) <= within * np.abs(slopes).max(axis=0))
 
@@ -115,11 +127,8 @@ def test_natural_frequencies_are_the_peaks_of_an_axis_with_little_damping():
     # a peak lies off its natural frequency by a share of ζ², here 1e-7; parabolas through lines of 0.2 Hz: 1e-5
     axis = replace(tian.axis(), **{name: 0.02 * getattr(tian.axis(), name) for name in DAMPERS})
     peaks = tian.as_labelled(tian.measured("l1", "l3", "l5"))
-    joints = JointCoordinates(
-        axis, ("bearing_stiffness", "far_bearing_stiffness", "nut_stiffness", "coupling_stiffness")
-    )
-    analytic = modal_problem(joints, peaks, bands=tian.BANDS)
-    drive = ModelCoordinates("receptance", axis.to_file_names(), tuple(name_in_file(name) for name in joints.free))
+    drive = tian.free(axis, "bearing_stiffness", "far_bearing_stiffness", "nut_stiffness", "coupling_stiffness")
+    analytic = peak_problem(drive, peaks, bands=tian.BANDS)
     problem = natural_frequency_problem(drive, peaks)
     n, x = len(peaks), drive.start
     relative = 0.01 * analytic.residuals(x)[:n]  # f/f_t − 1: 1 % where a peak states no uncertainty
@@ -139,7 +148,7 @@ def test_slope_of_a_natural_frequency_is_the_share_of_the_strain_energy():
         for k, one in enumerate(conditions)
         for j in range(4)
     ]
-    drive = ModelCoordinates("receptance", axis.to_file_names(), (NUT,))
+    drive = FreeParameters("receptance", axis.to_file_names(), (NUT,))
     problem = natural_frequency_problem(drive, peaks)
     expected = math.log(10.0) * tracks.nut_sensitivity.ravel() * problem.frequency  # u = 1 Hz/f
     np.testing.assert_allclose(problem.jacobian(drive.start)[:, 0], expected, atol=1e-6 * expected.max())
@@ -240,27 +249,27 @@ FOUND = {
 
 @pytest.mark.parametrize("family", FOUND)
 def test_joints_come_back_from_frequencies(family):
-    drive = ModelCoordinates(family, shipped(family), FOUND[family])
+    drive = FreeParameters(family, shipped(family), FOUND[family])
     truth, n_modes = drive.start + np.array([0.03, -0.04]), 1 if family in {"lumped", "hybrid"} else 4
     observations = [
         ModalObservation(one, found.frequency, 0.1)
         for one in conditions_of(family)
-        for found in [f for f in drive.build(truth).natural_frequencies(one) if f.frequency][:n_modes]
+        for found in [f for f in drive.model(truth).natural_frequencies(one) if f.frequency][:n_modes]
     ]
-    problem = natural_frequency_problem(drive, assign_by_frequency(drive.build(drive.start), observations))
+    problem = natural_frequency_problem(drive, assign_by_frequency(drive.model(drive.start), observations))
     fit = fit_local(problem, drive.bounds(), drive.start)
     np.testing.assert_allclose(fit.coordinates.values, truth, atol=1e-6)
 
 
 @pytest.mark.parametrize("family", FOUND)
 def test_joints_come_back_from_responses(family):
-    drive = ModelCoordinates(family, shipped(family), FOUND[family])
+    drive = FreeParameters(family, shipped(family), FOUND[family])
     truth = drive.start + np.array([0.03, -0.04])
     observations = [
-        as_observation(drive.build(truth), one, ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ACCELERATION_AT_TABLE)
+        as_observation(drive.model(truth), one, ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ACCELERATION_AT_TABLE)
         for one in conditions_of(family)
     ]
-    search = model_response_problem(drive, observations, form=ResidualForm.LOGARITHMIC)
+    search = response_problem(drive, observations, form=ResidualForm.LOGARITHMIC)
     near = fit_local(search, drive.bounds(), drive.start)
     fit = fit_local(replace(search, form=ResidualForm.COMPLEX), drive.bounds(), near.coordinates.values)
     np.testing.assert_allclose(fit.coordinates.values, truth, atol=1e-6)
@@ -272,11 +281,11 @@ def test_joints_come_back_from_responses(family):
 def test_intervals_cover_as_often_as_they_say_with_a_prior():
     # bearing and bracket are one spring to the frequencies; their priors part them
     free, share = (BEARING, BRACKET, NUT), {BEARING: 0.2, BRACKET: 0.3, NUT: 0.25}
-    stated = ModelCoordinates("lumped", NGUYEN, free, share)
+    stated = FreeParameters("lumped", NGUYEN, free, share)
     rng, inside = np.random.default_rng(5), []
     for _ in range(40):
         truth = stated.start + rng.standard_normal(3) * np.array(list(share.values())) / math.log(10.0)
-        hidden = stated.build(truth)
+        hidden = stated.model(truth)
         peaks = []
         for one in conditions_of("lumped"):
             f = hidden.natural_frequencies(one)[0].frequency
@@ -313,13 +322,13 @@ def test_a_prior_is_gaussian_in_the_logarithm():
 @pytest.mark.parametrize("family", [one.name for one in FAMILIES])
 def test_joints_that_a_model_states_are_free_within_finite_limits(family):
     stated = shipped(family)
-    drive = joint_coordinates(family, stated)
+    drive = free_joints(family, stated)
     assert set(drive.free) == {name for name in stated if name in JOINT_LIMITS}
     bounds = drive.bounds()
     assert np.all((bounds.lower < drive.start) & (drive.start < bounds.upper))
     assert np.all(bounds.upper - bounds.lower >= 3.0)
     assert drive.values(drive.start) == pytest.approx(stated)
-    built = drive.build(drive.start).parameters.to_file_names()
+    built = drive.model(drive.start).parameters.to_file_names()
     assert {name: built[name] for name in stated} == pytest.approx(stated)
 
 
@@ -328,7 +337,7 @@ def test_limits_are_of_words_of_the_vocabulary():
 
 
 def test_what_is_uncertain_is_free_as_well():
-    drive = joint_coordinates("lumped", NGUYEN, {TABLE: 0.05, BEARING: 0.2})
+    drive = free_joints("lumped", NGUYEN, {TABLE: 0.05, BEARING: 0.2})
     assert drive.free == (BEARING, BRACKET, NUT, COUPLING, LOSS, TABLE)
     bounds = drive.bounds({NUT: (1e8, 1e9)})
     assert (bounds.lower[2], bounds.upper[2]) == (8.0, 9.0)
@@ -336,7 +345,7 @@ def test_what_is_uncertain_is_free_as_well():
 
 
 def test_a_joint_stated_beyond_its_limits_has_a_decade_either_way():
-    bounds = ModelCoordinates("lumped", {**NGUYEN, BRACKET: 1e13}, (BRACKET,)).bounds()
+    bounds = FreeParameters("lumped", {**NGUYEN, BRACKET: 1e13}, (BRACKET,)).bounds()
     np.testing.assert_allclose([bounds.lower[0], bounds.upper[0]], [12.0, 14.0])
 
 
@@ -353,21 +362,21 @@ def test_a_joint_stated_beyond_its_limits_has_a_decade_either_way():
 )
 def test_what_cannot_be_free_is_refused(free, uncertain, message):
     with pytest.raises((NotIdentifiableError, OutsideValidityError), match=message):
-        ModelCoordinates("lumped", {**NGUYEN, "table_damping_ns_per_m": 0.0}, free, uncertain)
+        FreeParameters("lumped", {**NGUYEN, "table_damping_ns_per_m": 0.0}, free, uncertain)
 
 
 def test_coordinates_of_another_number_are_refused():
     with pytest.raises(OutsideValidityError, match=r"must have shape \(2,\)"):
-        ModelCoordinates("lumped", NGUYEN, (BRACKET, NUT)).values(np.zeros(3))
+        FreeParameters("lumped", NGUYEN, (BRACKET, NUT)).values(np.zeros(3))
 
 
 def test_problems_travel_to_another_process():
     modal = nguyen_problem(NGUYEN, BRACKET, NUT, uncertain={NUT: 0.2})
-    hybrid = ModelCoordinates("hybrid", shipped("hybrid"), (NUT,))
+    hybrid = FreeParameters("hybrid", shipped("hybrid"), (NUT,))
     one = as_observation(
-        hybrid.build(hybrid.start), DriveConditions(0.3), ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ANGLE_AT_MOTOR
+        hybrid.model(hybrid.start), DriveConditions(0.3), ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ANGLE_AT_MOTOR
     )
-    for problem in (modal, model_response_problem(hybrid, [one])):
+    for problem in (modal, response_problem(hybrid, [one])):
         copy, x = pickle.loads(pickle.dumps(problem)), problem.drive.start + 0.1  # noqa: S301
         np.testing.assert_array_equal(copy.residuals(x), problem.residuals(x))
 
@@ -376,16 +385,16 @@ def test_problems_travel_to_another_process():
 
 
 def test_a_parameter_that_no_datum_moves_is_refused():
-    hybrid = ModelCoordinates("hybrid", shipped("hybrid"), (NUT, COUPLING))
+    hybrid = FreeParameters("hybrid", shipped("hybrid"), (NUT, COUPLING))
     # torque measured between coupling and screw: the coupling plays no part
     one = as_observation(
-        hybrid.build(hybrid.start),
+        hybrid.model(hybrid.start),
         DriveConditions(0.3),
         ExcitationPoint.TORQUE_AT_SCREW,
         ResponsePoint.ACCELERATION_AT_TABLE,
     )
     with pytest.raises(NotIdentifiableError, match=f"{COUPLING} moves no datum and has no prior uncertainty"):
-        model_response_problem(hybrid, [one])
+        response_problem(hybrid, [one])
     peaks = [AssignedPeak(ModalObservation(DriveConditions(x), 300.0), 1) for x in (0.2, 0.5)]
     natural_frequency_problem(hybrid, peaks)
     with pytest.raises(NotIdentifiableError, match=f"{COUPLING} moves no datum"):
@@ -393,24 +402,24 @@ def test_a_parameter_that_no_datum_moves_is_refused():
 
 
 def test_too_little_is_refused():
-    drive = ModelCoordinates("hybrid", shipped("hybrid"), (NUT, COUPLING, BEARING), {BEARING: 0.2})
+    drive = FreeParameters("hybrid", shipped("hybrid"), (NUT, COUPLING, BEARING), {BEARING: 0.2})
     peak = AssignedPeak(ModalObservation(DriveConditions(0.3), 300.0), 1)
     with pytest.raises(
         NotIdentifiableError, match="1 of them with a prior, need 2 natural frequencies at least; got 1"
     ):
         natural_frequency_problem(drive, [peak])
     with pytest.raises(NotIdentifiableError, match="need 2 real and imaginary parts of lines at least; got 0"):
-        model_response_problem(drive, [])
+        response_problem(drive, [])
     with pytest.raises(OutsideValidityError, match="needs elastic mode 2 of the model, which has 1 there"):
         natural_frequency_problem(drive, [peak, replace(peak, mode=2)])
 
 
 def test_the_logarithm_of_nothing_is_refused():
-    drive = ModelCoordinates("hybrid", shipped("hybrid"), (NUT,))
+    drive = FreeParameters("hybrid", shipped("hybrid"), (NUT,))
     one = FrequencyResponseObservation(
         DriveConditions(0.3), np.array([200.0, 300.0]), np.array([1e-8, 0.0]), np.ones(2) * 1e-9
     )
-    problem = model_response_problem(drive, [one])
+    problem = response_problem(drive, [one])
     with pytest.raises(OutsideValidityError, match="got 0 at 300 Hz"):
         replace(problem, form=ResidualForm.LOGARITHMIC)
 

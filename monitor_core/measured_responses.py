@@ -1,4 +1,4 @@
-"""From judged measurements and modal tables to what an identification or an explanation takes."""
+"""Turn judged measurements into the frequency responses that an identification or an explanation takes."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -6,34 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.modal import ModalMeasurement
 from monitor_core.models.generator import EXCITED
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
+from monitor_core.pipeline import AxisSettings, measure_response
 from monitor_core.recording import Conditions, ExcitationQuantity, Rejection, Window
-from monitor_core.recordings.modal_csv import ModalRow
+from monitor_core.session import RecordedMeasurements, gate_session
 from monitor_core.spectral import line_spread
 from monitor_core.spectral.coherence import random_error, significance_level
 from monitor_core.spectral.spectra import Taper
 
 #: Every which line is independent of the others: a Hann window correlates neighbours by 2/3 and the next by 1/6.
 STRIDE: dict[Taper, int] = {"hann": 3, "rectangular": 1}
-
-
-def modal_observation(row: ModalRow) -> ModalObservation:
-    """Return a row of a modal table as a peak; its amplitude is the table's receptance, in m/N.
-
-    The table states no uncertainty of a damping ratio.
-    """
-    uncertainty = None if row.frequency_std is None else row.frequency_std / np.sqrt(row.n_readings or 1)
-    return ModalObservation(
-        DriveConditions(row.position, row.preload, row.payload_mass or 0.0),
-        row.frequency,
-        None if uncertainty is None else float(uncertainty),
-        amplitude=row.amplitude,
-        order=row.mode,
-        damping_ratio=row.damping_ratio,
-    )
 
 
 def measured_responses(
@@ -58,7 +43,7 @@ def measured_responses(
     NotIdentifiableError
         If there is none.
     """
-    return _some(_response(one, usual_temperature) for one in measurements)
+    return _some(_response(modal, usual_temperature) for modal in measurements)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,18 +89,38 @@ def responses_of_windows(
         return SessionResponses(observations, (*left_out, none) if stated else left_out)
     usual = float(np.median(stated))
     counted = tuple(
-        replace(one, conditions=replace(one.conditions, temperature_deviation=float(round(temperature - usual))))
-        for one, temperature in zip(observations, stated, strict=True)
+        replace(lines, conditions=replace(lines.conditions, temperature_deviation=float(round(temperature - usual))))
+        for lines, temperature in zip(observations, stated, strict=True)
     )
-    varied = any(one.conditions.temperature_deviation for one in counted)
+    varied = any(lines.conditions.temperature_deviation for lines in counted)
     sentence = f"Temperatures are counted from {usual:.4g} °C, their median, to the kelvin."
     return SessionResponses(counted, (*left_out, sentence) if varied else left_out)
+
+
+def responses_of_session(session: RecordedMeasurements, settings: AxisSettings) -> SessionResponses:
+    """Return the averaged responses of the measurements of a session that can be judged, on all their lines.
+
+    Parameters
+    ----------
+    session : RecordedMeasurements
+    settings : AxisSettings
+        Of the axis. All lines of a measurement count, wherever its mode is looked for.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If there is none.
+    """
+    return responses_of_windows(
+        (measure_response(gated.accepted, settings) if gated.accepted else gated.rejection, gated.accepted)
+        for gated in gate_session(session, settings)
+    )
 
 
 def _left_out(refusals: Sequence[Rejection], n_measured: int) -> tuple[str, ...]:
     if not refusals:
         return ()
-    reasons = ", ".join(sorted({str(one.reason) for one in refusals}))
+    reasons = ", ".join(sorted({str(refusal.reason) for refusal in refusals}))
     are = "is" if len(refusals) == 1 else "are"
     return (f"{len(refusals)} of {n_measured} measurements {are} left out: {reasons}.",)
 
@@ -139,21 +144,21 @@ def _some(responses: Iterable[FrequencyResponseObservation | None]) -> tuple[Fre
     return observations
 
 
-def _response(one: ModalMeasurement, usual_temperature: float | None) -> FrequencyResponseObservation | None:
-    frf = one.frequency_response
+def _response(modal: ModalMeasurement, usual_temperature: float | None) -> FrequencyResponseObservation | None:
+    frf = modal.frequency_response
     if frf.coherence is None:
         return None
     coherence = np.asarray(frf.coherence)
-    seen = np.flatnonzero((coherence > significance_level(frf.n_averages)) & (coherence < 1.0))[:: STRIDE[one.taper]]
+    seen = np.flatnonzero((coherence > significance_level(frf.n_averages)) & (coherence < 1.0))[:: STRIDE[modal.taper]]
     if seen.size == 0:
         return None
     error = random_error(coherence[seen], frf.n_averages)
     return FrequencyResponseObservation(
-        _conditions(one.conditions, usual_temperature),
+        _conditions(modal.conditions, usual_temperature),
         frf.frequency[seen],
         frf.response[seen],
         np.abs(frf.response[seen]) * error,
-        _excitation_point(one),
+        _excitation_point(modal),
         ResponsePoint.ACCELERATION_AT_TABLE,
         placed=False,
     )
@@ -168,7 +173,7 @@ def _conditions(conditions: Conditions, usual_temperature: float | None) -> Driv
     return DriveConditions(position, conditions.preload, conditions.payload_mass or 0.0, deviation)
 
 
-def _excitation_point(one: ModalMeasurement) -> ExcitationPoint:
-    if one.excitation_quantity is ExcitationQuantity.FORCE:
+def _excitation_point(modal: ModalMeasurement) -> ExcitationPoint:
+    if modal.excitation_quantity is ExcitationQuantity.FORCE:
         return ExcitationPoint.FORCE_AT_TABLE
-    return EXCITED[one.excitation_source]
+    return EXCITED[modal.excitation_source]

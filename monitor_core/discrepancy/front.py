@@ -1,0 +1,204 @@
+"""Explain a discrepancy between a described axis and what was measured of it: which effect its model lacks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
+
+from monitor_core.discrepancy.augmented_model import augmented_model
+from monitor_core.discrepancy.explain import explain as explain_comparison
+from monitor_core.discrepancy.explanation import Explanation, Outcome
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.accelerometer import place_accelerometer
+from monitor_core.fitting.comparison import Comparison
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DescribedDrive, DescribedRigidAxis
+from monitor_core.fitting.description import AxisDescription, at_preload_of_nut
+from monitor_core.fitting.learnt_form import learn_form_error
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.residuals.model_form import ModelFormError
+from monitor_core.fitting.residuals.modes import compare_modes
+from monitor_core.fitting.residuals.motion.comparison import MotionComparison
+from monitor_core.fitting.residuals.responses import compare_responses
+from monitor_core.models.extended import AxisPhysics, paper_motor_end
+from monitor_core.models.motion import MotionPhysics
+from monitor_core.models.protocol import DriveConditions
+from monitor_core.motion import MotionRecord
+
+Physics = TypeVar("Physics")
+Measured = Sequence[ModalObservation] | Sequence[FrequencyResponseObservation] | MotionRecord
+
+#: Two positions closer than this are one: tables show tenths of a millimetre.
+_SAME_POSITION = 1e-4  # [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainOptions:
+    """What is asked besides: judged on which measurements, with which effects, beyond which healthy machines."""
+
+    hold_out: tuple[float, ...] = ()  # positions; without any, as the data allow [m]
+    effects: tuple[Effect[Any], ...] = ()  # of the user's own, besides those of the product
+    healthy: tuple[tuple[FrequencyResponseObservation, ...], ...] = ()  # of machines of this type that lack nothing
+    accelerometer: str | None = None  # where that of a session is; without it where the model fits better
+    assumptions: tuple[str, ...] = ()  # what was settled while measuring, in sentences
+
+
+def explain(
+    axis: AxisDescription,
+    measured: Measured,
+    options: ExplainOptions | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Explanation:
+    """Find where measurements and a described axis differ, what the model lacks, and how far adding it closes the gap.
+
+    Parameters
+    ----------
+    axis : AxisDescription
+        What the axis is said to be. What a fit may adjust stands in ``uncertain``.
+    measured : sequence of ModalObservation or of FrequencyResponseObservation, or MotionRecord
+    options : ExplainOptions, optional
+    progress : callable, optional
+        Called with a few words on what is being done.
+
+    Returns
+    -------
+    Explanation
+        With the augmented description: parameters as refitted, effects of the axis and those found; where the cause is
+        unknown, the description as given.
+
+    Raises
+    ------
+    NotIdentifiableError, OutsideValidityError
+        If measurements, description and what is to be held out do not go together; one sentence says why.
+    """
+    options = options or ExplainOptions()
+    question = _question(axis, measured, options)
+    found = explain_comparison(question.comparison, question.described, question.candidates, progress=progress)
+    exact = _taken_as_exact(axis) if found.outcome is not Outcome.NONE else ()
+    augmented = axis
+    if found.outcome is not Outcome.UNKNOWN:
+        augmented = augmented_model(axis.with_corrected_parameters(), found, question.table)
+    return replace(found, taken_as=(*question.assumptions, *exact), augmented=augmented)
+
+
+def require_explainable(axis: AxisDescription, measured: Measured, options: ExplainOptions | None = None) -> None:
+    """Refuse at once what :func:`explain` would refuse before it searches; raises as it does."""
+    question = _question(axis, measured, options or ExplainOptions())
+    question.comparison.misfit(question.described.physics({}))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Question(Generic[Physics]):
+    """Measurements and a described axis, ready to be compared, and what the axis may lack."""
+
+    comparison: Comparison[Physics]
+    described: Any  # DescribedAxis[Physics]
+    table: Sequence[Effect[Physics]]
+    assumptions: tuple[str, ...] = ()  # what is not in the data and was settled first, in sentences
+
+    @property
+    def candidates(self) -> Sequence[Effect[Physics]]:
+        candidates: Sequence[Effect[Physics]] = self.described.candidates()
+        return candidates
+
+
+def _question(
+    axis: AxisDescription, measured: Measured, options: ExplainOptions
+) -> _Question[AxisPhysics] | _Question[MotionPhysics]:
+    if options.healthy:
+        _require_responses(measured)
+    if isinstance(measured, MotionRecord):
+        return _motion_question(axis, measured, options)
+    return _drive_question(axis, measured, options)
+
+
+def _motion_question(axis: AxisDescription, record: MotionRecord, options: ExplainOptions) -> _Question[MotionPhysics]:
+    if options.hold_out:
+        raise NotIdentifiableError(
+            f"of a motion the second half is held out; got positions to hold out, {_listed(options.hold_out)}"
+        )
+    table = _with_own_effects(MOTION_EFFECTS, options)
+    described: DescribedRigidAxis = axis.rigid_axis(table)
+    return _Question(MotionComparison.of(record, described.stated), described, table)
+
+
+def _drive_question(
+    axis: AxisDescription,
+    measured: Sequence[ModalObservation] | Sequence[FrequencyResponseObservation],
+    options: ExplainOptions,
+) -> _Question[AxisPhysics]:
+    table = _with_own_effects(DRIVE_EFFECTS, options)
+    drive = axis.drive(table)
+    peaks = at_preload_of_nut([each for each in measured if isinstance(each, ModalObservation)], axis)
+    responses = at_preload_of_nut([each for each in measured if isinstance(each, FrequencyResponseObservation)], axis)
+    placed = place_accelerometer(responses, options.accelerometer, drive)
+    conditions = [*(peak.conditions for peak in peaks), *(lines.conditions for lines in placed.observations)]
+    folds = _folds(conditions, options.hold_out)
+    end, form = paper_motor_end(drive.stated), _form_learnt(axis, drive, options)
+    comparison: Comparison[AxisPhysics] = (
+        compare_responses(placed.observations, held_out=folds, form=form, otherwise_held=end)
+        if placed.observations
+        else compare_modes(peaks, end, held_out=folds)
+    )
+    return _Question(comparison, drive, table, (*placed.sentences, *options.assumptions))
+
+
+def _taken_as_exact(axis: AxisDescription) -> tuple[str, ...]:
+    """Say what was not free: the true cause may be there, and is then made up for by what is found."""
+    exact = [name for name in axis.parameters if name not in axis.uncertain]
+    if not exact:
+        return ()
+    return (f"Taken as exact, since [uncertain] does not list it: {', '.join(exact)}.",)
+
+
+def _require_responses(measured: Measured) -> None:
+    several = () if isinstance(measured, MotionRecord) else measured
+    if not any(isinstance(each, FrequencyResponseObservation) for each in several):
+        got = "peaks" if several else "a motion"
+        raise NotIdentifiableError(
+            f"what a model is wrong in on healthy machines is learnt for frequency responses; got {got} to explain"
+        )
+
+
+def _form_learnt(axis: AxisDescription, drive: DescribedDrive, options: ExplainOptions) -> ModelFormError | None:
+    """Learn from the healthy machines; the accelerometer of each is placed by itself."""
+    if not options.healthy:
+        return None
+    machines = [at_preload_of_nut(machine, axis) for machine in options.healthy]
+    placed = [place_accelerometer(machine, options.accelerometer, drive).observations for machine in machines]
+    return learn_form_error([(machine, drive) for machine in placed])
+
+
+def _with_own_effects(product: Sequence[Effect[Physics]], options: ExplainOptions) -> tuple[Effect[Physics], ...]:
+    """Return the table with the user's own effects, which need keys of their own."""
+    known = {effect.key for effect in product}
+    for effect in options.effects:
+        if effect.key in known or effect.key.startswith(PREFIX):
+            raise OutsideValidityError(
+                f"an effect of a user's own needs a key that the product does not use; got {effect.key!r}"
+            )
+    return (*product, *options.effects)
+
+
+def _folds(conditions: Sequence[DriveConditions], hold_out: Sequence[float]) -> tuple[frozenset[DriveConditions], ...]:
+    if not hold_out:
+        return default_folds(conditions)
+    measured = sorted({each.position for each in conditions})
+    for wanted in hold_out:
+        if not any(abs(wanted - position) < _SAME_POSITION for position in measured):
+            raise NotIdentifiableError(
+                f"a position to hold out must be a measured one, {_listed(measured)}; got {1e3 * wanted:g} mm"
+            )
+    fold = frozenset(
+        each for each in conditions if any(abs(each.position - wanted) < _SAME_POSITION for wanted in hold_out)
+    )
+    if fold == frozenset(conditions):
+        raise NotIdentifiableError(
+            f"some of the measured positions must be left for the fit; got all of them to hold out, {_listed(measured)}"
+        )
+    return (fold,)
+
+
+def _listed(positions: Sequence[float]) -> str:
+    return f"{', '.join(f'{1e3 * position:g}' for position in positions)} mm"

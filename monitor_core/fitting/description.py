@@ -1,0 +1,127 @@
+"""An axis as it is described: family, parameters, what a fit may adjust, and effects that the model already has."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, with_effects
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.described_axis import DescribedDrive, DescribedRigidAxis
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from monitor_core.models.extended import AxisPhysics, ExtendedModel
+from monitor_core.models.families import FAMILIES, build_model
+from monitor_core.models.motion import FAMILY as MOTION
+from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
+from monitor_core.models.protocol import DriveModel
+
+_Observation = TypeVar("_Observation", ModalObservation, FrequencyResponseObservation)
+
+#: The parameter by which a nut follows its preload.
+_RATING = "dynamic_load_rating_n"
+
+
+@dataclass(frozen=True, slots=True)
+class AxisDescription:
+    """What a model file states, by the names of the file."""
+
+    family: str
+    parameters: Mapping[str, float]  # SI, by names that end with the unit
+    uncertain: Mapping[str, float] = field(default_factory=dict)  # relative standard deviation [-]
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by key; values by names with units
+
+    @property
+    def nut_follows_preload(self) -> bool:
+        """Whether the rigidity of the nut follows from the preload."""
+        return _RATING in self.parameters
+
+    def build(self, effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveModel:
+        """Return the model: that of the family, or with effects the extended drive with them added in their order.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            What the keys of the effects may mean: the table of the product, or with a user's own.
+
+        Raises
+        ------
+        OutsideValidityError
+            If an effect is unknown, or does not fit the axis or its values; if it is a motion model, which has no
+            frequency response; or as :func:`build_model` says.
+        """
+        if self.family == MOTION:
+            raise OutsideValidityError(
+                "expected a drive with natural frequencies, of the family "
+                f"{', '.join(family.name for family in FAMILIES)}; got a motion model, which is a rigid axis"
+            )
+        family_model = build_model(self.family, self.parameters)
+        if not self.effects:
+            return family_model
+        return with_effects(ExtendedModel.of(family_model.parameters), self.effects, effects)
+
+    def build_motion(self, effects: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS) -> MotionModel:
+        """Return the rigid axis of a motion model, with its effects added in their order.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            What the keys of the effects may mean: the table of the product, or with a user's own.
+
+        Raises
+        ------
+        OutsideValidityError
+            If an effect is unknown, or does not fit the axis or its values; or if it is the model of a drive.
+        """
+        if self.family != MOTION:
+            raise OutsideValidityError(f"expected a model of the family {MOTION}; got one of {self.family}")
+        stated = MotionParameters.from_file_names(self.parameters, self.family)
+        return with_effects(MotionModel.of(stated), self.effects, effects)
+
+    def drive(self, effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DescribedDrive:
+        """Return the drive with what may be adjusted; raises as :meth:`build`."""
+        self.build(effects)  # so that its effects are sound
+        corrected = self.with_corrected_parameters()
+        return DescribedDrive(corrected.build(effects).parameters, corrected.uncertain, corrected.effects, effects)
+
+    def rigid_axis(self, effects: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS) -> DescribedRigidAxis:
+        """Return the rigid axis with what may be adjusted; raises as :meth:`build_motion`."""
+        self.build_motion(effects)  # so that its effects are sound
+        corrected = self.with_corrected_parameters()
+        stated = corrected.build_motion(effects).parameters
+        return DescribedRigidAxis(stated, corrected.uncertain, corrected.effects, effects)
+
+    def with_corrected_parameters(self) -> "AxisDescription":
+        """Return the same axis, one that can be built, with its ``wrong-parameter:`` effects gone into its parameters.
+
+        Such a parameter can then be called wrong once more.
+        """
+        wrong = {key.removeprefix(PREFIX): values for key, values in self.effects.items() if key.startswith(PREFIX)}
+        return replace(
+            self,
+            parameters={
+                name: value * math.exp(wrong[name]["ln_ratio"]) if name in wrong else value
+                for name, value in self.parameters.items()
+            },
+            effects={key: values for key, values in self.effects.items() if not key.startswith(PREFIX)},
+        )
+
+
+def at_preload_of_nut(observations: Sequence[_Observation], axis: AxisDescription) -> tuple[_Observation, ...]:
+    """Leave out a preload that all share where the nut does not follow it: its rigidity is that at this preload.
+
+    Raises
+    ------
+    OutsideValidityError
+        If the preload varies: a nut of one rigidity cannot follow it.
+    """
+    preloads = {observation.conditions.preload for observation in observations}
+    if axis.nut_follows_preload or preloads <= {None}:
+        return tuple(observations)
+    if len(preloads) > 1:
+        rising = sorted(preloads, key=lambda preload: preload or 0.0)
+        listed = ", ".join("none stated" if preload is None else f"{preload:g} N" for preload in rising)
+        raise OutsideValidityError(
+            f"a model without {_RATING} has the nut rigidity of one preload; got measurements at {listed}: "
+            "state the rating"
+        )
+    return tuple(replace(each, conditions=replace(each.conditions, preload=None)) for each in observations)

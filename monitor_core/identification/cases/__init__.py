@@ -1,0 +1,18 @@
+"""What was measured for an identification, as cases: peaks, natural frequencies or whole responses at positions."""
+
+from monitor_core.identification.cases.case import Case, PredictionError, positions_of, require_positions
+from monitor_core.identification.cases.frequencies import FrequencyCase, frequency_case
+from monitor_core.identification.cases.peaks import PeakCase, peak_case
+from monitor_core.identification.cases.responses import ResponseCase
+
+__all__ = [
+    "Case",
+    "FrequencyCase",
+    "PeakCase",
+    "PredictionError",
+    "ResponseCase",
+    "frequency_case",
+    "peak_case",
+    "positions_of",
+    "require_positions",
+]

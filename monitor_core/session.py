@@ -1,0 +1,130 @@
+"""Judge the measurements of a recorded session one after the other, and calibrate an axis from one."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from monitor_core.errors import NotIdentifiableError
+from monitor_core.modal import ModalMeasurement
+from monitor_core.pipeline import (
+    AxisSettings,
+    MeasurementOutcome,
+    calibrate_from_measurements,
+    check_window,
+    judge_measurement,
+)
+from monitor_core.preload import Calibration, CoefficientPrior, Weighting
+from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
+
+
+class RecordedMeasurements(Protocol):
+    """Windows by measurement: a ``Session``, or a reader that takes them from a file one measurement at a time."""
+
+    @property
+    def measurements(self) -> tuple[str, ...]:
+        """Names, in order of first appearance."""
+        ...
+
+    def windows_of(self, measurement: str) -> tuple[Window, ...]:
+        """Return the windows of one measurement, in time order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GatedMeasurement:
+    """The windows of one measurement, each accepted or refused by itself."""
+
+    name: str
+    conditions: Conditions  # of the first window
+    accepted: tuple[Window, ...]
+    refused: tuple[Rejection, ...]
+
+    @property
+    def rejection(self) -> Rejection:
+        """Why a measurement without an accepted window cannot be judged."""
+        reasons = ", ".join(sorted({str(refusal.reason) for refusal in self.refused}))
+        return Rejection(RejectionReason.TOO_FEW_AVERAGES, f"every window was refused: {reasons}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionMeasurement:
+    """One measurement of a session: what came of it, and of the windows that were refused."""
+
+    name: str
+    conditions: Conditions  # of the first window
+    outcome: MeasurementOutcome
+    refused_windows: tuple[Rejection, ...]
+
+
+def gate_session(
+    session: RecordedMeasurements, settings: AxisSettings, calibration: Calibration | None = None
+) -> Iterator[GatedMeasurement]:
+    """Gate every window of a session by itself, measurement by measurement; memory stays flat."""
+    for name in session.measurements:
+        windows = session.windows_of(name)
+        checked = [(window, check_window(window, settings, calibration)) for window in windows]
+        yield GatedMeasurement(
+            name,
+            windows[0].conditions,
+            tuple(window for window, quality in checked if not isinstance(quality, Rejection)),
+            tuple(quality for _, quality in checked if isinstance(quality, Rejection)),
+        )
+
+
+def judge_session(
+    session: RecordedMeasurements, settings: AxisSettings, calibration: Calibration | None = None
+) -> Iterator[SessionMeasurement]:
+    """Judge the measurements of a session one after another.
+
+    Parameters
+    ----------
+    session : RecordedMeasurements
+    settings : AxisSettings
+        Of the axis.
+    calibration : Calibration, optional
+        Without one modes are measured, and preloads refused as ``not-calibrated``.
+    """
+    for gated in gate_session(session, settings, calibration):
+        if gated.accepted:
+            outcome = judge_measurement(gated.accepted, settings, calibration)
+        else:
+            outcome = MeasurementOutcome(gated.rejection, gated.rejection, gated.rejection)
+        yield SessionMeasurement(gated.name, gated.conditions, outcome, gated.refused)
+
+
+def modes_at_set_preloads(judged: Sequence[SessionMeasurement]) -> list[ModalMeasurement]:
+    """Return the modes of the measurements whose preload was set on purpose and that were not refused."""
+    return [
+        measurement.outcome.modal
+        for measurement in judged
+        if measurement.conditions.preload is not None and isinstance(measurement.outcome.modal, ModalMeasurement)
+    ]
+
+
+def calibrate_session(
+    session: RecordedMeasurements,
+    settings: AxisSettings,
+    *,
+    weighting: Weighting = Weighting.NONE,
+    prior: CoefficientPrior | None = None,
+) -> Calibration:
+    """Fit k1…k4 to the measurements of a session whose preload was set on purpose.
+
+    Parameters
+    ----------
+    session : RecordedMeasurements
+    settings : AxisSettings
+        Of the axis.
+    weighting : Weighting
+    prior : CoefficientPrior, optional
+        What was known of k1…k4 before: fewer measurements will do.
+
+    Raises
+    ------
+    NotIdentifiableError
+        If none of them can be judged, or they determine no calibration.
+    """
+    modes = modes_at_set_preloads(list(judge_session(session, settings)))
+    if not modes:
+        raise NotIdentifiableError("a calibration needs measurements with preload_n set that can be judged; got none")
+    return calibrate_from_measurements(modes, settings=settings, weighting=weighting, prior=prior)

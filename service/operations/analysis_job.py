@@ -1,0 +1,136 @@
+"""Jobs that analyse what was measured of an axis: ask, measure, analyse in a process of its own, store the answer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
+from service.errors import UnknownResourceError
+from service.jobs import JobHandle
+from service.json_types import JsonObject
+from service.operations.analysis_arguments import AnalysisArguments
+from service.operations.axis_measurements import (
+    asked_for_measurements,
+    axis_measurements,
+    selected_measurements,
+)
+from service.operations.own_process import Progress, Report, in_own_process
+from service.store import jobs
+from service.store.axes import get_axis
+from service.store.database import Database
+from service.store.reports import ReportStore
+from service.store.waveforms import WaveformStore
+
+#: How many finished ones the page of an axis lists.
+MOST_LISTED = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What was measured of an axis, and what was settled on the way, in sentences."""
+
+    observations: tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...]
+    assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer as it is stored."""
+
+    document: JsonObject
+    page: str | None = None  # a report, one self-contained page of HTML
+
+
+class Question(Protocol):
+    """What is asked, ready to be answered in another process."""
+
+    def require(self) -> None:
+        """Refuse at once what cannot be answered; raises MonitorCoreError with the reason in one sentence."""
+        ...
+
+    def answer(self, report: Report) -> Answer:
+        """Answer it; raises as :meth:`require`."""
+        ...
+
+
+Arguments = TypeVar("Arguments", bound=AnalysisArguments)
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis(Generic[Arguments]):
+    """One kind of analysis."""
+
+    kind: str  # of its jobs
+    arguments: type[Arguments]
+    check: Callable[[Arguments], None]  # refuses a model that cannot be read; raises MonitorCoreError
+    question: Callable[[str, Arguments, Measured], Question]  # of an axis
+    first: Progress  # reported until the analysis reports its own
+
+
+class AnalysisJob(Generic[Arguments]):
+    """Runs one kind of analysis in the background."""
+
+    def __init__(
+        self, analysis: Analysis[Arguments], database: Database, waveforms: WaveformStore, reports: ReportStore
+    ) -> None:
+        self.kind = analysis.kind
+        self._analysis = analysis
+        self._database = database
+        self._waveforms = waveforms
+        self._reports = reports
+
+    def require(self, axis_id: str, arguments: Arguments) -> None:
+        """Refuse what cannot be answered before a job is made of it, as far as that shows without measuring.
+
+        Raises
+        ------
+        MonitorCoreError, ServiceError
+            With the reason in one sentence.
+        """
+        with self._database.read() as session:
+            get_axis(session, axis_id)
+        if arguments.peaks is not None:
+            self._question(axis_id, arguments).require()
+        else:
+            self._analysis.check(arguments)
+            selected_measurements(self._database, axis_id, asked_for_measurements(arguments))
+
+    def run(self, job: JobHandle) -> None:
+        """Answer; begun anew if it was interrupted."""
+        question = self._question(job.axis_id, self._analysis.arguments.model_validate(job.arguments))
+        latest = self._analysis.first
+
+        def report(progress: Progress) -> None:
+            nonlocal latest
+            latest = progress
+            so_far: JsonObject = {} if progress.sentence is None else {"progress": progress.sentence}
+            job.report(progress.done, progress.total, so_far)
+
+        answer = in_own_process(question.answer, report, self._analysis.first)
+        if answer.page is not None:
+            self._reports.write(job.job_id, answer.page)
+        steps = latest.total or max(latest.done, 1)
+        job.report(steps, steps, answer.document)
+
+    def report(self, axis_id: str, job_id: str) -> str:
+        """Return the page of a finished job, HTML.
+
+        Raises
+        ------
+        UnknownResourceError
+            If there is no such job of the axis, or it has no answer.
+        """
+        with self._database.read() as session:
+            row = jobs.get_job(session, job_id)
+        if (row.kind, row.axis_id, row.status) != (self.kind, axis_id, jobs.DONE):
+            raise UnknownResourceError(f"axis '{axis_id}' has no finished job of kind {self.kind} '{job_id}'")
+        return self._reports.read(job_id)
+
+    def _question(self, axis_id: str, arguments: Arguments) -> Question:
+        if arguments.peaks is not None:
+            measured = Measured(tuple(peak.to_core() for peak in arguments.peaks))
+        else:
+            chosen = asked_for_measurements(arguments)
+            found = axis_measurements(self._database, self._waveforms, axis_id, chosen)
+            measured = Measured(found.observations, found.sentences)
+        return self._analysis.question(axis_id, arguments, measured)

@@ -1,0 +1,113 @@
+"""What the model of an axis lacks, from its stored measurements or from posted peaks: jobs of kind ``discrepancy``."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from monitor_core.discrepancy import ExplainOptions, explain, require_explainable
+from monitor_core.fitting.description import AxisDescription
+from monitor_core.recordings.model_file import model_file_text, parse_model
+from service.documents.explanation import explanation_document
+from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
+from service.operations.analysis_job import MOST_LISTED, Analysis, Answer, Measured
+from service.operations.fields import Number
+from service.operations.own_process import Progress, Report
+from service.report import explanation_page
+from service.store import jobs
+from service.store.database import Database
+from service.store.tables import JobRow
+
+#: Reported until the explanation reports its own.
+FIRST = Progress(1, None, "reading what was measured")
+
+
+class DiscrepancyIn(AnalysisArguments):
+    """What the axis is said to be, and what was measured of it: stored measurements, or peaks."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "examples": [
+                {"baseline": 'family = "lumped"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [300.0, 600.0]}
+            ]
+        },
+    )
+
+    baseline: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
+    measurements: MeasurementRange | None = None
+    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+        default=[],
+        description="positions that the fit does not see and is judged by; without any, two inner ones of five or "
+        "more, else each of four preloads or more in turn",
+    )
+
+    accelerometer: AccelerometerPlace | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiscrepancyQuestion:
+    """What the model of an axis lacks, by what was measured of it."""
+
+    axis_id: str
+    axis: AxisDescription
+    measured: Measured
+    options: ExplainOptions
+
+    def require(self) -> None:
+        """Refuse at once what cannot be explained."""
+        require_explainable(self.axis, self.measured.observations, self.options)
+
+    def answer(self, report: Report) -> Answer:
+        """Explain; the document is the JSON of ``preload explain``, the page its report."""
+        said = [FIRST.sentence]
+
+        def progress(sentence: str) -> None:
+            if said[-1] != sentence:
+                said.append(sentence)
+            report(Progress(len(said), None, sentence))
+
+        explanation = explain(self.axis, self.measured.observations, self.options, progress=progress)
+        model_text = model_file_text(explanation.augmented or self.axis)
+        title = f"Axis {self.axis_id} against its {self.axis.family} model"
+        return Answer(explanation_document(explanation, model_text), explanation_page(explanation, model_text, title))
+
+
+def _check(arguments: DiscrepancyIn) -> None:
+    parse_model(arguments.baseline, "baseline")
+
+
+def _question(axis_id: str, arguments: DiscrepancyIn, measured: Measured) -> DiscrepancyQuestion:
+    options = ExplainOptions(
+        hold_out=arguments.hold_out, accelerometer=arguments.accelerometer, assumptions=measured.assumptions
+    )
+    return DiscrepancyQuestion(axis_id, parse_model(arguments.baseline, "baseline"), measured, options)
+
+
+DISCREPANCY = Analysis("discrepancy", DiscrepancyIn, _check, _question, FIRST)
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedDiscrepancy:
+    """A finished job in the words of a list."""
+
+    job_id: str
+    finished_at: datetime
+    outcome: str
+    effects: tuple[str, ...]  # keys of what was found
+
+
+def finished_discrepancies(database: Database, axis_id: str) -> list[FinishedDiscrepancy]:
+    """Return the last jobs of an axis that came to an answer, newest first."""
+    with database.read() as session:
+        rows = jobs.finished_jobs(session, axis_id, DISCREPANCY.kind, MOST_LISTED)
+    return [_in_short(row) for row in rows]
+
+
+def _in_short(row: JobRow) -> FinishedDiscrepancy:
+    result = row.result or {}
+    effects = tuple(effect["key"] for effect in result["effects"])
+    return FinishedDiscrepancy(row.id, row.updated_at, result["outcome"], effects)

@@ -1,0 +1,30 @@
+"""Fields that several wire models share: moments and numbers."""
+
+import re
+from datetime import UTC, datetime
+from typing import Annotated
+
+from pydantic import AfterValidator, AllowInfNan, AwareDatetime, BeforeValidator, Field, Strict
+
+_RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
+#: Moments that every database and every conversion of zones can take, and that are no slip of the keyboard.
+EARLIEST, LATEST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
+
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+Positive = Annotated[Number, Field(gt=0)]
+
+
+def _rfc3339(value: object) -> object:
+    if isinstance(value, datetime) or (isinstance(value, str) and _RFC3339.fullmatch(value)):
+        return value
+    raise ValueError(f"expected date, time and zone as in 2026-03-02T06:00:00Z (RFC 3339); got {str(value)[:50]!r}")
+
+
+def _within_range(value: datetime) -> datetime:
+    if not EARLIEST <= value < LATEST:
+        raise ValueError(f"expected a moment from {EARLIEST:%Y} to {LATEST:%Y}; got {value.isoformat()}")
+    return value.astimezone(UTC)
+
+
+#: RFC 3339 with a zone; a bare number is not taken for a Unix time.
+Moment = Annotated[AwareDatetime, AfterValidator(_within_range), BeforeValidator(_rfc3339)]

@@ -1,0 +1,114 @@
+"""Joints of an axis from its stored measurements or from posted peaks: jobs of kind ``identification``."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.residuals.peaks import Weighting
+from monitor_core.identification import IdentifyOptions, PredictionRequest, identify, require_identifiable
+from monitor_core.recording import ExcitationSource
+from monitor_core.recordings.model_file import parse_model
+from monitor_core.uncertainty import Estimate
+from service.documents.identification import identification_document
+from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
+from service.operations.analysis_job import Analysis, Answer, Measured
+from service.operations.fields import Number
+from service.operations.own_process import Progress, Report
+
+#: What the objective may be, by its names on the wire and on the command line.
+OBJECTIVES = {"weighted": Weighting.UNCERTAINTY, "eq-26": Weighting.UNIT}
+
+
+class PredictionIn(BaseModel):
+    """A calibration to be predicted from the joints: of which mode, and at which preload they were measured."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    mode_hz: Annotated[
+        tuple[Annotated[Number, Field(gt=0, le=1e6)], Annotated[Number, Field(gt=0, le=1e6)]],
+        Field(description="holds the mode that will be monitored, alone at every position and preload"),
+    ]
+    preload_n: Annotated[Number, Field(gt=0, le=1e7)]
+    preload_standard_uncertainty_n: Annotated[Number, Field(gt=0, le=1e7)]
+    scatter_hz: Annotated[Number, Field(gt=0, le=1e6, description="between measurements of one setting")]
+    excitation_source: Literal["sensor", "drive"] = "sensor"
+
+    def to_core(self) -> PredictionRequest:
+        """Return the core's record."""
+        preload = Estimate(self.preload_n, self.preload_standard_uncertainty_n)
+        return PredictionRequest(self.mode_hz, preload, self.scatter_hz, ExcitationSource(self.excitation_source))
+
+
+class IdentificationIn(AnalysisArguments):
+    """Whose joints, and from what: stored measurements, or peaks."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        json_schema_extra={
+            "examples": [
+                {"model": 'family = "receptance"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [500.0]}
+            ]
+        },
+    )
+
+    model: Annotated[str, Field(max_length=20_000, description="drive model as TOML")]
+    measurements: MeasurementRange | None = None
+    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = Field(
+        default=[], description="positions that the fit does not see and is judged by; without any, each in turn"
+    )
+    limits: dict[str, tuple[Number, Number]] = Field(
+        default={}, max_length=20, description="lower and upper limit of a free joint, by its name in the model"
+    )
+    objective: Literal["weighted", "eq-26"] = "weighted"
+    prediction: PredictionIn | None = Field(default=None, description="also predict k1…k4, to be used as a prior")
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+
+    accelerometer: AccelerometerPlace | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentificationQuestion:
+    """Which joints an axis has, by what was measured of it."""
+
+    axis: AxisDescription
+    measured: Measured
+    options: IdentifyOptions
+
+    def require(self) -> None:
+        """Refuse at once what cannot be identified."""
+        require_identifiable(self.axis, self.measured.observations, self.options)
+
+    def answer(self, report: Report) -> Answer:
+        """Identify the joints; the document is the JSON of ``preload identify``."""
+        joints = identify(
+            self.axis,
+            self.measured.observations,
+            self.options,
+            progress=lambda done, total: report(Progress(done, total)),
+        )
+        return Answer(identification_document(joints))
+
+
+def _check(arguments: IdentificationIn) -> None:
+    parse_model(arguments.model, "model")
+
+
+def _question(axis_id: str, arguments: IdentificationIn, measured: Measured) -> IdentificationQuestion:
+    del axis_id
+    options = IdentifyOptions(
+        hold_out=arguments.hold_out,
+        limits=arguments.limits,
+        weighting=OBJECTIVES[arguments.objective],
+        seed=arguments.seed,
+        prediction=None if arguments.prediction is None else arguments.prediction.to_core(),
+        accelerometer=arguments.accelerometer,
+        assumptions=measured.assumptions,
+    )
+    return IdentificationQuestion(parse_model(arguments.model, "model"), measured, options)
+
+
+IDENTIFICATION = Analysis("identification", IdentificationIn, _check, _question, Progress(0))

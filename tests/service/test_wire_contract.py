@@ -1,0 +1,74 @@
+"""The wire is a contract: API and command line are those that other programs were written against.
+
+Anyone who changes it on purpose writes the new contract with ``python -m tests.service.test_wire_contract`` and says so
+in the changelog.
+"""
+
+import json
+import tempfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+
+from service.app import create_app
+from service.cli.main import COMMANDS
+from service.settings import Settings
+
+CONTRACT = Path(__file__).parent / "contract"
+
+
+def api(folder: Path) -> dict[str, Any]:
+    described: dict[str, Any] = create_app(Settings(data_dir=folder)).openapi()
+    return described
+
+
+def command_line() -> dict[str, Any]:
+    """Return every argument and option of every command, without the words of the help."""
+    described = {}
+    for name in sorted(COMMANDS):
+        command: click.Command = getattr(import_module(f"service.cli.{name}"), name)
+        described[name] = [
+            {
+                "name": parameter.name,
+                "kind": parameter.param_type_name,
+                "spelled": sorted([*parameter.opts, *parameter.secondary_opts]),
+                "type": parameter.type.name,
+                "choices": list(getattr(parameter.type, "choices", ())),
+                "required": parameter.required,
+                "multiple": parameter.multiple,
+                "nargs": parameter.nargs,
+            }
+            for parameter in command.params
+        ]
+    return described
+
+
+def written(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False, default=str) + "\n"
+
+
+def test_the_api_is_the_one_that_programs_were_written_against(tmp_path: Path) -> None:
+    assert written(api(tmp_path)) == (CONTRACT / "openapi.json").read_text(encoding="utf-8")
+
+
+def test_the_command_line_is_the_one_that_scripts_were_written_against() -> None:
+    assert written(command_line()) == (CONTRACT / "command_line.json").read_text(encoding="utf-8")
+
+
+def test_the_list_of_commands_is_complete_and_says_what_each_does() -> None:
+    folder = Path(import_module("service.cli").__file__ or "").parent
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "main", "output"}
+    assert set(COMMANDS) == modules
+    for name, sentence in COMMANDS.items():
+        command: click.Command = getattr(import_module(f"service.cli.{name}"), name)
+        first_word = command.get_short_help_str(200).split()[0]
+        assert sentence.split()[0] in {first_word, "Tell"}, name
+
+
+if __name__ == "__main__":
+    CONTRACT.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as data:
+        (CONTRACT / "openapi.json").write_text(written(api(Path(data))), encoding="utf-8")
+    (CONTRACT / "command_line.json").write_text(written(command_line()), encoding="utf-8")
