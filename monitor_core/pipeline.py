@@ -56,7 +56,7 @@ class AxisSettings:
 
 @dataclass(frozen=True, slots=True)
 class MeasurementOutcome:
-    """What came of one measurement."""
+    """Outcome of one measurement."""
 
     modal: ModalMeasurement | Rejection
     preload: PreloadEstimate | Rejection
@@ -92,7 +92,7 @@ def search_band(settings: AxisSettings, calibration: Calibration | None, window:
 def _whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
     """Tell which lines of a window are compared with a model, in hertz: all that can be used.
 
-    In the band of the mode alone friction may pass for a delay, and an antiresonance beside it is not seen.
+    In the band of the mode alone friction may look like a delay, and a nearby antiresonance is not seen.
     """
     low, high = _usable_band(window)
     stated_low, stated_high = settings.search_band or (low, high)
@@ -182,8 +182,8 @@ def advance(
 ) -> AxisState:
     """Carry the state of an axis over one measurement.
 
-    A refused measurement changes nothing, for it says nothing; nor does one whose preload was set on purpose, for it
-    says nothing about wear. What is watched is the preload feature: it is nearly normally distributed where newtons
+    A refused measurement changes nothing; nor does one whose preload was set on purpose, which tells nothing about
+    wear. What is watched is the preload feature: it is nearly normally distributed where newtons
     are not.
     """
     if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
@@ -202,7 +202,7 @@ def advance_estimate(
     calibration: Calibration,
     design: DetectorDesign,
 ) -> AxisState:
-    """Do the same from an estimate, however its frequency was come by."""
+    """Carry the state over one estimate, however its frequency was obtained."""
     if conditions.preload is not None:
         return state
     learning = state.detector.baseline is None

@@ -25,7 +25,7 @@ from monitor_core.spectral import (
 
 #: Windows dropped or taken back by the fit change the fit; what has not settled after so many is warned about.
 _PASSES = 3
-#: Share of a window's response that its fellows' median response leaves unexplained, for a gross misfit.
+#: Share of a window's response that the median response of the windows leaves unexplained, for a gross misfit.
 _GROSS_SHARE = 0.5
 #: A window is outlying if it leaves this many times the median misfit, both in absolute terms (or it would do no harm)
 #: and relative to its own response (or it is merely a strong one): three times in amplitude.
@@ -109,7 +109,7 @@ def average_and_fit(
 
 
 def outlying(residual: FloatArray, response: FloatArray, *, least_share: float = 0.0) -> BoolArray:
-    """Tell which windows leave far more unexplained than their fellows.
+    """Tell which windows leave far more unexplained than the others.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _choose(candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate
 def _fit_peak(spectra: BandSpectra, candidate: Candidate, maximum_modes: int) -> ModeFit | Rejection:
     """Fit one or two modes; two within a half-power bandwidth are one peak, fitted as one, with a warning.
 
-    Nobody could say from one measurement to the next which of the two is meant. Half of what the choice moves the
+    From one measurement to the next it would be unclear which of the two is meant. Half of what the choice moves the
     frequency by joins the uncertainty.
     """
 
@@ -208,7 +208,7 @@ def _refusals(kept: BoolArray, share: FloatArray) -> tuple[tuple[int, Rejection]
             int(i),
             Rejection(
                 RejectionReason.OUTLYING_WINDOW,
-                f"the response common to its fellows leaves {share[i]:.2g} of this window's power around the mode "
+                f"the response common to the other windows leaves {share[i]:.2g} of this window's power near the mode "
                 f"unexplained; {usual:.2g} is usual here",
             ),
         )

@@ -71,6 +71,6 @@ class ModelOrder:
         return 2 * self.n_modes + self.n_tones
 
     def n_parameters(self, n_windows: int) -> int:
-        """Real parameters, those of the windows included."""
+        """Count the real parameters, those of the windows included."""
         per_window = 2 * (self.n_transient_terms + self.n_tones)
         return self.n_nonlinear + 2 * self.n_response_terms + per_window * n_windows

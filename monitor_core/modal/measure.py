@@ -148,7 +148,7 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
 
 
 def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines: tuple[float, float]) -> BandSpectra:
-    """Transform once, over the search band and as far around it as the fit of a mode on its edge usually reaches.
+    """Compute spectra over the search band and as far around it as the fit of a mode on its edge usually reaches.
 
     And over all lines that are wanted.
 
@@ -169,7 +169,7 @@ def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines:
 
 
 def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
-    """Root of the one-sided spectral density of the excitation, mean over the half-power band."""
+    """Return the root of the one-sided spectral density of the excitation, mean over the half-power band."""
     half_width = max(mode.damping_ratio.value * mode.frequency.value, spectra.resolution)
     lines = spectra.within(mode.frequency.value - half_width, mode.frequency.value + half_width).excitation
     density = 2.0 * np.mean(np.abs(lines) ** 2, dtype=np.float64) / (spectra.n_samples * spectra.sample_rate)

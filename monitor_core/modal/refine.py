@@ -37,7 +37,7 @@ class ModeFit:
 
 
 def window_misfit(fit: ModeFit, spectra: BandSpectra) -> tuple[FloatArray, FloatArray]:
-    """Return what a fit leaves of windows, be they among those it was made from or not.
+    """Return what a fit leaves of windows, whether it was made from them or not.
 
     Each window keeps its own transient and tone amplitudes; poles and B are those of the fit.
 

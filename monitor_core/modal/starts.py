@@ -23,7 +23,7 @@ def start_one_mode(lines: FitLines, frequency: float, damping_ratio: float) -> F
 
 
 def start_two_modes(lines: FitLines, one_mode: FloatArray) -> list[FloatArray]:
-    """Return the two likeliest places of two modes: a rational fit, or a second mode somewhere beside the first.
+    """Return the two likeliest places of two modes: a rational fit, or a second mode near the first.
 
     Parameters
     ----------

@@ -17,8 +17,9 @@ Where the table swings on its bracket by itself, :math:`1 + c_s Z' = 0`, a torqu
 antiresonance that follows bracket and table, and no preload.
 
 The natural frequencies of the models and all other responses keep the nut's mass with the table: where a bracket is
-stated and the nut has a mass, an accelerometer on it peaks beside them, by 2.3 % on the machine of the bundled sessions
-(1.3 of 21.8 kg). Where one of the two is absent nothing is moved, and the peaks are the natural frequencies.
+stated and the nut has a mass, the peaks of an accelerometer on it differ from them, by 2.3 % on the machine of the
+bundled sessions (1.3 of 21.8 kg). Where one of the two is absent nothing is moved, and the peaks are the natural
+frequencies.
 """
 
 import math

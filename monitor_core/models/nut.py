@@ -36,7 +36,7 @@ def nut_rigidity(nut_stiffness: float, preload: float | None, dynamic_load_ratin
         )
     if dynamic_load_rating is None:
         raise OutsideValidityError(
-            f"a preload of {preload} N changes nothing in a model without dynamic_load_rating_n; state the rating"
+            f"a preload of {preload} N has no effect in a model without dynamic_load_rating_n; state the rating"
         )
     rated_preload = 0.1 * dynamic_load_rating
     if preload > rated_preload * (1.0 + 1e-9):

@@ -123,7 +123,21 @@ class DriveModel(Protocol):
         excitation: ExcitationPoint,
         response: ResponsePoint,
     ) -> FrequencyResponse:
-        """Return the response per unit excitation at frequencies above zero, shape (n_frequencies,) [Hz]."""
+        """Return the response per unit excitation, named by ISO 7626.
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (n_frequencies,)
+            Above zero. [Hz]
+        conditions : DriveConditions
+        excitation, response : ExcitationPoint, ResponsePoint
+            Where the drive is driven and where it answers; a torque says what holds the motor end.
+
+        Raises
+        ------
+        OutsideValidityError
+            If a frequency is not positive or a condition is out of the model's range.
+        """
         ...
 
     def natural_frequencies(

@@ -2,6 +2,9 @@
 
 Axial and torsional waves obey one equation. Axially the rigidity is E S and the wave runs on E; in torsion it is G J
 and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.
+
+The rods are described by their rigidity, E S [N] or G J [N·m²], their wave number, shape (n_frequencies,), not zero
+[rad/m], and their length [m].
 """
 
 import math
@@ -12,7 +15,7 @@ import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
 
-#: What is real on the frequency axis and complex beside it.
+#: Real on the frequency axis, complex away from it.
 Wave = TypeVar("Wave", FloatArray, ComplexArray)
 
 
@@ -70,24 +73,14 @@ def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
 
 
 def rod_waves(rigidity: float, wave_number: Wave, length: float) -> RodWaves[Wave]:
-    """Return the trigonometry of a rod, all that a closed form needs to know of it.
-
-    Parameters
-    ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
-    """
+    """Return the trigonometry of a rod, all that a closed form needs to know of it."""
     z = rigidity * wave_number
     sine = np.sin(wave_number * length)
     return RodWaves(np.cos(wave_number * length), sine / z, z * sine)
 
 
 def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
-    r"""Receptance of a rod with free ends.
+    r"""Return the receptance of a rod with free ends.
 
     .. math::
 
@@ -95,15 +88,6 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
         \end{bmatrix}, \qquad z = E S \lambda \text{ or } G J \lambda
 
     Eqs. (1), (2), (10) and (11) of Tian et al.
-
-    Parameters
-    ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
 
     Returns
     -------
@@ -119,20 +103,11 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
 
 
 def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
-    r"""Dynamic stiffness of a rod, the inverse of its receptance.
+    r"""Return the dynamic stiffness of a rod, the inverse of its receptance.
 
     .. math::
 
         \mathbf D = z \begin{bmatrix} \cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & \cot\lambda l \end{bmatrix}
-
-    Parameters
-    ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
 
     Returns
     -------
@@ -146,7 +121,7 @@ def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> 
 def condensed_stiffness(
     rigidity: float, wave_number: Wave, length: float, end_stiffness: FloatArray | ComplexArray
 ) -> ComplexArray:
-    r"""Dynamic stiffness felt at one end of a rod whose other end is held by a dynamic stiffness k.
+    r"""Return the dynamic stiffness felt at one end of a rod whose other end is held by a dynamic stiffness k.
 
     .. math::
 
@@ -156,12 +131,8 @@ def condensed_stiffness(
 
     Parameters
     ----------
-    rigidity : float
-        E S [N] or G J [N·m²].
-    wave_number : ndarray, shape (n_frequencies,)
-        Not zero. [rad/m]
-    length : float
-        [m]
+    rigidity, wave_number, length
+        As for all functions.
     end_stiffness : ndarray, shape (n_frequencies,) or ()
         k(ω): spring, damper and mass at the other end together. [N/m] or [N·m/rad]
 
@@ -182,9 +153,9 @@ def condensed_stiffness(
     return np.asarray(quotient, dtype=np.complex128)
 
 
-def _symmetric(diagonal: FloatArray | ComplexArray, beside: FloatArray | ComplexArray) -> ComplexArray:
+def _symmetric(diagonal: FloatArray | ComplexArray, off_diagonal: FloatArray | ComplexArray) -> ComplexArray:
     """Return a stack of symmetric 2 × 2 matrices with equal diagonal, shape (..., 2, 2)."""
     matrix = np.empty((*np.shape(diagonal), 2, 2), dtype=np.complex128)
     matrix[..., 0, 0] = matrix[..., 1, 1] = diagonal
-    matrix[..., 0, 1] = matrix[..., 1, 0] = beside
+    matrix[..., 0, 1] = matrix[..., 1, 0] = off_diagonal
     return matrix

@@ -1,4 +1,7 @@
-"""Compute the uncertainty budget of the preload feature: errors new in each measurement, and errors all share."""
+"""Compute the uncertainty budget of the preload feature: errors new in each measurement, and errors all share.
+
+All functions raise ``OutsideValidityError`` if a payload is below the reference by more than the moving mass.
+"""
 
 import math
 from collections.abc import Sequence
@@ -83,11 +86,6 @@ def parameter_gradients(feature: float, conditions: Sequence[Conditions], calibr
     -------
     ndarray, shape (n_conditions, n_parameters)
         In the order of ``calibration.parameter_names``; k3 has no part in the feature. [s² per unit of the parameter]
-
-    Raises
-    ------
-    OutsideValidityError
-        If a payload is below the reference by more than the moving mass.
     """
     x = np.array([stated.position for stated in conditions])
     payload, temperature = np.array([calibration.excess(stated) for stated in conditions]).reshape(-1, 2).T
@@ -127,11 +125,6 @@ def uncertainty_budget(
     UncertaintyBudget
         Scatter between measurements and the fitted parameters come from the same residuals: they count as one source
         in the effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B).
-
-    Raises
-    ------
-    OutsideValidityError
-        See :func:`parameter_gradients`.
     """
     payload, temperature = calibration.excess(conditions)
     f = frequency.value
@@ -166,7 +159,7 @@ def uncertainty_budget(
 
 
 def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:
-    """Welch–Satterthwaite over (variance, degrees of freedom), never below the poorest source (its bound in theory)."""
+    """Apply Welch–Satterthwaite to (variance, degrees of freedom); at least the fewest of a source, its lower bound."""
     spread = sum(variance**2 / dof for variance, dof in sources)
     poorest = min((dof for variance, dof in sources if variance > 0.0), default=math.inf)
     return max(poorest, total**2 / spread) if spread > 0.0 else math.inf
@@ -197,11 +190,6 @@ def systematic_uncertainty_between(
     -------
     float
         Standard uncertainty of feature minus baseline; 0 under conditions like those of the baseline. [s²]
-
-    Raises
-    ------
-    OutsideValidityError
-        See :func:`parameter_gradients`.
     """
     gradients = parameter_gradients(feature, [*baseline_conditions, conditions], calibration)
 

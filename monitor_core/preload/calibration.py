@@ -162,7 +162,7 @@ class Calibration:
         )
 
     def excess(self, conditions: Conditions) -> tuple[float, float]:
-        """Payload [kg] and temperature [K] above the reference; what is not stated is taken as the reference."""
+        """Return payload [kg] and temperature [K] above the reference; what is not stated is taken as the reference."""
         payload, temperature = conditions.payload_mass, conditions.temperature
         return (
             0.0 if payload is None else payload - self.reference_payload,
@@ -209,7 +209,7 @@ def declared_influences(
 
 
 def refuse_blind_mode(fitted: VectorEstimate) -> None:
-    """Without a significant, positive k3 no interval of the preload has an upper end."""
+    """Refuse a k3 that is not significantly positive: no interval of the preload would have an upper end."""
     k3, uncertainty = fitted.values[2], fitted.standard_uncertainties[2]
     if k3 <= special.stdtrit(fitted.degrees_of_freedom, 0.975) * uncertainty:
         raise NotIdentifiableError(

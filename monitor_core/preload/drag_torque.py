@@ -37,7 +37,7 @@ class DragTorque:
 
 
 def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
-    r"""Mean torque of the constant-velocity travels of both directions.
+    r"""Average the torque of the constant-velocity travels of both directions.
 
     .. math::
 

@@ -139,7 +139,7 @@ def _fieller_interval(feature: float, calibration: Calibration, budget: Uncertai
 def _refuse_other_excitation(
     calibration: Calibration, source: ExcitationSource | None, quantity: ExcitationQuantity | None
 ) -> Rejection | None:
-    """Torque at the screw, motor torque and force see different poles: one calibration each."""
+    """Refuse another excitation: torque at the screw, motor torque and force see different poles."""
     known = calibration.excitation_quantity
     if quantity is not None and known is not None and quantity != known:
         return Rejection(
@@ -155,7 +155,7 @@ def _refuse_other_excitation(
 
 
 def _refuse_payload(conditions: Conditions, calibration: Calibration) -> Rejection | None:
-    """1 kg uncorrected makes a healthy 300 N read about 100 N: no answer is better than that one."""
+    """Refuse a payload that cannot be corrected: 1 kg more would make a healthy 300 N read about 100 N."""
     excess, _ = calibration.excess(conditions)
     if excess == 0.0 or INVERSE_MOVING_MASS in calibration.parameter_names:
         return None

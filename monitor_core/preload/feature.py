@@ -34,7 +34,7 @@ def _positive(name: str, values: float | FloatArray, unit: str) -> FloatArray:
 
 
 def _like_given(values: FloatArray) -> float | FloatArray:
-    """Scalars in, scalar out."""
+    """Return a scalar for scalars."""
     return values if values.ndim else float(values)
 
 

@@ -90,7 +90,7 @@ def fit_with_prior(prior: CoefficientPrior, rows: ReadingRows, weighting: Weight
 
 
 def _expected_square(prior: CoefficientPrior, rows: ReadingRows) -> float:
-    """τ², what the prior expects of the square of a weighted residual."""
+    """Return τ², what the prior expects of the square of a weighted residual."""
     square = float(np.mean((rows.weight * rows.slope) ** 2 * (rows.stated**2 + prior.reproducibility**2)))
     if not square > 0.0:
         raise OutsideValidityError(

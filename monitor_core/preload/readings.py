@@ -80,7 +80,7 @@ def reading_columns(readings: Sequence[ModalReading], weighting: Weighting) -> R
 
 
 def position_groups(position: FloatArray) -> list[FloatArray]:
-    """Row numbers of the readings at each distinct position."""
+    """Return the row numbers of the readings at each distinct position."""
     order = np.argsort(position, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(position[order]) > POSITION_RESOLUTION) + 1)
 

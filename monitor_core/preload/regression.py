@@ -40,7 +40,7 @@ class LeastSquaresFit:
         object.__setattr__(self, "leverage", read_only(self.leverage))
 
     def covariance_under(self, variance: FloatArray) -> FloatArray:
-        """Covariance of the parameters if the observations scatter with these variances, shape (n,)."""
+        """Return the covariance of the parameters if the observations scatter with these variances, shape (n,)."""
         return (self.estimator * variance) @ self.estimator.T
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.errors import MonitorCoreError, RecordingFormatError
+from monitor_core.errors import RecordingFormatError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.calibration import (
     COEFFICIENT_NAMES,
@@ -26,7 +26,7 @@ from monitor_core.preload.calibration import (
 from monitor_core.preload.capability import minimum_detectable_loss
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.files import naming, read_text
 from monitor_core.recordings.elements.json_fields import json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.uncertainty import VectorEstimate
@@ -133,12 +133,8 @@ def calibration_from_document(document: object, where: str = "calibration") -> C
     """
     top = json_object(document, where)
     top.require_format(FORMAT, VERSION)
-    try:
+    with naming(where):
         return _calibration(top)
-    except RecordingFormatError:
-        raise
-    except MonitorCoreError as error:  # a record refused to exist with these values
-        raise RecordingFormatError(f"{where}: {error}") from error
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:

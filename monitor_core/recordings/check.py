@@ -107,7 +107,7 @@ def _format_of_columns(text: str) -> str:
 
 
 def _format_of_hdf5(path: Path) -> str:
-    """Two of our formats are HDF5; a file that is damaged or says neither is judged by its name, or as a session."""
+    """Name the format of an HDF5 file; one that is damaged or states none is judged by its name, or as a session."""
     try:
         with open_hdf5(path) as file, refusing(path.name, "a readable format"):
             name = attributes(file, frozenset(("format",)), path.name).text("format")

@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import Any
 
 from monitor_core.effects.effect import Effect
-from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.recordings.elements.files import read_text, refusing
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.files import naming, read_text, refusing
 
 
 def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
@@ -50,11 +50,8 @@ def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
     """
     text = read_text(path)
     namespace: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
-    try:
-        with refusing(path.name, "a Python file of effects"):
-            exec(compile(text, path.name, "exec"), namespace)  # noqa: S102 what the user gives is the user's own program
-    except OutsideValidityError as error:  # an effect that cannot be
-        raise RecordingFormatError(f"{path.name}: {error}") from error
+    with naming(path.name), refusing(path.name, "a Python file of effects"):
+        exec(compile(text, path.name, "exec"), namespace)  # noqa: S102 what the user gives is the user's own program
     if "EFFECTS" not in namespace:
         raise RecordingFormatError(f"{path.name}: expected a definition of EFFECTS, a tuple of effects; it is missing")
     effects = namespace["EFFECTS"]

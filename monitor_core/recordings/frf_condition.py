@@ -11,6 +11,7 @@ from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.elements.hdf5 import attributes, column, values_of, write_attributes
 from monitor_core.recordings.elements.response_units import excitation_unit, is_response_unit, response_unit
 from monitor_core.recordings.elements.units import metres, to_millimetres
@@ -30,7 +31,7 @@ _KNOWN_ATTRIBUTES = TEMPERATURES.union(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredResponse:
-    """One condition of a set: the observation, and the temperature as stated beside its deviation."""
+    """One condition of a set: the observation, and the temperature as stated with its deviation."""
 
     observation: FrequencyResponseObservation
     temperature: float | None = None  # of the axis [°C]; None: not stated
@@ -53,7 +54,7 @@ def read_condition(group: "h5py.Group", where: str, reference: float | None) -> 
             f"{excitation}; got {unit!r}"
         )
     frequency, response, deviation = _read_lines(group, where)
-    try:
+    with naming(where):
         observation = FrequencyResponseObservation(
             _conditions(fields, excitation_unit(excitation), reference),
             frequency,
@@ -64,8 +65,6 @@ def read_condition(group: "h5py.Group", where: str, reference: float | None) -> 
             fields.optional_number("resolution_hz", "Hz") or 0.0,
         )
         return MeasuredResponse(observation, fields.optional_number("temperature_c", "°C"))
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{where}: {error}") from error
 
 
 def _conditions(fields: Fields, unit: str, reference: float | None) -> DriveConditions:

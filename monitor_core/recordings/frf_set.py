@@ -82,23 +82,13 @@ def open_frf_set(path: Path) -> Iterator[FrequencyResponseSetReader]:
 
 
 def read_frf_set(path: Path) -> FrequencyResponseSet:
-    """Read an FRF set.
-
-    Parameters
-    ----------
-    path : Path
-        A ``*.frf.h5`` file.
+    """Read an FRF set; raises as :func:`open_frf_set`.
 
     Returns
     -------
     FrequencyResponseSet
         SI units. Of what is not stated, the preload is None and the payload and the deviation from the reference
         temperature are 0; an excitation level that is not stated counts as small signals.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is no such set: one sentence says what was expected, what was got, and where.
     """
     with open_frf_set(path) as reader:
         return FrequencyResponseSet(tuple(reader.measured(name) for name in reader.conditions))

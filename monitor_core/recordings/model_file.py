@@ -28,7 +28,7 @@ from monitor_core.models.motion import FAMILY as MOTION
 from monitor_core.models.motion import MotionParameters
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.files import naming, read_text
 
 _TABLES = ("parameters", "uncertain", "effects")
 _NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)
@@ -100,14 +100,10 @@ def _from_document(document: Mapping[str, object], where: str) -> AxisDescriptio
     top = Fields(document, where)
     top.only({"family", *_TABLES})
     name, parameters = top.text("family"), _numbers(top.table("parameters"))
-    try:
+    with naming(f"{where}, family"):
         record = _parameters_of(name)
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{where}, family: {error}") from error
-    try:
+    with naming(f"{where} [parameters]"):
         record.from_file_names(parameters, name)
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{where} [parameters]: {error}") from error
     effects = top.table("effects") if "effects" in top else Fields({}, where)
     return AxisDescription(
         family=name,
@@ -131,8 +127,8 @@ def _uncertain(fields: Fields, parameters: Mapping[str, float]) -> dict[str, flo
     for name in shares:
         if parameters[name] == 0.0:
             raise RecordingFormatError(
-                f"{fields.where}, {name}: a share of 0 is nothing; expected a parameter that is not zero, got 0 in "
-                "[parameters]"
+                f"{fields.where}, {name}: expected a parameter that is not zero, since the uncertainty is a share of "
+                "it; got 0 in [parameters]"
             )
     return shares
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.errors import RecordingFormatError
 from monitor_core.motion import MotionRecord
 from monitor_core.recording import ExcitationQuantity
+from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw import csv_samples
 from monitor_core.recordings.raw.channels import Channels
 
@@ -51,7 +52,7 @@ def read_motion_record(path: Path) -> MotionRecord:
         raise RecordingFormatError(
             f"{path.name}: expected a motion of at least {FEWEST_SAMPLES} samples; got {time.size}"
         )
-    try:
+    with naming(path.name):
         return MotionRecord(
             _sample_rate(time, path.name),
             position,
@@ -59,8 +60,6 @@ def read_motion_record(path: Path) -> MotionRecord:
             DRIVES[drives[0]],
             _column(channels, REFERENCE) if REFERENCE in channels.names else None,
         )
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{path.name}: {error}") from error
 
 
 def write_motion_record(path: Path, record: MotionRecord) -> None:

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.errors import InvalidWindowError, RecordingFormatError
+from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import refusing
+from monitor_core.recordings.elements.files import naming, refusing
 from monitor_core.recordings.elements.hdf5 import (
     attributes,
     column,
@@ -106,22 +106,12 @@ def open_session(path: Path) -> Iterator[SessionReader]:
 
 
 def read_session(path: Path) -> Session:
-    """Read a whole session into memory.
-
-    Parameters
-    ----------
-    path : Path
-        A ``*.session.h5`` file.
+    """Read a whole session into memory; raises as :func:`open_session`.
 
     Returns
     -------
     Session
         Windows in time order; samples in the precision of the file, positions in metres.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is no such session: one sentence says what was expected, what was got, and where.
     """
     with open_session(path) as reader:
         return Session(reader.axis_id, tuple(reader.windows()), reader.description, reader.created)
@@ -196,7 +186,7 @@ def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
     fields.exactly("response_quantity", RESPONSE_QUANTITY)
     fields.exactly("response_unit", RESPONSE_UNIT)
     trace = _samples(group, "position", where) if "position" in group else None
-    try:
+    with naming(where):
         return Window(
             excitation=_samples(group, "excitation", where),
             response=_samples(group, "response", where),
@@ -215,8 +205,6 @@ def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
             position_span=_position_span(fields, trace),
             position_trace=None if trace is None else trace.astype(np.float64),
         )
-    except InvalidWindowError as error:
-        raise RecordingFormatError(f"{where}: {error}") from error
 
 
 def _position_span(fields: Fields, trace: SampleArray | None) -> float:

@@ -1,4 +1,7 @@
-"""Judge an estimated coherence: its bias, significance, random errors and independent averages."""
+"""Judge an estimated coherence: its bias, significance, random errors and independent averages.
+
+``n_averages`` is everywhere the number of independent averages [-]; fewer than two raise ``OutsideValidityError``.
+"""
 
 import numpy as np
 
@@ -18,18 +21,11 @@ def coherence_bias(coherence: FloatArray | float, n_averages: float) -> FloatArr
     ----------
     coherence : float or ndarray
         True ordinary coherence γ². [-]
-    n_averages : float
-        Independent averages, at least 2. [-]
 
     Returns
     -------
     ndarray
         Expected excess over the true value. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two averages.
 
     Examples
     --------
@@ -57,8 +53,6 @@ def significance_level(n_averages: float, *, false_alarm_probability: float = 0.
 
     Parameters
     ----------
-    n_averages : float
-        Independent averages, at least 2. [-]
     false_alarm_probability : float
         α. [-]
 
@@ -66,11 +60,6 @@ def significance_level(n_averages: float, *, false_alarm_probability: float = 0.
     -------
     float
         Threshold. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two averages.
 
     Examples
     --------
@@ -98,18 +87,11 @@ def random_error(coherence: FloatArray | float, n_averages: float) -> FloatArray
     ----------
     coherence : float or ndarray
         Ordinary coherence γ², above 0. [-]
-    n_averages : float
-        Independent averages, at least 2. [-]
 
     Returns
     -------
     ndarray
         Relative standard deviation of the magnitude [-], and standard deviation of the phase [rad].
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two averages.
 
     Examples
     --------
@@ -207,5 +189,5 @@ def _window(t: FloatArray, taper: Taper) -> FloatArray:
 
 def _at_least_two(n_averages: float) -> float:
     if not n_averages >= 2.0:
-        raise OutsideValidityError(f"coherence says nothing with fewer than 2 averages; got {n_averages:g}")
+        raise OutsideValidityError(f"coherence needs at least 2 averages; got {n_averages:g}")
     return float(n_averages)

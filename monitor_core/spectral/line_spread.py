@@ -57,10 +57,10 @@ def line_spread(excitation: SampleArray, sample_rate: float, frequency: FloatArr
     n_samples = excitation.shape[1]
     resolution = sample_rate / n_samples
     line = np.rint(frequency / resolution).astype(np.intp)
-    beside = np.abs(frequency - line * resolution)
-    if np.max(beside, initial=0.0) > 1e-6 * resolution:
+    offset = np.abs(frequency - line * resolution)
+    if np.max(offset, initial=0.0) > 1e-6 * resolution:
         raise OutsideValidityError(
-            f"lines of these windows are whole multiples of {resolution:g} Hz; got {frequency[np.argmax(beside)]:g} Hz"
+            f"lines of these windows are whole multiples of {resolution:g} Hz; got {frequency[np.argmax(offset)]:g} Hz"
         )
     since_rest = excitation - np.median(excitation, axis=1, keepdims=True)
     halves = scipy.fft.fft(since_rest, 2 * n_samples, axis=1)

@@ -62,7 +62,7 @@ class Baseline:
             raise OutsideValidityError(f"scatter must be positive; got {self.scatter}")
 
     def standardise(self, observation: Observation) -> float:
-        r"""Residual of a later measurement in standard deviations, with its dead zone.
+        r"""Return the residual of a later measurement in standard deviations, with its dead zone.
 
         .. math::
 
@@ -80,7 +80,7 @@ class Baseline:
         return math.copysign(evidence / scatter_of_difference, difference)
 
     def prediction_interval(self, level: float = 0.95) -> Interval:
-        r"""Where one more healthy measurement will lie, :math:`\bar x \pm t^* s \sqrt{1 + 1/m}`.
+        r"""Predict where one more healthy measurement will lie, :math:`\bar x \pm t^* s \sqrt{1 + 1/m}`.
 
         For people to look at: alarms come from the charts, whose false-alarm rate is stated.
         """

@@ -86,7 +86,7 @@ class BaselineErrors:
 
 
 def baseline_errors(baseline_size: int, n_mean: int = 15, n_scatter: int = 15) -> BaselineErrors:
-    r"""Nodes and weights over the sampling distribution of the baseline's mean and scatter.
+    r"""Return nodes and weights over the sampling distribution of the baseline's mean and scatter.
 
     The mean errs by :math:`\delta \sim N(0, 1/m)` and the scatter by the factor :math:`\sqrt{\chi^2_{m-1}/(m-1)}`,
     independently; the residual divided by :math:`s\sqrt{1+1/m}` is then normal with the shift and scale returned.
@@ -245,9 +245,7 @@ def _solve(expected_number: Callable[[float], float], wanted: float) -> float:
     while expected_number(lower) < wanted:
         lower *= 0.5
         if lower < 1e-3:
-            raise OutsideValidityError(
-                f"{wanted:g} false alarms in a year are more than any limit gives; ask for fewer"
-            )
+            raise OutsideValidityError(f"no limit gives as many as {wanted:g} false alarms in a year; ask for fewer")
     while expected_number(upper) > wanted:
         lower, upper = upper, 1.5 * upper
     # the logarithm is nearly straight in the limit; an expectation of exactly 0 lies far below every wanted number

@@ -1,4 +1,8 @@
-"""Compute intervals of repeated readings: of their mean, of the next reading, of the population."""
+"""Compute intervals of repeated readings: of their mean, of the next reading, of the population.
+
+Readings are independent, in any unit, shape (n_readings,); an interval is in the same unit. Fewer than two readings, or
+one that is not finite, raise ``OutsideValidityError``.
+"""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +17,7 @@ from monitor_core.uncertainty import Interval, IntervalKind
 
 
 def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: float = 0.95) -> Interval:
-    r"""Confidence interval of the mean of a population, from a sample of it.
+    r"""Return the confidence interval of the mean of a population, from a sample of it.
 
     .. math::
 
@@ -23,20 +27,13 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
 
     Parameters
     ----------
-    readings : sequence of float, shape (n_readings,)
-        Independent readings; any unit. [-]
     level : float
         How often the interval covers the mean. [-]
 
     Returns
     -------
     Interval
-        Of kind ``CONFIDENCE``, in the unit of the readings.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or one is not finite.
+        Of kind ``CONFIDENCE``.
 
     Notes
     -----
@@ -57,7 +54,7 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
 
 
 def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: float = 0.95) -> Interval:
-    r"""Prediction interval of the next reading of the same population.
+    r"""Return the prediction interval of the next reading of the same population.
 
     .. math::
 
@@ -67,20 +64,13 @@ def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: f
 
     Parameters
     ----------
-    readings : sequence of float, shape (n_readings,)
-        Independent readings; any unit. [-]
     level : float
         How often the interval covers the next reading. [-]
 
     Returns
     -------
     Interval
-        Of kind ``PREDICTION``, in the unit of the readings.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or one is not finite.
+        Of kind ``PREDICTION``.
 
     References
     ----------
@@ -90,7 +80,7 @@ def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: f
 
 
 def prediction_interval(mean: float, scatter: float, n_readings: int, level: float = 0.95) -> Interval:
-    """Do the same from the mean, the standard deviation and the number of the readings."""
+    """Return the prediction interval from mean, standard deviation and number of the readings."""
     half = _student_t(n_readings - 1, level) * scatter * math.sqrt(1.0 + 1.0 / n_readings)
     return Interval(mean - half, mean + half, IntervalKind.PREDICTION, level)
 
@@ -98,26 +88,19 @@ def prediction_interval(mean: float, scatter: float, n_readings: int, level: flo
 def tolerance_interval_of_population(
     readings: Sequence[float] | FloatArray, share: float = 0.95, level: float = 0.95
 ) -> Interval:
-    """Tolerance interval: holds at least a stated share of a normal population, with a stated confidence.
+    """Return an interval that holds a stated share of a normal population, with a stated confidence.
 
     Parameters
     ----------
-    readings : sequence of float, shape (n_readings,)
-        Independent readings; any unit. [-]
     share : float
         Share of the population that is to lie inside. [-]
     level : float
-        How often the interval keeps that promise. [-]
+        How often the interval holds that share. [-]
 
     Returns
     -------
     Interval
-        Of kind ``TOLERANCE``, in the unit of the readings; its level is the confidence.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or one is not finite.
+        Of kind ``TOLERANCE``; its level is the confidence.
     """
     mean, scatter, n = _moments(readings)
     half = tolerance_factor(n, share, level) * scatter
@@ -125,7 +108,7 @@ def tolerance_interval_of_population(
 
 
 def tolerance_factor(n_readings: int, share: float = 0.95, level: float = 0.95) -> float:
-    r"""Exact two-sided tolerance factor of a normal population with unknown mean and variance.
+    r"""Return the exact two-sided tolerance factor of a normal population with unknown mean and variance.
 
     Solves, for the factor :math:`k`,
 
@@ -206,10 +189,8 @@ def paper_rule(
 
     Parameters
     ----------
-    baseline_readings : sequence of float, shape (n_readings,)
-        Readings of the one group; any unit. [-]
-    current_readings : sequence of float, shape (n_readings,)
-        Readings of the other group, same unit. [-]
+    baseline_readings, current_readings : sequence of float, shape (n_readings,)
+        Readings of the two groups, in the same unit. [-]
     level : float
         Level of both intervals. [-]
 
@@ -217,11 +198,6 @@ def paper_rule(
     -------
     PaperRule
         Both intervals, and whether they tell the groups apart.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a group has fewer than two readings, or one is not finite.
 
     Notes
     -----

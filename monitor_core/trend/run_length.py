@@ -1,8 +1,9 @@
 """Compute the average run length of control charts.
 
 All functions take the true distribution of the residual as the chart sees it, N(shift, scale²), counted positive
-towards loss. ``shift`` and ``scale`` may be arrays: on an *estimated* baseline even a healthy axis shows a shift and a
-scale other than 1, different ones for each baseline.
+towards loss. ``shift`` and ``scale`` [-] may be arrays of any shape: on an *estimated* baseline even a healthy axis
+shows a shift and a scale other than 1, different ones for each baseline. All functions return the measurements up to
+and including the signal [-], at most 1e12, in that shape. A limit that is not positive raises ``OutsideValidityError``.
 """
 
 import math
@@ -29,10 +30,10 @@ def cusum_run_length(
     confirmed_limit: float = math.inf,
     n_cells: int = 80,
 ) -> FloatArray:
-    r"""Average run length of the one-sided CUSUM, from an empty chart to a value above its limit.
+    r"""Return the average run length of the one-sided CUSUM, from an empty chart to a value above its limit.
 
     Markov chain of [1]_: [0, h] in cells of width w = 2h/(2n − 1), the first of which is half a cell around zero. With
-    a second rule beside it, that two residuals in a row beyond a limit signal as well, the chain also remembers
+    a second rule, by which two residuals in a row beyond a limit signal as well, the chain also remembers
     whether the last residual was beyond. With the transitions P₀ of a residual within and P₁ of one beyond, the mean
     lengths a after one within and b after one beyond are
 
@@ -46,24 +47,12 @@ def cusum_run_length(
         h. [-]
     reference : float
         k. [-]
-    shift, scale : array_like, shape (...)
-        Mean and standard deviation of the residual. [-]
     largest_increment : float
         Winsorising constant of :func:`monitor_core.trend.charts.cusum_step`. [-]
     confirmed_limit : float
         Shewhart limit of the second rule; infinite without it. [-]
     n_cells : int
         Cells of the chain. The error falls with its square; 80 give 0.1 % at k = 0.5, h = 5. [-]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Measurements up to and including the signal; at most 1e12. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the limit is not positive.
 
     Examples
     --------
@@ -111,7 +100,7 @@ def ewma_run_length(
     largest_residual: float = math.inf,
     n_cells: int = 81,
 ) -> FloatArray:
-    r"""Average run length of an EWMA from zero to beyond its limit.
+    r"""Return the average run length of an EWMA from zero to beyond its limit.
 
     Markov chain of [1]_ on [−c, c].
 
@@ -121,22 +110,10 @@ def ewma_run_length(
         c, the limit of the average itself; :math:`c = L \sqrt{\lambda/(2-\lambda)}`. [-]
     weight : float
         λ. [-]
-    shift, scale : array_like, shape (...)
-        Mean and standard deviation of the residual. [-]
     largest_residual : float
         Magnitude at which residuals are winsorised. [-]
     n_cells : int
         Cells of the chain; odd, so that zero is the middle of one. 81 give 0.6 % at λ = 0.1, ARL 500. [-]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Measurements up to and including the signal; at most 1e12. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the limit is not positive.
 
     Examples
     --------
@@ -174,7 +151,7 @@ def shewhart_run_length(
     consecutive: int = 1,
     two_sided: bool = False,
 ) -> FloatArray:
-    r"""Average run length of a Shewhart chart that signals after some consecutive residuals beyond the limit.
+    r"""Return the average run length of a Shewhart chart that signals after consecutive residuals beyond the limit.
 
     .. math::
 
@@ -186,17 +163,10 @@ def shewhart_run_length(
     ----------
     limit : float
         In standard deviations. [-]
-    shift, scale : array_like, shape (...)
-        Mean and standard deviation of the residual. [-]
     consecutive : int
         r. [-]
     two_sided : bool
         Residuals beyond the limit on either side count. [-]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Measurements up to and including the signal; at most 1e12. [-]
 
     Examples
     --------
@@ -219,14 +189,14 @@ def shewhart_run_length(
 
 
 def _normal_cdf(points: FloatArray, shift: npt.ArrayLike, scale: npt.ArrayLike) -> FloatArray:
-    """P(residual ≤ point), shape (*distributions, *points)."""
+    """Return P(residual ≤ point), shape (*distributions, *points)."""
     shift, scale = np.broadcast_arrays(np.asarray(shift, dtype=np.float64), np.asarray(scale, dtype=np.float64))
     expand = (...,) + (None,) * points.ndim
     return np.asarray(special.ndtr((points - shift[expand]) / scale[expand]))
 
 
 def _first_passage(transition: FloatArray, duration: FloatArray, start_cell: int) -> FloatArray:
-    """Mean duration until the chain leaves its cells, when a stay in each has a duration, shape (..., n_cells, 1)."""
+    """Return the mean time until the chain leaves its cells; ``duration`` is of a stay, shape (..., n_cells, 1)."""
     surviving = (1.0 - 1.0 / _LONGEST) * transition
     return np.asarray(np.linalg.solve(np.eye(transition.shape[-1]) - surviving, duration)[..., start_cell, 0])
 

@@ -36,7 +36,7 @@ class Run:
     total: float  # sum of the differences from the baseline's mean, in the unit of the observations
 
     def mean_change(self, baseline: Baseline) -> Estimate:
-        """Mean difference from the baseline, its standard uncertainty from the scatter of both."""
+        """Return the mean difference from the baseline, its standard uncertainty from the scatter of both."""
         uncertainty = baseline.scatter * math.sqrt(1.0 / self.count + 1.0 / baseline.size)
         return Estimate(self.total / self.count, uncertainty, baseline.degrees_of_freedom)
 

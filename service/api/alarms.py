@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.api.fields import AxisName, RowId, Text
+from service.api.fields import AxisName, RequestModel, RowId, Text
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.change import NotExamined
@@ -95,10 +95,8 @@ class AlarmsOut(BaseModel):
     next_cursor: int | None
 
 
-class AlarmsQuery(BaseModel):
+class AlarmsQuery(RequestModel):
     """Which alarms."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     axis: AxisName | None = None
     status: AlarmStatus | None = None
@@ -106,10 +104,10 @@ class AlarmsQuery(BaseModel):
     limit: Annotated[int, Field(ge=1, le=200)] = 50
 
 
-class CommentIn(BaseModel):
+class CommentIn(RequestModel):
     """Why the alarm's status is changed."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra={"examples": [{"comment": "nut ordered"}]})
+    model_config = ConfigDict(json_schema_extra={"examples": [{"comment": "nut ordered"}]})
 
     comment: Text
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict
 
-from service.api.fields import AxisId, Label
+from service.api.fields import AxisId, Label, RequestModel
 from service.api.services import Services, services
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.trend import AxisStatus
@@ -14,12 +14,10 @@ from service.operations.monitoring.trend import AxisStatus
 router = APIRouter(prefix="/v1", tags=["axes"])
 
 
-class AxisIn(BaseModel):
+class AxisIn(RequestModel):
     """An axis as an operator registers it."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
         json_schema_extra={
             "examples": [
                 {

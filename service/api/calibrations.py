@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
-from service.api.fields import AxisId, RowId, Text
+from service.api.fields import AxisId, RequestModel, RowId, Text
 from service.api.services import Services, services
 from service.operations.analysis_arguments import MeasurementRange
 from service.operations.fields import Number
@@ -19,10 +19,8 @@ from service.store.tables import CalibrationRow
 router = APIRouter(prefix="/v1", tags=["calibrations"])
 
 
-class ReadingIn(BaseModel):
+class ReadingIn(RequestModel):
     """One row of a modal table."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
     preload_n: Annotated[Number, Field(gt=0, le=1e7)]
@@ -42,12 +40,10 @@ class ReadingIn(BaseModel):
         )
 
 
-class CalibrationIn(BaseModel):
+class CalibrationIn(RequestModel):
     """Where a calibration comes from: stored measurements, a modal table, or the file of `preload calibrate`."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
         json_schema_extra={"examples": [{"measurements": {}, "comment": "new nut, guided calibration"}]},
     )
 
@@ -98,10 +94,10 @@ class CalibrationsOut(BaseModel):
     history: list[ActivationOut]
 
 
-class ActivationIn(BaseModel):
+class ActivationIn(RequestModel):
     """Why the calibration is put in force."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra={"examples": [{"reason": "reviewed"}]})
+    model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "reviewed"}]})
 
     reason: Text
 

@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from fastapi import Path
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 #: No control characters: PostgreSQL stores no NUL, and a name with a line break is a slip.
 Label = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -15,3 +15,9 @@ AxisId = Annotated[
 ]
 RowId = Annotated[int, Path(ge=1, lt=2**63)]
 JobId = Annotated[str, Path(pattern=r"^[0-9a-f-]{36}$")]
+
+
+class RequestModel(BaseModel):
+    """Base of everything that a client sends: unknown members are refused, and nothing is changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.api.fields import AxisId, AxisName, JobId
+from service.api.fields import AxisId, AxisName, JobId, RequestModel
 from service.api.services import Services, services
 from service.operations.fields import Number
 from service.store.tables import JobRow
@@ -14,12 +14,10 @@ from service.store.tables import JobRow
 router = APIRouter(prefix="/v1", tags=["jobs"])
 
 
-class ReplayIn(BaseModel):
+class ReplayIn(RequestModel):
     """Which recorded session to replay, and how fast."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, json_schema_extra={"examples": [{"session": "slow-wear", "speed": None}]}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [{"session": "slow-wear", "speed": None}]})
 
     session: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$", description="one of GET /v1/sessions")]
     speed: Annotated[Number, Field(gt=0)] | None = Field(
@@ -49,10 +47,8 @@ class JobsOut(BaseModel):
     jobs: list[JobOut]
 
 
-class JobsQuery(BaseModel):
+class JobsQuery(RequestModel):
     """Which jobs."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     axis: AxisName | None = None
     limit: Annotated[int, Field(ge=1, le=200)] = 50

@@ -5,9 +5,9 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
-from service.api.fields import AxisId, RowId
+from service.api.fields import AxisId, RequestModel, RowId
 from service.api.services import Services, services
 from service.operations.fields import Moment
 from service.operations.monitoring.trend import thin_out
@@ -60,10 +60,8 @@ class MeasurementOut(BaseModel):
     response: dict[str, Any] | None
 
 
-class TrendQuery(BaseModel):
+class TrendQuery(RequestModel):
     """Which part of the trend, and how finely."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: Moment | None = Field(default=None, alias="from", description="inclusive")
     end: Moment | None = Field(default=None, alias="to", description="exclusive")

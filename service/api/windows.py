@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
-from service.api.fields import AxisId, Label
+from service.api.fields import AxisId, Label, RequestModel
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
 from service.api.services import Services, services
 from service.operations.fields import Moment, Number
@@ -20,10 +20,8 @@ from service.operations.monitoring.ingest import IngestReceipt, WindowStatus
 router = APIRouter(prefix="/v1", tags=["windows"])
 
 
-class WindowIn(BaseModel):
+class WindowIn(RequestModel):
     """One window, as an acquisition system sends it. Names and units are those of the session file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     started_at: Moment
     measurement: Annotated[Label, Field(description="windows that share it are averaged")]
@@ -79,10 +77,8 @@ class WindowIn(BaseModel):
         )
 
 
-class WindowsIn(BaseModel):
+class WindowsIn(RequestModel):
     """Several windows in one request."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     windows: Annotated[list[WindowIn], Field(min_length=1, max_length=1000)]
     complete: bool = Field(

@@ -60,7 +60,7 @@ def _bundled(settings: Settings) -> Path:
 
 
 def run_demo(client: Client, sessions: Path) -> dict[str, Any]:
-    """Calibrate on the calibration session, replay the others as axes of the same machine, collect what came of it."""
+    """Calibrate on the calibration session, replay the others as axes of the same machine, collect the results."""
     configuration = demonstration_axis(sessions)
     client.put(f"/v1/axes/{CALIBRATION}", {"name": "calibration of the machine", "configuration": configuration})
     counts = replay_bundled(client, sessions, CALIBRATION, "calibration of the machine")

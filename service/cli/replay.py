@@ -38,7 +38,7 @@ def replay(session: Path, url: str, axis: str, speed: float | None, as_json: boo
 
 @dataclass(frozen=True, slots=True)
 class Posted:
-    """What became of the windows and measurements of a session."""
+    """Counts of the windows and measurements of a posted session."""
 
     windows: Mapping[str, int]
     measurements: int  # judged now, or when they were first sent
@@ -46,7 +46,7 @@ class Posted:
 
 
 def post_session(reader: SessionReader, client: Client, axis: str, speed: float | None = None) -> Posted:
-    """Post all measurements of an open session and count what became of them."""
+    """Post all measurements of an open session and count their outcomes."""
     pace = Pace(speed)
     windows_posted = {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
     judged: list[dict[str, Any]] = []

@@ -44,7 +44,7 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
 
 
 def bound_socket(host: str, port: int) -> socket.socket:
-    """Bind before anything is opened, so that a port in use is one sentence, and a free one (0) can be named."""
+    """Bind the port before anything is opened: a port in use gives one sentence, a free port (0) its number."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
         family, kind, protocol, _, address = found

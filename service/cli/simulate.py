@@ -32,7 +32,7 @@ DEFAULTS = SimulationSettings()
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Session file, *.session.h5."
 )
-@click.option("--force", is_flag=True, help="Replace a file that is there already.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
 @click.option(
     "--position-mm", "positions_mm", type=float, multiple=True, metavar="X…",
     help="Table positions from the fixed bearing, one measurement at each; else the quarter points of the screw.",
@@ -92,9 +92,9 @@ def simulate(
     if out.suffix.lower() not in SESSION_SUFFIXES:
         raise click.BadParameter(f"a session file ends in {' or '.join(SESSION_SUFFIXES)}; got {out.name}")
     if not out.parent.is_dir():
-        raise click.BadParameter(f"there is no folder {out.parent} for {out.name}; make it first")
+        raise click.BadParameter(f"cannot write {out.name}: folder {out.parent} does not exist")
     if out.exists() and not force:
-        raise click.UsageError(f"{out} is there already; --force replaces it")
+        raise click.UsageError(f"{out} already exists; --force replaces it")
     drive = built_model(model)
     settings = SimulationSettings(
         windows_per_measurement=windows,

@@ -133,8 +133,7 @@ def save_admitted(connection: Connection, measurement: MeasurementRecord) -> Non
     Raises
     ------
     StaleDataError
-        Here and below: if somebody else changed the row since it was read, what is to be written rests on what is no
-        more.
+        Here and below: if the row was changed since it was read, so that what is to be written is out of date.
     """
     if measurement.id is None:
         values = {name: getattr(measurement, name) for name in MeasurementRecord.__slots__ if name != "id"}

@@ -92,7 +92,7 @@ class ActivationRow(Base):
 
 
 class MeasurementRow(Base):
-    """Windows of one name at one position, averaged together, and what came of them."""
+    """Windows of one name at one position, averaged together, and their outcome."""
 
     __tablename__ = "measurements"
     __table_args__ = (

@@ -55,7 +55,7 @@ class WaveformPlace:
 
 
 class Writing:
-    """A frame that is being written while the caller does something else; unless it is kept, it is taken back."""
+    """A frame that is being written while the caller goes on; unless it is kept, it is removed again."""
 
     def __init__(self, store: "WaveformStore", begun: "Future[_Frame]") -> None:
         self._store = store
@@ -107,7 +107,7 @@ class WaveformStore:
         self._recent = _RecentWindows(REMEMBERED_BYTES)
 
     def begin_write(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> Writing:
-        """Write windows into one new frame; what takes long is done beside what the caller does next.
+        """Write windows into one new frame; what takes long runs while the caller goes on.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class WaveformStore:
         """Open the file that takes the next frame of an axis, at its end."""
         path = self._growing.get(axis_id, "")
         if path.startswith(f"{folder}/"):
-            with suppress(OSError):  # somebody may have put it away, or to where nothing can be added
+            with suppress(OSError):  # it may have been moved, or made read-only
                 file = FileIO(f"{self._root}/{path}", "r+")
                 if file.seek(0, os.SEEK_END) < LARGEST_FILE_BYTES:
                     return path, file
@@ -171,7 +171,7 @@ class WaveformStore:
             with storage_errors():
                 yield
         except StorageError:
-            self._growing.pop(frame.axis_id, None)  # nobody knows what the file holds from here on
+            self._growing.pop(frame.axis_id, None)  # from here on the content of the file is unknown
             raise
 
     def take_back(self, frame: "_Frame") -> None:

@@ -155,7 +155,7 @@ BAD = {
     "uncertain not stated": (TEXT + "[uncertain]\nbracket_stiffness_n_per_m = 0.1", "got 'bracket_stiffness_n_per_m'"),
     "uncertain about zero": (
         TEXT.replace("loss_factor = 0.053", "loss_factor = 0.0") + "[uncertain]\nloss_factor = 0.2",
-        "[uncertain], loss_factor: a share of 0 is nothing; expected a parameter that is not zero",
+        "[uncertain], loss_factor: expected a parameter that is not zero",
     ),
     "uncertain by zero": (
         TEXT + "[uncertain]\ntable_mass_kg = 0",

@@ -99,7 +99,7 @@ def test_one_average_has_no_coherence_to_judge():
     frf = estimate_frf(cross_spectra(band_spectra(x, y, RATE, BAND)), quantity="accelerance")
     assert frf.coherence is None
     assert frf.n_averages == 1.0
-    with pytest.raises(OutsideValidityError, match="fewer than 2"):
+    with pytest.raises(OutsideValidityError, match="at least 2 averages"):
         significance_level(1.0)
 
 

@@ -285,5 +285,5 @@ def test_misfit_with_bracket_and_far_bearing_fitted(misfit) -> None:
 def test_what_no_mode_holds_is_not_left_out_of_modes_in_silence(added) -> None:
     model = ExtendedModel.of(bundled("hybrid").parameters)
     changed = replace(model, physics=add(model.physics, **added))
-    with pytest.raises(OutsideValidityError, match=f"modes of the drive hold no {next(iter(added))}"):
+    with pytest.raises(OutsideValidityError, match=f"normal modes cannot include {next(iter(added))}"):
         changed.normal_modes(DriveConditions(0.3))

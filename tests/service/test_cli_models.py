@@ -199,7 +199,7 @@ def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, tex
         (("simulate", "hybrid.toml", "--out", "x.h5", "--windows", 10**9), "must not exceed 16,777,216 samples"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--sample-rate-hz", 1e9), "must not exceed 16,777,216 samples"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--torque-noise-nm", 1e300), "must fit into single precision"),
-        (("simulate", "none.toml", "--out", "nodir/x.h5"), "there is no folder nodir for x.h5"),
+        (("simulate", "none.toml", "--out", "nodir/x.h5"), "cannot write x.h5: folder nodir does not exist"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--preload-n", 100), "state the rating"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--position-mm", 0), "position must lie on the screw"),
     ],
@@ -237,7 +237,7 @@ def test_a_file_that_is_there_is_kept_unless_forced(preload: Any, tmp_path: Path
     out = tmp_path / "out.h5"
     out.write_text("precious")
     words = ("simulate", MODELS / "hybrid.toml", "--out", out, "--windows", 2, "--position-mm", 300)
-    assert_refused(preload(*words), "is there already; --force replaces it")
+    assert_refused(preload(*words), "already exists; --force replaces it")
     assert out.read_text() == "precious"
     assert preload(*words, "--force").exit_code == 0
     assert len(read_session(out).windows) == 2

@@ -11,7 +11,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
-#: A stated preload of 10 % of the rating may really be more: so far beyond it a true one is looked for.
+#: The true preload may exceed a stated 10 % of the rating; it is searched up to this factor of it. [-]
 _BEYOND_RATED = 1.2
 
 
@@ -102,7 +102,7 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
         softening = softening + added.thermal_stiffness * conditions.temperature_deviation
     if not np.all(softening > 0.0):
         raise OutsideValidityError(
-            f"springs must keep some stiffness at every temperature; got {np.min(softening):g} of what they have"
+            f"springs must keep some stiffness at every temperature; got {np.min(softening):g} times the stated one"
         )
     return AxisStates(position, moving_mass, nut_rigidities(physics, conditions), softening)
 
@@ -134,13 +134,15 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     over_lead = 1.0 + added.periodic_preload_cosine * np.cos(turn) + added.periodic_preload_sine * np.sin(turn)
     if not np.all(over_lead > 0.0):
         raise OutsideValidityError(
-            f"the preload must stay positive over the lead; got {np.min(over_lead):g} times what is stated"
+            f"the preload must stay positive over the lead; got {np.min(over_lead):g} times the stated preload"
         )
     exponent = 1.0 / 3.0 + added.preload_exponent_change
     rating = joints.dynamic_load_rating
     if rating is None:
         if np.any(conditions.preload_stated):
-            raise OutsideValidityError("a preload changes nothing in an axis without dynamic_load_rating; state it")
+            raise OutsideValidityError(
+                "a preload has no effect on an axis without dynamic_load_rating; state the rating"
+            )
         if added.preload_exponent_change or added.preload_change or added.thermal_preload:
             raise OutsideValidityError(
                 "preload_exponent_change, preload_change and thermal_preload act on the preload; "

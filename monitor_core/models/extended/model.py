@@ -96,10 +96,10 @@ class ExtendedModel:
         OutsideValidityError
             If something is added that no mode of the drive holds: friction, hardening, delay, mounting, another mode.
         """
-        beside = [name for name in _NOT_IN_MODES if getattr(self.physics.added, name)]
-        if beside:
+        excluded = [name for name in _NOT_IN_MODES if getattr(self.physics.added, name)]
+        if excluded:
             raise OutsideValidityError(
-                f"modes of the drive hold no {beside[0]}; use its frequency response, or leave that effect out"
+                f"normal modes cannot include {excluded[0]}; use the frequency response, or leave that effect out"
             )
         end = motor_end or paper_motor_end(self.parameters)
         modes = drive_modes(self.physics, [conditions], [end], self.highest_frequency)

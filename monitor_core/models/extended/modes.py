@@ -3,7 +3,7 @@ r"""Find all natural frequencies and modes of the extended drive under many cond
 Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension on
 its base, screw in torsion, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So
 there is exactly one natural frequency between two neighbouring poles of the parts. These are far apart, and a change of
-sign on a grid finds them. Damping is then let in by degrees, and Newton's method follows each pole.
+sign on a grid finds them. Damping is then increased step by step, and Newton's method follows each pole.
 
 Friction and hardening of the nut, which depend on the excitation, are left out, and so is the second mode, which is no
 part of the drive.
@@ -29,7 +29,7 @@ from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequ
 _PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
 #: Where the search begins, as a share of the highest frequency; slower is the rigid body.
 _LOWEST = 1e-6
-#: A natural frequency is told from a pole of a part from this relative distance on.
+#: Relative distance from which a natural frequency is distinguished from a pole of a part.
 _APART = 1e-9
 
 
@@ -155,7 +155,7 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     )
     n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * highest * slowness * screw.length / math.pi))
     grid = np.linspace(_LOWEST * highest, highest, n_lines)
-    if added.base_compliance:  # its resonance may lie as near as you like to those of the screw on a base held still
+    if added.base_compliance:  # its resonance may lie arbitrarily near those of the screw on a base held still
         held = replace(drives, physics=replace(drives.physics, added=replace(added, base_compliance=0.0)))
         own = 2.0 * math.pi * added.base_frequency
         grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(own, highest)])

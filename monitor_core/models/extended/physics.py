@@ -55,7 +55,7 @@ class JointPhysics(JointParameters):
 
     far_bearing_stiffness: float = 0.0  # [N/m]
     dynamic_load_rating: float | None = None  # C_d; with it the nut follows the preload [N]
-    causal_loss_factor: float = 0.0  # beside the loss factor, with the stiffening that goes with it [-]
+    causal_loss_factor: float = 0.0  # in addition to the loss factor, with the stiffening it implies [-]
 
     def __post_init__(self) -> None:
         _require_positive(self, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")

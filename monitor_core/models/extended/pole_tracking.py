@@ -16,9 +16,9 @@ from monitor_core.models.poles import zeros_near
 
 Index = npt.NDArray[np.intp]
 
-#: Share of the damping that is let in at once: at the most, and before a pole is given up.
+#: Largest step of the damping, and the smallest before a pole is given up, as shares of the damping.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 0.5, 2.0**-14
-#: At once a pole may move by so much of its distance to the next one, and of its own magnitude.
+#: Largest move of a pole in one step, as a share of its distance to the next one, and of its own magnitude.
 _FOLLOWED, _LARGEST_MOVE = 0.1, 0.05
 
 
@@ -59,7 +59,7 @@ def follow_damping(drives_with: Callable[[float], Drives], omega: ComplexArray, 
 
 
 def _room(omega: ComplexArray, condition: Index) -> FloatArray:
-    """Return how far each zero may move at once: of its distance to the next one, or to its mirror image, a part."""
+    """Return how far each zero may move at once: a share of the distance to the next zero, or to its mirror image."""
     apart = np.where(condition[:, None] == condition[None, :], np.abs(omega[:, None] - omega[None, :]), np.inf)
     np.fill_diagonal(apart, 2.0 * omega.real)
     return np.asarray(np.minimum(_FOLLOWED * np.min(apart, axis=1), _LARGEST_MOVE * np.abs(omega)))

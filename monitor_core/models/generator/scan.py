@@ -22,7 +22,7 @@ SERVO_OMEGA = 2.0 * np.pi * 5.0
 
 @dataclass(frozen=True, slots=True)
 class GuideFriction:
-    """Friction between table and guides: a Coulomb slider behind a spring, beside a dashpot.
+    """Friction between table and guides: a Coulomb slider behind a spring, parallel to a dashpot.
 
     At rest the spring holds the table, elastically, up to the Coulomb force; the slider gives way there. Rolling guides
     begin to slide after some ten micrometres, which is as far as a ringing table moves: with a rigid grip

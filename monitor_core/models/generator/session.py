@@ -209,7 +209,7 @@ def _record(
     acceleration = _single(
         _with_noise(motion.acceleration[:, place] + beyond, settings.acceleration_noise, rng), "acceleration", "m/s²"
     )
-    # the window's travel lies about the stated position, not beside it
+    # the travel of the window is centred on the stated position
     travel = reference.travel
     centre = 0.5 * (travel.max(axis=0) + travel.min(axis=0))
     encoder = _counted(condition.position - centre + motion.travel[:, place], settings.encoder_resolution)

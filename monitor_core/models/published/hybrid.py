@@ -113,18 +113,7 @@ def screw_inertia(parameters: HybridParameters, conditions: DriveConditions, *, 
 
     Eqs. (6)–(11) of Sun et al. (2022), the third corrected.
 
-    Parameters
-    ----------
-    parameters : HybridParameters
-    conditions : DriveConditions
-        Position x_c, and the preload if the nut follows it.
-    coupling : bool
-        Without it, where the torque at the screw's own end is given.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw, or preload and dynamic load rating do not go together.
+    Arguments and errors are those of :func:`equivalent_stiffness`.
 
     Notes
     -----

@@ -44,6 +44,17 @@ def require_plausible_length(n_samples: int, where: str) -> None:
 
 
 @contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Say which file and place hold the values that a record of the core refuses."""
+    try:
+        yield
+    except RecordingFormatError:
+        raise
+    except MonitorCoreError as error:
+        raise RecordingFormatError(f"{where}: {error}") from error
+
+
+@contextmanager
 def refusing(where: str, expected: str) -> Iterator[None]:
     """Turn whatever a file library raises on a damaged file into one sentence of ours.
 

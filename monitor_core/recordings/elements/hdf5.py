@@ -132,7 +132,7 @@ def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
 
 
 def _unwritten(dataset: "h5py.Dataset") -> bool:
-    """HDF5 answers fill values for numbers that an interrupted acquisition announced and never wrote."""
+    """Tell whether numbers were announced and never written; HDF5 answers fill values for them."""
     if dataset.chunks is not None:
         return bool(dataset.id.get_num_chunks() < -(-dataset.size // dataset.chunks[0]))
     return bool(dataset.id.get_storage_size() < dataset.size * dataset.dtype.itemsize)

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.arrays import SampleArray
-from monitor_core.errors import InvalidWindowError, RecordingFormatError
+from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Session, Window
+from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
 from monitor_core.recordings.raw.channel_map import ChannelMap, MappedChannel, WindowFacts, WindowsIn
@@ -80,13 +81,11 @@ def read_mapped(path: Path, channel_map: ChannelMap) -> Session:
         lengths = ", ".join(f"{signal.name!r} {signal.samples.shape}" for signal in signals)
         raise RecordingFormatError(f"{path.name}: expected channels of one length; got {lengths}")
     interval = _interval(signals[0], parts[0][0].size / sample_rate, channel_map.window, path.name)
-    try:
+    with naming(path.name):
         windows = tuple(
             _window(channel_map, window_parts, sample_rate, start + number * interval, path.stem)
             for number, window_parts in enumerate(zip(*parts, strict=True))
         )
-    except InvalidWindowError as error:
-        raise RecordingFormatError(f"{path.name}: {error}") from error
     return Session(channel_map.axis_id, windows, channel_map.description)
 
 

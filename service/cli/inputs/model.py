@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
-from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.models import DriveModel
+from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.model_file import read_model_file
 
 
@@ -26,10 +26,8 @@ class NumbersCommand(click.Command):
 
 def built_model(path: Path) -> DriveModel:
     """Read a model file and build the model; what keeps it from being built is a fault of the file."""
-    try:
+    with naming(path.name):
         return read_model_file(path).build()
-    except OutsideValidityError as error:
-        raise RecordingFormatError(f"{path.name}: {error}") from error
 
 
 def _repeated(args: list[str], repeatable: set[str]) -> Iterator[str]:

@@ -1,4 +1,8 @@
-"""Compute the stiffness of the chain of screw, coupling, joints and nut. Nguyen et al. (2018), Eqs. (1)–(5)."""
+"""Compute the stiffness of the chain of screw, coupling, joints and nut. Nguyen et al. (2018), Eqs. (1)–(5).
+
+The table stands at the position x from the fixed bearing [m]; one that is not on the screw raises
+``OutsideValidityError``.
+"""
 
 import math
 
@@ -15,17 +19,6 @@ def shaft_axial_stiffness(parameters: LumpedParameters, position: float) -> floa
 
     Eq. (2) of Nguyen et al. (2018).
 
-    Parameters
-    ----------
-    parameters : LumpedParameters
-    position : float
-        x. [m]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw.
-
     Notes
     -----
     The paper calls d_minor a radius; its equation and Table 1 make it the diameter.
@@ -40,17 +33,6 @@ def shaft_torsional_stiffness(parameters: LumpedParameters, position: float) -> 
     .. math:: k_{shaft,rot} = \frac{\pi L}{32\, x (L - x)} d_{minor}^4 G
 
     Eq. (3) of Nguyen et al. (2018), with the equals sign where it belongs.
-
-    Parameters
-    ----------
-    parameters : LumpedParameters
-    position : float
-        x. [m]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw.
 
     Notes
     -----
@@ -72,16 +54,10 @@ def rotational_stiffness(parameters: LumpedParameters, position: float, *, coupl
 
     Parameters
     ----------
-    parameters : LumpedParameters
-    position : float
-        x. [m]
+    parameters, position
+        As above.
     coupling : bool
         Without it, where the torque at the screw's own end is given.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw.
     """
     spring = complex_stiffness(parameters.coupling_stiffness if coupling else math.inf, parameters.loss_factor)
     return series_stiffness(shaft_torsional_stiffness(parameters, position), spring)

@@ -1,6 +1,6 @@
 """Receptance-coupling model (Tian et al.): distributed screw, four joints, the table anywhere on the screw.
 
-``matrices`` couples the substructures as the paper does, ``closed_form`` is what comes of it, fast and with its
+``matrices`` couples the substructures as the paper does, ``closed_form`` gives the same result, fast and with its
 gradient; ``modes`` finds the poles from the starts of ``chain``.
 """
 

@@ -2,7 +2,7 @@
 
 Each of the two pieces of screw is one element whose shape functions are the two straight lines of its ends and the
 integrals of Legendre polynomials. Their error falls exponentially with the degree, so a small eigenvalue problem finds
-every low pole once, which a search on the exact characteristic function cannot promise.
+every low pole once; a search on the exact characteristic function cannot guarantee that.
 """
 
 import math
@@ -85,10 +85,10 @@ def discretise(parameters: ReceptanceParameters, conditions: DriveConditions, mo
             bodies.append((rotor, parameters.rotor_inertia))
 
     screw_mass, screw_stiffness = _screw(parameters, require_position(conditions.position, parameters.screw_length))
-    beside = (0, size - 2 * _N_SCREW)
+    added = (0, size - 2 * _N_SCREW)
     return DiscreteDrive(
-        np.pad(screw_mass, beside) + sum(np.diag(body * deflection((point, 1.0))) for point, body in bodies),
-        np.pad(screw_stiffness, beside),
+        np.pad(screw_mass, added) + sum(np.diag(body * deflection((point, 1.0))) for point, body in bodies),
+        np.pad(screw_stiffness, added),
         np.asarray(sum(stiffness * np.outer(vector, vector) for vector, stiffness, _ in springs)),
         np.asarray(sum(damping * np.outer(vector, vector) for vector, _, damping in springs)),
         nut,
@@ -163,7 +163,7 @@ def _with_nut_deflection(
 
 
 def _nut_and_bracket(joints: JointParameters) -> float:
-    """Stiffness of nut and bracket in series [N/m]."""
+    """Return the stiffness of nut and bracket in series [N/m]."""
     return 1.0 / (1.0 / joints.nut_stiffness + 1.0 / joints.bracket_stiffness)
 
 

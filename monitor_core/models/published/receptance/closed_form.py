@@ -17,7 +17,7 @@ out, one division is left and no frequency is a special one:
 A/B is the axial and T/U the torsional stiffness (U with i_b²), K/y the nut with its bracket. A and B are bilinear in
 the stiffnesses of the two bearings, T and U linear in that of the coupling. All else is known once frequencies and
 position are, and is kept in a :class:`PositionTerms`. Everything is an entire function of ω, so the same code serves on
-the frequency axis and for poles beside it.
+the frequency axis and for complex poles.
 """
 
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ class _Parts:
 
 
 def table_receptance(terms: PositionTerms, joints: JointParameters) -> ComplexArray:
-    """Receptance of the table, h_all-6a6a of Eq. (24) of Tian et al., in closed form.
+    """Return the receptance of the table, h_all-6a6a of Eq. (24) of Tian et al., in closed form.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def table_receptance(terms: PositionTerms, joints: JointParameters) -> ComplexAr
 
 
 def table_receptance_gradient(terms: PositionTerms, joints: JointParameters) -> tuple[ComplexArray, ComplexArray]:
-    r"""Receptance of the table and its derivatives with respect to the eight joint parameters.
+    r"""Return the receptance of the table and its derivatives with respect to the eight joint parameters.
 
     A joint of dynamic stiffness κ that is deformed by t per unit force at the table changes the receptance by
 

@@ -14,7 +14,7 @@ from monitor_core.errors import OutsideValidityError
 
 
 def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> ComplexArray:
-    r"""Receptance of a spring and a damper side by side.
+    r"""Return the receptance of a spring and a damper side by side.
 
     .. math::
 
@@ -125,22 +125,10 @@ def ground_receptance(
     Parameters
     ----------
     receptance : array_like, shape (..., n, n)
-        [m/N], or any other response per unit of its own excitation.
     point : int
         Where it is held.
-    joint : array_like, shape (...)
-        Receptance h_J of the joint; 0: rigid. [m/N]
-    keep : sequence of int, optional
-        Points to return; all if not given.
-
-    Returns
-    -------
-    ndarray, shape (..., n_keep, n_keep)
-
-    Raises
-    ------
-    OutsideValidityError
-        If the receptance is not square, a point does not exist, or the leading axes do not match.
+    joint, keep : optional
+        As for :func:`couple_receptances`; so are the units, the errors and what is returned.
     """
     h = _receptance(receptance, "A")
     a, kept = _point(point, h.shape[-1], "A"), _kept(keep, h.shape[-1])

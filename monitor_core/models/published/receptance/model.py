@@ -48,21 +48,7 @@ class ReceptanceModel:
         excitation: ExcitationPoint,
         response: ResponsePoint,
     ) -> FrequencyResponse:
-        """Return the response per unit excitation, shape (n_frequencies,).
-
-        Parameters
-        ----------
-        frequency : ndarray, shape (n_frequencies,)
-            Above zero. [Hz]
-        conditions : DriveConditions
-        excitation : ExcitationPoint
-        response : ResponsePoint
-
-        Raises
-        ------
-        OutsideValidityError
-            If a frequency is not positive or the position is not on the screw.
-        """
+        """Return the response per unit excitation; a force at the table finds the rotor free."""
         frequency = require_frequencies(frequency)
         omega = 2.0 * np.pi * frequency
         terms = position_terms(self.parameters, omega, conditions, motor_end_of(excitation, MotorEnd.FREE))
@@ -86,21 +72,9 @@ class ReceptanceModel:
     def natural_frequencies(
         self, conditions: DriveConditions, motor_end: MotorEnd | None = None
     ) -> tuple[NaturalFrequency, ...]:
-        """Return the first eight poles, rigid-body mode included; ``None`` is the paper's freely turning rotor.
-
-        Raises
-        ------
-        OutsideValidityError
-            If the position is not on the screw or poles cannot be told apart.
-        """
+        """Return the first eight poles, rigid-body mode included; they must be far enough apart to be told apart."""
         return natural_frequencies(self.parameters, conditions, motor_end or MotorEnd.FREE)
 
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
-        """Return the first eight undamped modes, rigid-body mode included.
-
-        Raises
-        ------
-        OutsideValidityError
-            If the position is not on the screw or a mode does not oscillate.
-        """
+        """Return the first eight undamped modes, rigid-body mode included; each of them must oscillate."""
         return normal_modes(self.parameters, conditions, motor_end or MotorEnd.FREE)

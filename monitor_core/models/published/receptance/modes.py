@@ -89,9 +89,9 @@ def _shapes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return φ at the motor end and φ at the table."""
     at = _responses(undamped, conditions, motor_end, omega.astype(np.complex128))
-    step = 1e-20 * omega  # the function is real on the axis: its imaginary part just beside it is the exact slope
-    beside = _responses(undamped, conditions, motor_end, omega + 1j * step)
-    factor = -2.0 * omega / (beside.denominator.imag / step)
+    step = 1e-20 * omega  # the function is real on the axis: just off it, the imaginary part gives the exact slope
+    near = _responses(undamped, conditions, motor_end, omega + 1j * step)
+    factor = -2.0 * omega / (near.denominator.imag / step)
     table_table, table_motor = factor * at.table_per_force.real, factor * at.table_per_torque.real
     motor_motor = factor * at.angle_per_torque.real
     # of the two points, the one that moves more gives the mode its scale
@@ -118,7 +118,7 @@ def _damping_ratios(
 
 
 def _turning_inertia(parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd) -> float:
-    """Inertia of the whole drive about the screw. [kg·m²]."""
+    """Return the inertia of the whole drive about the screw [kg·m²]."""
     polar = parameters.torsional_rigidity / parameters.shear_modulus  # J
     return (
         parameters.density * polar * parameters.screw_length

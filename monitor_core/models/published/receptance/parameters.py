@@ -36,7 +36,7 @@ class JointParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceptanceParameters(BallScrew, DriveParameters):
-    """Parameters of Tian's drive: Table A, Table 3 and what the axis may have beside them.
+    """Parameters of Tian's drive: Table A, Table 3 and what an axis may have besides.
 
     Symbols of the paper: segments A and B are the screw on either side of the nut, F the rigid piece inside the nut,
     H the rigid piece at the coupling. The nut's mass moves with the table.

@@ -7,6 +7,9 @@ step; with the same step for both lines, and different numbers of sections, noth
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
 
@@ -45,13 +48,22 @@ class LineGrid:
         """Time in which an axial wave crosses one axial section, in seconds."""
         return self.time_step / self.axial_substeps
 
+    def require_room(self, position: FloatArray, screw_length: float) -> None:
+        """Refuse positions [m] that do not leave a section between the nut and the ends of the screw."""
+        margin = screw_length / min(self.axial_sections, self.torsional_sections)
+        if np.any(position < margin) or np.any(position > screw_length - margin):
+            raise OutsideValidityError(
+                f"position must lie on the screw, at least one section from the ends, within {margin:g} and "
+                f"{screw_length - margin:g} m; got {np.min(position):g} to {np.max(position):g} m"
+            )
+
     def torsional_impedance(self, parameters: TransmissionLineParameters) -> float:
-        """Z_t = GJ · delay/length = ρ'J u', Eq. (12) as corrected, in N·m·s/rad."""
+        """Return Z_t = GJ · delay/length = ρ'J u', Eq. (12) as corrected, in N·m·s/rad."""
         delay = self.torsional_sections * self.time_step
         return parameters.torsional_rigidity * delay / parameters.screw_length
 
     def axial_impedance(self, parameters: TransmissionLineParameters) -> float:
-        """Z_a = EA · delay/length = ρ'A u', Eq. (14), in N·s/m."""
+        """Return Z_a = EA · delay/length = ρ'A u', Eq. (14), in N·s/m."""
         delay = self.axial_sections * self.axial_step
         return parameters.axial_rigidity * delay / parameters.screw_length
 
@@ -92,8 +104,8 @@ def synchronised_grid(parameters: TransmissionLineParameters, time_step: float, 
 
     Examples
     --------
-    Eqs. (50) and (51) of Moreno-Castaneda et al. (2005), the paper's shaft at 1 µs: 421 and 2105 sections (the rest of
-    the axis is no matter).
+    Eqs. (50) and (51) of Moreno-Castaneda et al. (2005), the paper's shaft at 1 µs: 421 and 2105 sections (the other
+    parameters do not matter).
 
     >>> shaft = TransmissionLineParameters(
     ...     screw_length=1.346, screw_diameter=0.040, screw_minor_diameter=0.0341, shear_modulus=80e9,
@@ -122,7 +134,7 @@ def common_step_grid(parameters: TransmissionLineParameters, torsional_sections:
 
 
 def closest_common_step_grid(parameters: TransmissionLineParameters, least_torsional_sections: int) -> LineGrid:
-    """Of the common-step grids with n to 2n torsional sections, return the one that rounds the axial delay least."""
+    """Return the common-step grid with n to 2n torsional sections that rounds the axial delay least."""
     if least_torsional_sections < _FEWEST_SECTIONS:
         raise OutsideValidityError(
             f"least_torsional_sections must be at least {_FEWEST_SECTIONS}; got {least_torsional_sections}"
@@ -137,5 +149,5 @@ def closest_common_step_grid(parameters: TransmissionLineParameters, least_torsi
 
 
 def _axial_sections(parameters: TransmissionLineParameters, torsional_sections: int) -> float:
-    """Sections that an axial wave crosses in the time of a torsional wave along the screw, not rounded."""
+    """Return the sections that an axial wave crosses in the time of a torsional wave along the screw, not rounded."""
     return torsional_sections * parameters.torsional_speed / parameters.axial_speed

@@ -17,7 +17,6 @@ from monitor_core.models.protocol import (
     motor_end_of,
     quantity_of,
     require_frequencies,
-    require_position,
 )
 from monitor_core.models.published.transmission_line.grid import LineGrid, closest_common_step_grid
 from monitor_core.models.published.transmission_line.mobility import DiscreteDrive, response_at
@@ -57,27 +56,7 @@ class TransmissionLineModel:
         excitation: ExcitationPoint,
         response: ResponsePoint,
     ) -> FrequencyResponse:
-        """Return the response per unit excitation.
-
-        Parameters
-        ----------
-        frequency : ndarray, shape (n_frequencies,)
-            Above zero and below half the sampling rate of the grid. [Hz]
-        conditions : DriveConditions
-            Position, preload and payload; temperature and excitation level move nothing here.
-        excitation, response : ExcitationPoint, ResponsePoint
-            Where the drive is driven and where it answers. A force at the table finds the rotor free.
-
-        Returns
-        -------
-        FrequencyResponse
-            Named by ISO 7626.
-
-        Raises
-        ------
-        OutsideValidityError
-            If a frequency or the position is out of range.
-        """
+        """Return the response below half the sampling rate of the grid; a force at the table finds the rotor free."""
         frequency = require_frequencies(frequency)
         drive = self._drive(conditions, motor_end_of(excitation, otherwise=MotorEnd.FREE))
         highest = 0.5 / drive.grid.time_step
@@ -100,12 +79,6 @@ class TransmissionLineModel:
         return normal_modes(self._drive(conditions, motor_end))
 
     def _drive(self, conditions: DriveConditions, motor_end: MotorEnd | None) -> DiscreteDrive:
-        grid, length = self.grid, self.parameters.screw_length
-        position = require_position(conditions.position, length)
-        margin = length / min(grid.axial_sections, grid.torsional_sections)
-        if not margin <= position <= length - margin:
-            raise OutsideValidityError(
-                f"position must lie at least one section from the ends of the screw, within {margin:g} and "
-                f"{length - margin:g} m; got {position:g} m"
-            )
+        grid = self.grid
+        grid.require_room(np.asarray(conditions.position), self.parameters.screw_length)
         return DiscreteDrive(self.parameters, grid, conditions, MotorEnd.FREE if motor_end is None else motor_end)

@@ -2,8 +2,8 @@ r"""Find the poles and modes of the discretised drive.
 
 Without damping the loop mobility is jB(ω), and B rises between its poles (Foster's reactance theorem). So there is
 exactly one natural frequency between two neighbouring poles of the lines alone, and these follow from a phase that
-rises with frequency: none can be missed or counted twice. Damping is then let in by degrees, the smaller the closer
-two poles come, so that each keeps to its own path.
+rises with frequency: none can be missed or counted twice. Damping is then increased step by step; the closer two
+poles come, the smaller the step, so that each keeps to its own path.
 """
 
 import math
@@ -20,12 +20,13 @@ from monitor_core.models.published.transmission_line.mobility import DiscreteDri
 
 #: Modes are given up to this half-wave of the free screw in torsion. [-]
 _HALF_WAVES = 4
-#: A natural frequency is told from a pole of a line alone from this relative distance on. [-]
+#: Relative distance from which a natural frequency is distinguished from a pole of a line alone. [-]
 _APART = 1e-9
 _BISECTIONS = 80
-#: Share of the dampers that is let in at once: at the most, and before a pole is given up.
+#: Largest step of the damping, and the smallest before a pole is given up, as shares of the dampers.
 _LARGEST_DEGREE, _SMALLEST_DEGREE = 2.0**-3, 2.0**-20
-#: At once a pole may move by so much of its distance to the nearest other one; one that changes paths moves by all.
+#: Largest move of a pole in a step, as a share of its distance to the nearest other; a pole that changes paths moves
+#: by all of it.
 _FOLLOWED = 0.1
 _SECANTS = 50
 _TORQUE, _FORCE = ExcitationPoint.TORQUE_AT_MOTOR, ExcitationPoint.FORCE_AT_TABLE
@@ -122,7 +123,7 @@ def _nearest(s: ComplexArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
 
 
 def _where_it_was_lost(s: ComplexArray, damping: float) -> str:
-    """Say which poles were about to meet when so much of the damping was let in."""
+    """Say which poles were about to meet when so much of the damping was applied."""
     distance, other = _nearest(s)
     n = int(np.argmin(distance / np.abs(s)))
     near, and_near = (np.abs(s[[n, other[n]]]) / (2.0 * math.pi)).tolist()
@@ -161,12 +162,12 @@ def _secant(drive: DiscreteDrive, s: ComplexArray, damping: float) -> ComplexArr
 
 
 def _axial_poles(drive: DiscreteDrive) -> FloatArray:
-    """Natural frequencies of the screw in its bearings, axially, without the nut."""
+    """Return the axial natural frequencies of the screw in its bearings, without the nut."""
     return _poles_of_line(drive.axial_line, lambda s: drive.bearings(drive.stub_frequency(s), 0.0), first=0)
 
 
 def _torsional_poles(drive: DiscreteDrive) -> FloatArray:
-    """Natural frequencies of the screw with what is at its motor end, in torsion, without the nut."""
+    """Return the torsional natural frequencies of the screw and its motor end, without the nut."""
 
     def ends(s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         motor_end = drive.at_motor_end(drive.stub_frequency(s), 0.0).impedance

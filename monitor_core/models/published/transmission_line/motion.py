@@ -127,10 +127,5 @@ def _finite(name: str, values: FloatArray, shape: tuple[int, ...]) -> FloatArray
 
 def _places(position: FloatArray, length: float, grid: LineGrid) -> tuple[FloatArray, FloatArray]:
     """Count positions in axial and torsional sections; the nut must leave room for the ends."""
-    margin = length / min(grid.axial_sections, grid.torsional_sections)
-    if np.any(position < margin) or np.any(position > length - margin):
-        raise OutsideValidityError(
-            f"position must lie on the screw, at least one section of {margin:g} m from its ends, within {margin:g} "
-            f"and {length - margin:g} m; got {np.min(position):g} to {np.max(position):g} m"
-        )
+    grid.require_room(position, length)
     return position * (grid.axial_sections / length), position * (grid.torsional_sections / length)
