@@ -133,11 +133,6 @@ def compare_reference(
 ) -> ReferenceRatio:
     """Compare the reference of an axis with a model of it.
 
-    Parameters
-    ----------
-    reference : sequence of FrequencyResponseObservation
-    tolerances : ChangeTolerances
-
     Raises
     ------
     NotIdentifiableError
@@ -163,11 +158,6 @@ def compare_times(
     tolerances: ChangeTolerances,
 ) -> ReferenceRatio:
     """Compare what an axis is now with its reference.
-
-    Parameters
-    ----------
-    reference, recent : sequence of FrequencyResponseObservation
-    tolerances : ChangeTolerances
 
     Raises
     ------

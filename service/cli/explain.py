@@ -207,7 +207,7 @@ def _print(content: ReportContent) -> None:
     if candidates:
         print_table(
             content.candidates_heading,
-            ("effect", "ΔBIC", "place", "would be seen from"),
+            ("effect", "ΔBIC", "tried", "detection limit"),
             [_texts((*row[:3], row[4])) for row in candidates],
         )
         click.echo(content.threshold)

@@ -16,6 +16,7 @@ from monitor_core.discrepancy import (
 from monitor_core.effects import PREFIX
 from service.report import verdict
 from service.report.rounding import (
+    UNKNOWN,
     between,
     evidence,
     notation,
@@ -70,7 +71,7 @@ class ReportContent:
     gap_by_channel: tuple[Row, ...]  # channel, before, after; none for a single channel
     steps: tuple[str, ...]
     candidates_heading: str
-    candidates: tuple[Row, ...]  # effect, ΔBIC, place, held-out gain, detection limit
+    candidates: tuple[Row, ...]  # effect, ΔBIC, how it was tried, held-out gain, detection limit
     threshold: str
     pulls: tuple[Row, ...]  # error, pull
     next_measurement: str
@@ -100,7 +101,7 @@ def report_content(explanation: Explanation) -> ReportContent:
         gap_by_channel=tuple((Cell(name), *(_quantity(size, gap.unit) for size in both)) for name, both in channels),
         steps=tuple(_step_sentence(step.effect, step.gap, gap.unit) for step in explanation.steps),
         candidates_heading="What could still hide" if none else "What else was considered",
-        candidates=tuple(_candidate_row(candidate) for candidate in _in_order(explanation.candidates)),
+        candidates=tuple(_candidate_row(candidate) for candidate in sorted(explanation.candidates, key=_order)),
         threshold=f"One more effect would need a ΔBIC of {evidence(explanation.least_delta_bic)}.",
         pulls=tuple((Cell(name), Cell(rounded(pull, 2), pull)) for name, pull in explanation.pulls.items()),
         next_measurement=explanation.next_measurement,
@@ -155,28 +156,20 @@ def _step_sentence(effect: str, gap: GapPair, unit: str) -> str:
     return f"with {effect}: {quantity(gap.fit, unit)} fitted, {held_out}"
 
 
-def _in_order(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return those that were tested first, the best supported before the others."""
-    return sorted(
-        candidates,
-        key=lambda candidate: (
-            candidate.untestable_because is not None,
-            math.isnan(candidate.delta_bic),
-            -candidate.delta_bic,
-        ),
-    )
+def _order(candidate: Candidate) -> tuple[bool, bool, float]:
+    """Put those that were tested first, the best supported before the others."""
+    return (candidate.untestable_because is not None, math.isnan(candidate.delta_bic), -candidate.delta_bic)
 
 
 def _candidate_row(candidate: Candidate) -> Row:
-    """Return a candidate with its evidence, in place of a found effect or in addition, and its detection limit."""
-    place, limit = "in addition", _detection_limit(candidate)
+    """Return a candidate with its evidence, how it was tried, and its detection limit."""
+    tried, limit = "in addition", _detection_limit(candidate)
     if candidate.untestable_because is not None:
-        place, limit = "—", Cell(f"untestable: {candidate.untestable_because}")
+        tried, limit = UNKNOWN, Cell(f"untestable: {candidate.untestable_because}")
     elif candidate.substitution_for is not None:
-        place = f"instead of {candidate.substitution_for}"
-    gains = (Cell(evidence(gain), gain) for gain in (candidate.delta_bic, candidate.held_out))
-    delta_bic, held_out = gains
-    return (Cell(candidate.key), delta_bic, Cell(place), held_out, limit)
+        tried = f"instead of {candidate.substitution_for}"
+    delta_bic, held_out = (Cell(evidence(gain), gain) for gain in (candidate.delta_bic, candidate.held_out))
+    return (Cell(candidate.key), delta_bic, Cell(tried), held_out, limit)
 
 
 def _detection_limit(candidate: Candidate) -> Cell:

@@ -72,7 +72,7 @@ def _steps(steps: Sequence[str]) -> list[str]:
 def _candidates(content: ReportContent) -> list[str]:
     if not content.candidates:
         return ["Nothing else was considered."]
-    table = _table(["effect", "ΔBIC", "place", "held-out gain", "would be seen from"], content.candidates)
+    table = _table(["effect", "ΔBIC", "tried", "held-out gain", "detection limit"], content.candidates)
     return [*table, "", content.threshold]
 
 

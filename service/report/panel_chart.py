@@ -44,7 +44,7 @@ def panel_chart(name: str, panel: Panel) -> Markup:
     )
     return picture(
         _WIDTH, _HEIGHT, name, panel.title, description,
-        _ticks_below(x_axis), _ticks_left(y_axis), frame, inside,
+        _ticks(x_axis, y_axis), frame, inside,
         label(shortened(panel.x_name, 48), (_LEFT + _RIGHT) / 2.0, _HEIGHT - 8.0, text_anchor="middle", class_="quiet"),
         _y_name(panel.y_name),
     )  # fmt: skip
@@ -78,19 +78,14 @@ def _line(x: FloatArray, y: FloatArray, x_axis: Axis, y_axis: Axis, style: str) 
     return element("path", d=path_through(x_axis(x[kept]), y_axis(y[kept])), class_=style)
 
 
-def _ticks_below(axis: Axis) -> Markup:
+def _ticks(x_axis: Axis, y_axis: Axis) -> Markup:
     drawn = []
-    for value in axis.ticks(5):
-        x = _LEFT + float(axis(value))
+    for value in x_axis.ticks(5):
+        x = _LEFT + float(x_axis(value))
         drawn.append(element("line", x1=x, y1=_TOP, x2=x, y2=_BOTTOM, class_="grid"))
         drawn.append(label(tick(value), x, _BOTTOM + 15.0, text_anchor="middle", class_="quiet"))
-    return joined(drawn)
-
-
-def _ticks_left(axis: Axis) -> Markup:
-    drawn = []
-    for value in axis.ticks(4):
-        y = _TOP + float(axis(value))
+    for value in y_axis.ticks(4):
+        y = _TOP + float(y_axis(value))
         drawn.append(element("line", x1=_LEFT, y1=y, x2=_RIGHT, y2=y, class_="grid"))
         drawn.append(label(tick(value), _LEFT - 5.0, y + 4.0, text_anchor="end", class_="quiet"))
     return joined(drawn)

@@ -43,7 +43,7 @@ def _substitutions(
 
     An effect with little predicted gain far from the data was not refitted there.
     """
-    workspace.progress(f"looking for what would do in the place of {effect.key}")
+    workspace.progress(f"looking for alternatives to {effect.key}")
     for other in workspace.remaining(final):
         if other.key in known:
             continue

@@ -70,7 +70,7 @@ class Fitted(Generic[Physics]):
     @cached_property
     def jacobian(self) -> FloatArray:
         """Derivatives of the residuals of all values, shape (n_values, n_coordinates)."""
-        return residual_jacobian(self.around, self.hypothesis, self.coordinates, self.misfit, central=True)
+        return residual_jacobian(self.around, self.hypothesis, self.coordinates, central=True)
 
     @cached_property
     def n_seen(self) -> int:
@@ -239,7 +239,7 @@ def _least_squares(
 
     def jacobian(coordinates: FloatArray) -> FloatArray:
         around_here = at_last(coordinates.tobytes())
-        return np.vstack([residual_jacobian(around_here, hypothesis, coordinates, around_here.here)[chosen], prior])
+        return np.vstack([residual_jacobian(around_here, hypothesis, coordinates)[chosen], prior])
 
     if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
         return start

@@ -12,18 +12,13 @@ _STEP = 1e-4  # of a coordinate
 
 
 def residual_jacobian(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    coordinates: FloatArray,
-    misfit: FloatArray,
-    *,
-    central: bool = False,
+    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, *, central: bool = False
 ) -> FloatArray:
-    """Return the derivatives of the residuals, shape (n_values, n_coordinates)."""
+    """Return the derivatives of the residuals where they are linearised, shape (n_values, n_coordinates)."""
     if not coordinates.size:
-        return np.zeros((misfit.size, 0))
+        return np.zeros((around.here.size, 0))
     take = derivative if central else one_sided_derivative
-    columns = [take(around, hypothesis, coordinates, misfit, index) for index in range(coordinates.size)]
+    columns = [take(around, hypothesis, coordinates, around.here, index) for index in range(coordinates.size)]
     whitened: FloatArray = around.whitened_by(np.array(columns)).T
     return whitened
 
