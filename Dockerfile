@@ -1,7 +1,7 @@
 # Two stages: the build tools stay in the first one.
 FROM python:3.11-slim AS build
 WORKDIR /build
-COPY requirements.lock pyproject.toml README.md ./
+COPY requirements.lock pyproject.toml README.md LICENSE ./
 COPY monitor_core monitor_core
 COPY service service
 RUN python -m venv /opt/preload \

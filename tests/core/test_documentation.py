@@ -29,7 +29,7 @@ from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
 
 DOCS = PROJECT_ROOT / "docs"
-PAGES = [PROJECT_ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = [PROJECT_ROOT / "README.md", PROJECT_ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 MODULES = sorted(info.name for info in pkgutil.walk_packages(monitor_core.__path__, "monitor_core."))
 PACKAGES = [name for name in MODULES if hasattr(importlib.import_module(name), "__all__")]
 CODE_SPAN = re.compile(r"`([^`\n]+)`")
