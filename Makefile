@@ -11,10 +11,10 @@ help:            ## list the targets
 
 setup: $(STAMP)  ## virtual environment with the locked versions
 
-$(STAMP): requirements-dev.lock pyproject.toml
+$(STAMP): requirements/dev.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 is needed; '$(PYTHON)' was not found. Set PYTHON=/path/to/python3.11."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-dev.lock
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
@@ -44,8 +44,8 @@ plots: setup     ## draw docs/figures again
 LOCK_FLAGS := --quiet --strip-extras --generate-hashes --allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
 
 lock:            ## resolve the two lock files again from pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --all-extras -o requirements-dev.lock pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --extra tdms --extra uff --extra postgres --extra build -c requirements-dev.lock -o requirements.lock pyproject.toml
+	$(BIN)/pip-compile $(LOCK_FLAGS) --all-extras -o requirements/dev.lock pyproject.toml
+	$(BIN)/pip-compile $(LOCK_FLAGS) --extra tdms --extra uff --extra postgres --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

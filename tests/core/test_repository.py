@@ -34,7 +34,7 @@ def test_every_dependency_of_the_package_is_locked():
     def normalised(requirement: str) -> str:
         return requirement.partition(">=")[0].partition("[")[0].lower().replace("_", "-")
 
-    everything, running = locked("requirements-dev.lock"), locked("requirements.lock")
+    everything, running = locked("requirements/dev.lock"), locked("requirements/runtime.lock")
     assert {normalised(requirement) for requirement in PROJECT["dependencies"]} <= running <= everything
     for extra in PROJECT["optional-dependencies"].values():
         assert {normalised(requirement) for requirement in extra} <= everything
