@@ -21,16 +21,20 @@ $(STAMP): requirements/dev.lock pyproject.toml
 demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo
 
-test: setup      ## every test, with lint, types and import contracts
+test: setup      ## every test, with lint, types, import contracts and docs
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: test      ## the same as `make test`
 
 serve: setup     ## the service on this machine (loopback, SQLite under ./var)
 	$(BIN)/preload serve
+
+docs: setup      ## the pages of docs/ as a site, in build/site (needs no network)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 bench: setup     ## side-by-side timings against peers, in one run
 	$(BIN)/python -m benchmarks
@@ -50,4 +54,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup demo test check serve bench replay-data plots lock clean
+.PHONY: help setup demo test check serve docs bench replay-data plots lock clean
