@@ -1,11 +1,12 @@
 # Two stages: the build tools stay in the first one.
 FROM python:3.11-slim AS build
 WORKDIR /build
-COPY requirements.lock pyproject.toml README.md ./
+COPY pyproject.toml README.md LICENSE ./
+COPY requirements/runtime.lock requirements/runtime.lock
 COPY monitor_core monitor_core
 COPY service service
 RUN python -m venv /opt/preload \
- && /opt/preload/bin/pip install --no-cache-dir --require-hashes -r requirements.lock \
+ && /opt/preload/bin/pip install --no-cache-dir --require-hashes -r requirements/runtime.lock \
  && /opt/preload/bin/pip install --no-cache-dir --no-deps --no-build-isolation .
 
 FROM python:3.11-slim

@@ -11,26 +11,30 @@ help:            ## list the targets
 
 setup: $(STAMP)  ## virtual environment with the locked versions
 
-$(STAMP): requirements-dev.lock pyproject.toml
+$(STAMP): requirements/dev.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 is needed; '$(PYTHON)' was not found. Set PYTHON=/path/to/python3.11."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-dev.lock
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
 demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo
 
-test: setup      ## every test, with lint, types and import contracts
+test: setup      ## every test, with lint, types, import contracts and docs
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: test      ## the same as `make test`
 
 serve: setup     ## the service on this machine (loopback, SQLite under ./var)
 	$(BIN)/preload serve
+
+docs: setup      ## the pages of docs/ as a site, in build/site (needs no network)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 bench: setup     ## side-by-side timings against peers, in one run
 	$(BIN)/python -m benchmarks
@@ -44,10 +48,10 @@ plots: setup     ## draw docs/figures again
 LOCK_FLAGS := --quiet --strip-extras --generate-hashes --allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
 
 lock:            ## resolve the two lock files again from pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --all-extras -o requirements-dev.lock pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --extra tdms --extra uff --extra postgres --extra build -c requirements-dev.lock -o requirements.lock pyproject.toml
+	$(BIN)/pip-compile $(LOCK_FLAGS) --all-extras -o requirements/dev.lock pyproject.toml
+	$(BIN)/pip-compile $(LOCK_FLAGS) --extra tdms --extra uff --extra postgres --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup demo test check serve bench replay-data plots lock clean
+.PHONY: help setup demo test check serve docs bench replay-data plots lock clean

@@ -23,7 +23,7 @@ REPLAY_DATA = Path(__file__).resolve().parent.parent / "replay_data"
 #: Joints of this kind are known to some 30 %.
 TOLERANCE = 0.3
 #: First order of Sun et al. at 300 mm. They measured no damping: 2.87 % is their own result with η = 0.053. Orders 2
-#: and 3 are none of an axial and torsional drive (docs/errata.md).
+#: and 3 are none of an axial and torsional drive (docs/reference/errata.md).
 SUN = (ModalObservation(DriveConditions(0.3), 266.72, order=1, damping_ratio=0.0287),)
 
 

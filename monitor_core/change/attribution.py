@@ -13,7 +13,8 @@ an offset of the position move the frequency at one end of the screw more than a
 alone. Warming softens all by one share; it looks like a little mass on the table, and often only the usual size of
 either, or a thermometer, decides between them.
 
-At least three positions at both times are needed; what five and seven are worth was measured, see docs/running-axis.md.
+At least three positions at both times are needed; what five and seven are worth was measured, see
+docs/explanation/running-axis.md.
 """
 
 from collections.abc import Sequence

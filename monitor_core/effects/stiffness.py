@@ -135,7 +135,7 @@ CUBIC_STIFFNESS = Effect(
     ),
     parameters=(EffectParameter("relative_stiffness_per_m2", "1/m²", lower=-1e12, upper=1e13, scale=1e9),),
     add=increasing("added", "cubic_nut_stiffness", by="relative_stiffness_per_m2"),
-    # rms error of eleven simulated machines; docs/hidden-effects.md says what is known of it
+    # rms error of eleven simulated machines; docs/explanation/hidden-effects.md says what is known of it
     form_share=0.22,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
 )

@@ -7,8 +7,8 @@ A model is asked at :class:`DriveConditions`, driven at an :class:`ExcitationPoi
 package                 what it is                                                        who asks it
 ======================  ================================================================  ==========================
 ``published/``          the equations of the four papers as they stand, corrected where   ``build_model``; ``preload
-                        ``docs/errata.md`` says so; the reference of equations and tests  modes``, ``preload
-                                                                                          simulate``, identification
+                        ``docs/reference/errata.md`` says so; the reference of            modes``, ``preload
+                        equations and tests                                               simulate``, identification
 ``extended/``           one closed form for all families, to which effects can be added;  a model file that states
                         ``physics_of`` says how closely each family is met                ``[effects]``, ``preload
                                                                                           explain``, the causes of

@@ -67,7 +67,7 @@ def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
     Notes
     -----
     The paper states λ for axial waves only and uses the symbol in its torsional Eqs. (10)-(11) too; there it must run
-    on G, see docs/errata.md.
+    on G, see docs/reference/errata.md.
     """
     return omega * float(np.sqrt(density / modulus))
 
@@ -96,7 +96,7 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
 
     Notes
     -----
-    Eqs. (1) and (2) print −cos where −cot is right, see docs/errata.md.
+    Eqs. (1) and (2) print −cos where −cot is right, see docs/reference/errata.md.
     """
     waves = rod_waves(rigidity, wave_number, length)
     return _symmetric(-waves.cosine / waves.z_sine, -1.0 / waves.z_sine)

@@ -85,7 +85,8 @@ def preload_feature(
     -----
     The paper writes :math:`P` for this feature and, in Eq. (1), for the preload itself; here the force is always
     ``preload``. It calls :math:`P^2` "proportional to the preload level"; by its own Eq. (8) :math:`P^2` grows with
-    the cube root of it (``docs/errata.md``). Eq. (1) is stated for preloads up to 10 % of the dynamic load rating.
+    the cube root of it (``docs/reference/errata.md``). Eq. (1) is stated for preloads up to 10 % of the dynamic
+    load rating.
 
     Examples
     --------
@@ -127,7 +128,8 @@ def preload_from_feature(feature: float | FloatArray, coefficients: PreloadFeatu
 
     Examples
     --------
-    The feature of the example above; Table 2 was taken at 100 N (the printed k miss it, see ``docs/errata.md``):
+    The feature of the example above; Table 2 was taken at 100 N (the printed k miss it, see
+    ``docs/reference/errata.md``):
 
     >>> k = PreloadFeatureCoefficients(-4872e-8, 5561e-8, 2097e-8, 1228e-8)
     >>> round(preload_from_feature(4.359e-6, k), 1)

@@ -109,7 +109,7 @@ def calibrate(
     Examples
     --------
     Table 2 of Nguyen et al. (2018) gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed
-    Table 3 misses it by 1.49 Hz rms (``docs/errata.md``).
+    Table 3 misses it by 1.49 Hz rms (``docs/reference/errata.md``).
     """
     weighting = Weighting(weighting)
     columns = reading_columns(readings, weighting)

@@ -2,7 +2,7 @@
 
 Nothing is guessed: no default unit, no default sampling rate, no time without a zone. What does not fit is refused with
 one sentence (:class:`monitor_core.errors.RecordingFormatError`): what was expected, what was got, where.
-``docs/recordings.md`` shows each format with an example.
+``docs/reference/recordings.md`` shows each format with an example.
 """
 
 from monitor_core.recordings.check import FileReport, check_file

@@ -2,9 +2,9 @@
 
 Root attributes ``format`` = "preload-frf-set", ``version`` = 1. Each group ``/conditions/NNNN`` holds one response with
 the noise of its lines (datasets ``frequency_hz``, ``response``, ``standard_deviation``) and the conditions it was
-measured under; the attributes and their units are those of ``docs/recordings.md``. What was excited and what answers
-imply the unit of the response, so a wrong one is refused, never converted. Attributes that are not known here are left
-alone.
+measured under; the attributes and their units are those of ``docs/reference/recordings.md``. What was excited and what
+answers imply the unit of the response, so a wrong one is refused, never converted. Attributes that are not known here
+are left alone.
 """
 
 from collections.abc import Iterator, Mapping

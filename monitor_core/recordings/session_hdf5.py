@@ -2,8 +2,8 @@
 
 Root attributes ``format`` = "preload-session", ``version`` = 1, ``axis_id``; optional ``description``, ``created``.
 Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes and their units are those of
-``docs/recordings.md``. Units are fixed, so a wrong one is refused, never converted. Attributes that are not known here
-are left alone. A window without ``measurement`` is a measurement of its own, named by its group.
+``docs/reference/recordings.md``. Units are fixed, so a wrong one is refused, never converted. Attributes that are not
+known here are left alone. A window without ``measurement`` is a measurement of its own, named by its group.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Nguyen et al. (2018): Table 2 regressed, and each of the paper's errata (``docs/errata.md``) shown."""
+"""Nguyen et al. (2018): Table 2 regressed, and each of the paper's errata (``docs/reference/errata.md``) shown."""
 
 import csv
 from dataclasses import astuple

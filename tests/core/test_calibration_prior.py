@@ -115,7 +115,7 @@ def test_half_of_the_data_and_then_the_other_half_are_all_data_at_once() -> None
 
 
 def test_halves_of_nguyens_table_are_the_whole_table(published_data) -> None:
-    """Preloads 50, 200 and 400 N, then the rest, unweighted; the whole table gives the k of ``docs/errata.md``.
+    """Preloads 50, 200 and 400 N, then the rest, unweighted; the whole table gives the k of the errata.
 
     The scatter is estimated from the first nine readings for all, and 1/f² is taken to scatter alike: each k agrees to
     a twentieth of its standard uncertainty.

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import monitor_core
+from monitor_core import recordings
 from monitor_core.recording import RejectionReason
 from monitor_core.trend import TrendStatus
 from service.api.http.problems import TYPE_PREFIX
@@ -29,7 +30,7 @@ from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
 
 DOCS = PROJECT_ROOT / "docs"
-PAGES = [PROJECT_ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = [PROJECT_ROOT / "README.md", PROJECT_ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 MODULES = sorted(info.name for info in pkgutil.walk_packages(monitor_core.__path__, "monitor_core."))
 PACKAGES = [name for name in MODULES if hasattr(importlib.import_module(name), "__all__")]
 CODE_SPAN = re.compile(r"`([^`\n]+)`")
@@ -64,7 +65,7 @@ def names_of_tests(path: Path) -> set[str]:
 def named_tests() -> list[tuple[str, str, str]]:
     """Return page, file and name of each test that the two pages name; a section may say where its tests are."""
     named = []
-    for page in ("equations.md", "errata.md"):
+    for page in ("reference/equations.md", "reference/errata.md"):
         for section in text_of(page).split("\n## "):
             default = re.search(r"Tests are in `tests/(\S+)` unless another file is named", section)
             for span in sorted(code_spans(section)):
@@ -97,8 +98,15 @@ def exists(dotted: str) -> bool:
 
 def named_functions() -> list[str]:
     heads = {name.split(".")[1] for name in MODULES}
-    spans = code_spans(text_of("equations.md")) | code_spans(text_of("errata.md"))
+    spans = code_spans(text_of("reference/equations.md")) | code_spans(text_of("reference/errata.md"))
     return sorted(s for s in spans if re.fullmatch(r"\w+(\.\w+)+", s) and s.split(".")[0] in heads)
+
+
+@pytest.mark.parametrize("page", ["reference/equations.md", "reference/errata.md"])
+def test_every_file_of_tests_that_is_named_exists(page):
+    for span in code_spans(text_of(page)):
+        if re.fullmatch(r"(\w+/)*test_\w+\.py", span):
+            assert (PROJECT_ROOT / "tests" / span.removeprefix("tests/")).exists(), f"{page} names {span}"
 
 
 @pytest.mark.parametrize("dotted", named_functions())
@@ -162,39 +170,61 @@ def shown_default(value: object) -> str:
 @pytest.mark.parametrize("name", Settings.model_fields)
 def test_every_setting_is_listed_with_its_default(name):
     default = shown_default(Settings.model_fields[name].default)
-    assert f"| `PRELOAD_{name.upper()}` | {default} | " in text_of("operations.md")
+    assert f"| `PRELOAD_{name.upper()}` | {default} | " in text_of("how-to/settings.md")
 
 
 @pytest.mark.parametrize("name", AxisConfiguration.model_fields)
 def test_every_item_of_an_axis_configuration_is_listed_with_its_default(name):
-    assert f"| `{name}` | {shown_default(AxisConfiguration.model_fields[name].default)} | " in text_of("operations.md")
+    default = shown_default(AxisConfiguration.model_fields[name].default)
+    assert f"| `{name}` | {default} | " in text_of("how-to/settings.md")
 
 
-@pytest.mark.parametrize("name", [*RejectionReason, *TrendStatus])
-def test_every_reason_and_every_state_has_a_row(name):
-    assert name in first_cells(text_of("operations.md"))
+@pytest.mark.parametrize("name", RejectionReason)
+def test_every_reason_has_a_row(name):
+    assert name in first_cells(text_of("how-to/refusals.md"))
+
+
+@pytest.mark.parametrize("name", TrendStatus)
+def test_every_state_has_a_row(name):
+    assert name in first_cells(text_of("how-to/alarms.md"))
 
 
 def test_every_metric_is_listed():
     families = {metric.name: metric.type for metric in Metrics().registry.collect()}
     names = {name + ("_total" if kind == "counter" else "") for name, kind in families.items()}
-    assert names <= first_cells(text_of("operations.md"))
+    assert names <= first_cells(text_of("how-to/supervise.md"))
 
 
 def test_every_problem_and_every_route_is_listed():
-    listed = first_cells(text_of("api.md"))
+    listed = first_cells(text_of("reference/http-api.md"))
     assert {name for _, _, name in STATUS_OF_ERROR} <= listed
     for path, methods in create_app(Settings()).openapi()["paths"].items():
         for method in methods:
             assert f"{method.upper()} {path}" in listed
 
 
-# --- the guided tour -------------------------------------------------------------------------------------------------
+def test_every_public_name_of_the_library_is_in_its_reference():
+    shown = set(re.findall(r"^::: (\S+)$", text_of("reference/library.md"), flags=re.MULTILINE))
+    face = {f"{home}.{name}" for home, names in monitor_core._HOMES.items() for name in names}
+    assert shown >= face
+    assert shown >= {f"monitor_core.recordings.{name}" for name in recordings.__all__}
+    assert all(exists(name.removeprefix("monitor_core.")) for name in shown)
 
 
-def examples_of_the_tour() -> Iterator[tuple[str, str]]:
-    """Yield each shell command of the tour with what it is said to answer."""
-    for block in re.findall(r"^```console\n(.*?)^```", text_of("api.md"), flags=re.MULTILINE | re.DOTALL):
+def test_every_page_is_in_the_navigation_of_the_site():
+    navigation = (PROJECT_ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    listed = re.findall(r"(\S+\.md)$", navigation, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md"))
+
+
+# --- the guided tours ------------------------------------------------------------------------------------------------
+
+TOURS = ["reference/http-api.md", "tutorial/first-axis.md"]
+
+
+def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:
+    """Yield each shell command of a tour with what it is said to answer."""
+    for block in re.findall(r"^```console\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL):
         for example in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
             lines = example.splitlines(keepends=True)
             n_command = next((i for i, line in enumerate(lines) if i and not line.startswith("    ")), len(lines))
@@ -202,26 +232,32 @@ def examples_of_the_tour() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.slow
-def test_the_tour_answers_what_it_shows(tmp_path):
+@pytest.mark.parametrize("page", TOURS)
+def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:
         pytest.skip("the tour is told with curl, which is not installed")
-    script = re.search(r"^```python\n(.*?)^```", text_of("api.md"), flags=re.MULTILINE | re.DOTALL)
-    assert script is not None
-    (tmp_path / "encodings.py").write_text(script[1], encoding="utf-8")
+    for script in re.findall(r"^```python\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL):
+        (tmp_path / "encodings.py").write_text(script, encoding="utf-8")
+    (tmp_path / "replay_data").symlink_to(PROJECT_ROOT / "replay_data")
+    (tmp_path / ".venv").symlink_to(sys.prefix)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with embedded_service(Settings(data_dir=tmp_path / "var", port=0)) as url:
-        environment = os.environ | {"URL": url, "PATH": path, "NO_PROXY": "127.0.0.1"}
-        for command, expected in examples_of_the_tour():
+        environment = os.environ | {"URL": url, "PATH": path, "NO_PROXY": "127.0.0.1", "COLUMNS": "200"}
+        for command, expected in examples_of_the_tour(page):
             answer = subprocess.run(
                 ["bash", "-c", command],
                 cwd=tmp_path,
                 env=environment,
                 capture_output=True,
                 text=True,
-                timeout=60,
+                timeout=120,
                 check=False,
             )
             assert answer.returncode == 0, f"{command}{answer.stderr}"
-            got = answer.stdout if answer.stdout.endswith("\n") or not answer.stdout else answer.stdout + "\n"
+            lines = [line.rstrip() for line in answer.stdout.splitlines()]
+            got = "".join(f"{line}\n" for line in lines)
             assert doctest.OutputChecker().check_output(expected, got, doctest.ELLIPSIS), f"{command}{got}"
-    assert TYPE_PREFIX in text_of("api.md")
+
+
+def test_the_tour_of_the_api_names_the_type_of_problems():
+    assert TYPE_PREFIX in text_of("reference/http-api.md")

@@ -261,7 +261,7 @@ def test_what_contradicts_the_file_is_refused(write_tdms):
 
 def toml_blocks():
     """Return the channel maps of the page; a drive model, which names its family, is none."""
-    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "recordings.md").read_text(encoding="utf-8")
     blocks = [block.partition("```")[0] for block in page.split("```toml\n")[1:]]
     return [block for block in blocks if not block.startswith("family")]
 

@@ -430,7 +430,7 @@ def assert_same(one, other):
 
 
 def test_the_misprinted_bracket_is_a_wrong_parameter() -> None:
-    """Nguyen et al. print a tenth of what their measurements speak for (docs/errata.md)."""
+    """Nguyen et al. print a tenth of what their measurements speak for (docs/reference/errata.md)."""
     printed = replace(RATED, bracket_stiffness=2.1e7)
     right = wrong_parameter("bracket_stiffness_n_per_m", printed).added_to(
         physics_of(printed), {"ln_ratio": math.log(10.0)}

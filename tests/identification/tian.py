@@ -22,7 +22,7 @@ LIMITS = {
     "bearing_damping_ns_per_m": (1e2, 1e5), "far_bearing_damping_ns_per_m": (1e2, 1e5),
     "nut_damping_ns_per_m": (1e2, 1e6), "coupling_damping_nms_per_rad": (1e-4, 10.0),
 }  # fmt: skip
-#: Table 2 prints "FRF values / m" and means mm/N (docs/errata.md).
+#: Table 2 prints "FRF values / m" and means mm/N (docs/reference/errata.md).
 METRES_PER_NEWTON = 1e-3
 
 

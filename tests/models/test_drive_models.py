@@ -143,8 +143,9 @@ def test_rigid_joints_leave_the_screw(family: str) -> None:
 
 
 #: How far f1 of a reduction lies from the distributed drive on this axis, lowest and highest, by motor end: what
-#: docs/equations.md states. Lumped: the whole screw moves with the table (too low), and Eq. (3) holds its far end in
-#: torsion. Hybrid: static shapes of the screw, never too low (Rayleigh). Transmission lines: delays of whole steps.
+#: docs/reference/equations.md states. Lumped: the whole screw moves with the table (too low), and Eq. (3) holds its far
+#: end in torsion. Hybrid: static shapes of the screw, never too low (Rayleigh). Transmission lines: delays of whole
+#: steps.
 REDUCTION_ERRORS = {
     ("lumped", MotorEnd.CLAMPED): (-0.015, 0.0),
     ("lumped", MotorEnd.FREE): (-0.04, 0.0),

@@ -1,4 +1,4 @@
-"""Tian's tables against the model, and each misprint of the paper shown (``docs/errata.md``)."""
+"""Tian's tables against the model, and each misprint of the paper shown (``docs/reference/errata.md``)."""
 
 import csv
 import tomllib

@@ -1,1 +1,1 @@
-"""The papers' own forms of the drive models: reference of ``docs/equations.md``, ``docs/errata.md`` and the tests."""
+"""The papers' own forms of the drive models: what equations, errata (``docs/reference``) and tests refer to."""

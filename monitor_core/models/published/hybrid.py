@@ -153,7 +153,8 @@ class HybridModel(SmallDrive):
     Notes
     -----
     Eq. (2) prints J_21 for J_22 in m_22. The paper's 1726.8 and 1782.4 rad/s follow from no reading of its Table 1;
-    with corrected equations it gives 1863.6 rad/s without and 1865.2 rad/s with η = 0.053, see docs/errata.md.
+    with corrected equations it gives 1863.6 rad/s without and 1865.2 rad/s with η = 0.053, see
+    docs/reference/errata.md.
 
     Neglected: all but the static shape of the screw, the mass of the nut unless it is counted with the table, the far
     bearing, bending. Against the continuous screw the elastic mode is too high by 0.4 to 0.65 % with a free motor end,

@@ -44,7 +44,7 @@ def feature_coefficients(parameters: LumpedParameters, payload_mass: float = 0.0
 
     Notes
     -----
-    The "calculated" k of Table 3 do not follow from Table 1 so, see docs/errata.md.
+    The "calculated" k of Table 3 do not follow from Table 1 so, see docs/reference/errata.md.
     """
     if parameters.dynamic_load_rating is None:
         raise OutsideValidityError(

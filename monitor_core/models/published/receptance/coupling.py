@@ -43,7 +43,7 @@ def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> C
 
     Notes
     -----
-    As printed, Eqs. (6) and (8) are the reciprocal of a receptance, see docs/errata.md.
+    As printed, Eqs. (6) and (8) are the reciprocal of a receptance, see docs/reference/errata.md.
     """
     if stiffness == 0.0 and damping == 0.0:
         raise OutsideValidityError("a joint must have stiffness or damping; got 0 N/m and 0 N·s/m, leave it out")

@@ -155,7 +155,7 @@ def nut_pattern(transmission_ratio: float) -> FloatArray:
 
     Notes
     -----
-    The paper prints −i_b k_n between table and axial screw, where −k_n is right, see docs/errata.md.
+    The paper prints −i_b k_n between table and axial screw, where −k_n is right, see docs/reference/errata.md.
     """
     deflection = np.array([1.0, -1.0, -transmission_ratio])
     return np.outer(deflection, deflection)

@@ -30,7 +30,8 @@ class ReceptanceModel:
     The screw is a continuous rod in tension and in torsion on both sides of the nut, held axially by its two bearings
     and in torsion by the coupling to the rotor. In the paper the rotor turns freely: ``MotorEnd.FREE``.
 
-    The responses are the closed form of Eqs. (1)-(24), with the misprints of the paper put right (docs/errata.md).
+    The responses are the closed form of Eqs. (1)-(24), with the misprints of the paper put right
+    (docs/reference/errata.md).
 
     References
     ----------

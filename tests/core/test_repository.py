@@ -1,0 +1,40 @@
+"""What the repository says of itself is consistent: version, licence, authors, lock files."""
+
+import tomllib
+
+from tests.conftest import PROJECT_ROOT
+
+PROJECT = tomllib.loads((PROJECT_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def text_of(name: str) -> str:
+    return (PROJECT_ROOT / name).read_text(encoding="utf-8")
+
+
+def test_the_citation_names_the_version_the_licence_and_the_authors_of_the_package():
+    lines = text_of("CITATION.cff").splitlines()
+    assert f"version: {PROJECT['version']}" in lines
+    assert f"license: {PROJECT['license']}" in lines
+    for author in PROJECT["authors"]:
+        assert f"  - name: {author['name']}" in lines
+
+
+def test_the_licence_is_the_full_text_that_the_package_names():
+    text = text_of("LICENSE")
+    assert PROJECT["license"] == "Apache-2.0"
+    assert PROJECT["license-files"] == ["LICENSE"]
+    assert text.lstrip().startswith("Apache License")
+    assert "END OF TERMS AND CONDITIONS" in text
+
+
+def test_every_dependency_of_the_package_is_locked():
+    def locked(name: str) -> set[str]:
+        return {line.partition("==")[0] for line in text_of(name).splitlines() if "==" in line and line[0].isalnum()}
+
+    def normalised(requirement: str) -> str:
+        return requirement.partition(">=")[0].partition("[")[0].lower().replace("_", "-")
+
+    everything, running = locked("requirements/dev.lock"), locked("requirements/runtime.lock")
+    assert {normalised(requirement) for requirement in PROJECT["dependencies"]} <= running <= everything
+    for extra in PROJECT["optional-dependencies"].values():
+        assert {normalised(requirement) for requirement in extra} <= everything
