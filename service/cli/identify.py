@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from monitor_core.fitting import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.identification import (
     IdentifiedJoint,
     IdentifiedJoints,

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from monitor_core.fitting import ModalObservation
+from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models import DriveConditions
 from monitor_core.recordings.elements.units import metres
 from service.operations.fields import Moment, Number

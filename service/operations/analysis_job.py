@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from monitor_core.fitting import FrequencyResponseObservation, ModalObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle
 from service.json_types import JsonObject

@@ -1,7 +1,7 @@
 """The drive model that the configuration of an axis may hold."""
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting import DescribedDrive
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.recordings.model_file import parse_model
 
 

@@ -10,7 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from monitor_core.discrepancy import Explanation
-from monitor_core.fitting import Panel
+from monitor_core.fitting.comparison import Panel
 from service.report.content import Cell, report_content
 from service.report.gap_chart import gap_chart, pull_chart
 from service.report.misfit_map_chart import misfit_map_chart, shade_names

@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
-from monitor_core.fitting import Panel
+from monitor_core.fitting.comparison import Panel
 from service.report.rounding import tick
 from service.report.svg import (
     Axis,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from monitor_core.fitting import PLACES
+from monitor_core.fitting.accelerometer import PLACES
 from monitor_core.measured_responses import SessionResponses, responses_of_session
 from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import Window

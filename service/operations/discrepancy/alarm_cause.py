@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor_core.change import FEWEST_POSITIONS, ChangeAttribution, attribute_change, positions_of
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
-from monitor_core.fitting import FrequencyResponseObservation
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recordings.elements.units import metres
