@@ -5,8 +5,12 @@ one sentence (:class:`monitor_core.errors.RecordingFormatError`): what was expec
 ``docs/reference/recordings.md`` shows each format with an example.
 """
 
+from monitor_core.recordings.calibration_file import read_calibration, write_calibration
 from monitor_core.recordings.check import FileReport, check_file
+from monitor_core.recordings.frf_set import read_frf_set, write_frf_set
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table, write_modal_table
+from monitor_core.recordings.model_file import read_model_file, write_model_file
+from monitor_core.recordings.motion_csv import read_motion_record, write_motion_record
 from monitor_core.recordings.raw.channel_map import ChannelMap, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.mapped import read_channels, read_mapped
@@ -21,11 +25,19 @@ __all__ = [
     "SessionReader",
     "check_file",
     "open_session",
+    "read_calibration",
     "read_channel_map",
     "read_channels",
+    "read_frf_set",
     "read_mapped",
     "read_modal_table",
+    "read_model_file",
+    "read_motion_record",
     "read_session",
+    "write_calibration",
+    "write_frf_set",
     "write_modal_table",
+    "write_model_file",
+    "write_motion_record",
     "write_session",
 ]
