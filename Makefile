@@ -26,7 +26,11 @@ test: setup      ## every test, with lint, types, import contracts and docs
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+test-fast: setup ## lint and the tests that are not slow, in a minute
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 check: test      ## the same as `make test`
 
@@ -54,4 +58,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup demo test check serve docs bench replay-data plots lock clean
+.PHONY: help setup demo test test-fast check serve docs bench replay-data plots lock clean

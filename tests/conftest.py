@@ -14,6 +14,13 @@ threadpool_limits(limits=1)
 PROJECT_ROOT = Path(__file__).resolve().parent.parent
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the files with slow tests first: several processes, a file each at a time, then end together."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session")
 def measured_data() -> Path:
     """Folder of real measurements, which carry no licence and therefore stay outside the project."""

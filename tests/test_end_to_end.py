@@ -30,6 +30,7 @@ from tests.conftest import PROJECT_ROOT
 from tests.plant.chain import Condition
 from tests.plant.measurements import CALIBRATION_SCATTER, simulate_measurements, to_windows
 
+pytestmark = pytest.mark.slow
 SETTINGS = AxisSettings(search_band=(140.0, 230.0))
 WINDOWS = 15  # of each simulated measurement
 #: Windows of a measurement as recorded, and what came of it.
@@ -144,7 +145,6 @@ def trials() -> list[Trial]:
     return result
 
 
-@pytest.mark.slow
 def test_intervals_cover_hidden_preloads_as_stated(trials: list[Trial]) -> None:
     covered = [
         estimate.interval.covers(tagged.preload)
@@ -154,7 +154,6 @@ def test_intervals_cover_hidden_preloads_as_stated(trials: list[Trial]) -> None:
     assert 0.92 <= np.mean(covered) <= 0.98
 
 
-@pytest.mark.slow
 def test_intervals_cover_at_other_temperatures() -> None:
     rng = np.random.default_rng(21)
     tagged = [
@@ -172,7 +171,6 @@ def test_intervals_cover_at_other_temperatures() -> None:
     assert np.mean(covered) >= 0.9  # 80 measurements on one calibration: 95 % less twice the standard error of 2.4 %
 
 
-@pytest.mark.slow
 def test_preload_does_not_depend_on_the_position() -> None:
     """The spread over positions stays within the spread over repeats, and is what the calibration says it may be.
 
@@ -194,7 +192,6 @@ def test_preload_does_not_depend_on_the_position() -> None:
     assert between <= 2.25 * (within / repeats + calibration)
 
 
-@pytest.mark.slow
 def test_a_loss_under_payload_is_alarmed() -> None:
     """What the payload correction does not know is a dead zone, but not so wide that a fifth can be lost in it."""
     rng, design = np.random.default_rng(23), design_detector(DetectorSettings(loss=LossDirection.RISE))

@@ -40,6 +40,7 @@ def states(drag_torque, baseline_size):
     return history[1:]
 
 
+@pytest.mark.slow
 @SCREWS
 @pytest.mark.parametrize("baseline_size", [5, 6, 7, 8])
 def test_loss_is_alarmed_between_280_and_600_hours(drag_torque, baseline_size):

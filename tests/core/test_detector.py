@@ -84,6 +84,7 @@ def counts_of_axis_years(rate):
     return false_alarms(np.random.default_rng(100), design(false_alarms_per_year=rate), n_axes=N_AXES)
 
 
+@pytest.mark.slow
 def test_false_alarms_in_100_axis_years_agree_with_the_stated_rate():
     counts = counts_of_axis_years(1.0)[:100]
     lower, upper = stats.poisson.interval(0.95, 100.0)
@@ -139,6 +140,7 @@ def test_every_setting_gives_its_own_rate(settings):
     assert counts.mean() == pytest.approx(rate, abs=3.0 * counts.std() / math.sqrt(8000) + 0.03 * rate)
 
 
+@pytest.mark.slow
 def test_false_alarms_left_standing_are_not_many_more():
     counts = false_alarms(np.random.default_rng(7), design(), n_axes=300, clear=False)
     # 1.2 times the stated rate; three standard errors at a dispersion of 1.7
@@ -163,6 +165,7 @@ def test_baselines_that_alarm_are_replaced_until_they_do_not():
     assert expected_false_alarms(np.array([50.0]), np.ones(1), n_measurements=365) == pytest.approx(365 / 50)
 
 
+@pytest.mark.slow
 def test_rarer_false_alarms_cost_wider_limits():
     limits = [design(false_alarms_per_year=r).cusum_limit for r in (4.0, 1.0)]
     assert limits == sorted(limits)

@@ -100,6 +100,7 @@ def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibrat
     assert advance(AxisState(), outcome, at, calibration=calibration, design=design) == AxisState()
 
 
+@pytest.mark.slow
 def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
     """A hundred axis-years of healthy frequencies at random places through calibration, estimate and charts.
 

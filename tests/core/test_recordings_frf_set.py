@@ -475,6 +475,7 @@ def test_a_damaged_heap_of_texts_is_refused_before_hdf5_crashes_on_it(frf_file):
     assert check_file(frf_file).problems == (refusal(frf_file),)
 
 
+@pytest.mark.slow
 def test_damaged_bytes_are_read_or_refused(frf_file, tmp_path):
     # in a process of its own with limited memory, since HDF5 ends the process on some damaged files
     folder = tmp_path / "damaged"

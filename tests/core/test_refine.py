@@ -147,6 +147,7 @@ TWO_MODES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("modes", TWO_MODES)
 def test_two_modes_are_seen_as_two_and_the_first_is_unbiased(modes):
     fits = fits_of(11, 25, modes, 20)
@@ -159,6 +160,7 @@ def test_two_modes_are_seen_as_two_and_the_first_is_unbiased(modes):
     assert np.all(np.abs(one) > 3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [(205.0, 0.02, 0.1), (225.0, 0.02, 1.0)])
 def test_a_weak_mode_or_one_beyond_the_band_is_at_least_not_ignored(other):
     fits = fits_of(22, 25, [(175.0, 0.02, 1.0), other], 20)
@@ -167,6 +169,7 @@ def test_a_weak_mode_or_one_beyond_the_band_is_at_least_not_ignored(other):
     assert abs(np.mean(errors_in_sigma(fits))) < 1.1
 
 
+@pytest.mark.slow
 def test_one_mode_is_seen_as_one():
     fits = fits_of(12, 100, [(175.0, 0.02, 1.0)], 20)
     assert sum(len(fit.modes) == 1 for fit in fits) == 100
@@ -214,6 +217,7 @@ def test_a_pure_delay_of_the_response_does_not_move_the_frequency():
     assert 0.7 < np.std(z) < 1.3
 
 
+@pytest.mark.slow
 def test_noise_on_the_torque_is_in_the_stated_uncertainty():
     def noise_on_torque(rng, spectra, deviation):
         level = 0.05 * np.sqrt(np.mean(np.abs(spectra.excitation) ** 2) / 2.0)

@@ -144,6 +144,7 @@ def test_a_constant_in_correlated_noise_is_rarely_claimed() -> None:
     assert naively > 0.15 * 200
 
 
+@pytest.mark.slow
 def test_parameters_within_tolerances_do_not_swell_the_scale() -> None:
     """As many tolerances as two thirds of the values: the mean of s² over draws is still the noise's, here 4."""
     rng = np.random.default_rng(9)

@@ -103,6 +103,7 @@ def test_a_far_bearing_is_named(far_bearing) -> None:
     assert far_bearing.steps[-1].gap == gap.after
 
 
+@pytest.mark.slow
 def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
     """Compliance in series with bracket and bearing is the same compliance of either: one finding, by both names."""
     answer = explained(with_hidden({"series-compliance": {"compliance_m_per_n": 9e-8}}), SECOND_HALF)
@@ -166,6 +167,7 @@ def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
         assert np.nanmax(misfit_map.after) < 2.0
 
 
+@pytest.mark.slow
 def test_a_misfit_is_located_where_the_effect_acts() -> None:
     """A weak far bearing is a stiffness, and is felt where the table is far from the fixed one."""
     answer = explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 1e6}}), SECOND_HALF)
@@ -205,6 +207,7 @@ def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     assert 0.0 < limits["torque-delay"] < 5e-3
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named() -> None:
     answer = explained(
         with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}, "torque-delay": {"delay_s": 5e-5}}),
@@ -220,6 +223,7 @@ def test_two_effects_are_both_named() -> None:
         assert {name: one.estimate.value for name, one in parameters.items()} == answer.added[key]
 
 
+@pytest.mark.slow
 def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
     """A bracket of twice the stated stiffness, fourteen of its tolerances off: no compliance more makes it stiffer."""
     described = DescribedDrive(AXIS, {"bracket_stiffness_n_per_m": 0.05, "loss_factor": 0.3}, {})
@@ -234,6 +238,7 @@ def test_a_wrong_parameter_is_named_and_moves_its_ratio() -> None:
 # --- what is not to be believed --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
     """Were far bearings softer than 10 N/µm, one of 30 N/µm would stand for something that nobody has thought of."""
     far = EFFECTS["far-bearing-stiffness"]

@@ -178,6 +178,7 @@ WHITE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("layout", "rows"), WHITE)
 def test_noise_is_localised_at_most_as_often_as_stated(layout, rows):
     rng = np.random.default_rng(11)
@@ -191,6 +192,7 @@ def correlated(rng, correlation, deviation):
     return deviation * lfilter([1.0], [1.0, -correlation], noise, axis=1).ravel()
 
 
+@pytest.mark.slow
 def test_correlated_noise_is_localised_at_most_as_often_as_stated_where_the_correlation_is_stated():
     rng, scatter = np.random.default_rng(12), HealthyScatter(correlation=0.5, deviation=1.3)
     false = sum(bool(localise(RESPONSES, correlated(rng, 0.5, 1.3), SIGNATURES, scatter)) for _ in range(N_DRAWS))

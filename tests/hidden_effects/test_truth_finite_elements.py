@@ -252,6 +252,7 @@ def test_a_delayed_torque_shifts_the_motion_by_a_share_of_a_sample():
     np.testing.assert_allclose(ratio, np.exp(-2j * math.pi * frequency[seen] * delay), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_steps_in_time_agree_with_the_steady_motion():
     """The same plant by another road; the rest is what the anti-aliasing filter and straight lines leave."""
     torque = low_torque(1, 5.0, 0.1, highest=1500.0)
@@ -314,6 +315,7 @@ def test_forces_fed_back_scale_with_the_motion(hidden, louder):
     assert np.std((one - linear)[0, 2000:]) > 0.01 * np.std(linear)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "beta"),
     [
@@ -419,6 +421,7 @@ def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     assert np.median(error[1][:, LINES > 900.0]) < 0.004
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_case_is_written_as_files_that_the_product_reads(family, tmp_path):
     case = draw_case("added-mass", "small", seed=3, family=family)
@@ -434,6 +437,7 @@ def test_a_case_is_written_as_files_that_the_product_reads(family, tmp_path):
     assert case.truth["added-mass"]["mass_kg"] == pytest.approx(0.5, rel=0.17)
 
 
+@pytest.mark.slow
 def test_a_seed_gives_one_case_and_another_seed_another_machine():
     one, again, other = (draw_case("none", seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.measured[5].response, again.measured[5].response)

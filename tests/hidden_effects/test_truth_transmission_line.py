@@ -234,6 +234,7 @@ def short_record(axis: Axis):
     return np.array(respond(axis, [LOADED], random_torque(1, 2048, 4096.0), 4096.0))
 
 
+@pytest.mark.slow
 def test_every_field_of_hidden_acts_and_is_absent_at_its_default():
     assert {name for values in MECHANISMS.values() for name in values} == {item.name for item in fields(Hidden)}
     healthy = short_record(hidden())
@@ -484,6 +485,7 @@ def test_solver_gives_the_same_numbers_compiled_or_not(monkeypatch):
         assert one == pytest.approx(other, rel=1e-9, abs=1e-9 * np.max(np.abs(other)))
 
 
+@pytest.mark.slow
 def test_friction_hardly_depends_on_the_length_of_its_steps(monkeypatch):
     torque = random_torque(2, 2 * 4096, 4096.0)
     settings, axis = [MIDDLE, LOADED], hidden(guide_friction=4.0)

@@ -117,6 +117,7 @@ def fitted(case: Case) -> LocalFit:
     return fit_local(case.problem(positions_of(case)), BOUNDS, START)
 
 
+@pytest.mark.slow
 def test_advised_position_brings_what_it_promises_in_responses() -> None:
     rng = np.random.default_rng(2)
     case = ResponseCase(STIFFNESSES, finite_element_responses(AXIS, (0.6, 1.6), rng))

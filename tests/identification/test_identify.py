@@ -122,6 +122,7 @@ def published(watched: tuple[JointFit, PeakCase, list[tuple[int, int]]]) -> Join
     return watched[0]
 
 
+@pytest.mark.slow
 def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     joints = dict(zip(published.fit.names, 10.0**published.fit.coordinates.values, strict=True))
     assert 6.0e8 < joints["nut_stiffness_n_per_m"] < 7.5e8
@@ -130,6 +131,7 @@ def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
     assert not published.leave_one_out
 
 
+@pytest.mark.slow
 def test_what_published_peaks_leave_open(published: JointFit) -> None:
     verdict = {one.name: one.verdict for one in published.judged.coordinates}
     assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
@@ -143,6 +145,7 @@ def test_what_published_peaks_leave_open(published: JointFit) -> None:
     )
 
 
+@pytest.mark.slow
 def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: JointFit) -> None:
     # the paper states 2.95 % (order 4 at 1900 mm); it prints order 1 there as 23 Hz
     worst = published.worst_held_out
@@ -155,6 +158,7 @@ def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: Join
     assert max(others) <= 2.75
 
 
+@pytest.mark.slow
 def test_mode_at_whose_node_the_table_stands_is_told(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
@@ -163,6 +167,7 @@ def test_mode_at_whose_node_the_table_stands_is_told(
     assert [one.mode for one in watched[1].assignment.peaks] == [one.order for one in EVERYWHERE]
 
 
+@pytest.mark.slow
 def test_equation_26_pays_with_its_frequencies(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
@@ -243,6 +248,7 @@ def test_a_limit_without_end_is_refused() -> None:
 # --- progress, cancel, repetition
 
 
+@pytest.mark.slow
 def test_progress_never_falls_and_ends_at_its_total(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
@@ -284,6 +290,7 @@ def numbers(found: JointFit) -> list[object]:
     ]
 
 
+@pytest.mark.slow
 def test_same_seed_same_answer_with_any_number_of_workers() -> None:
     joints = tian.free(AXIS, "bearing_stiffness", "nut_stiffness", "coupling_stiffness")
     case, bounds = peak_case(joints, EVERYWHERE), joints.bounds(tian.LIMITS)
@@ -311,6 +318,7 @@ def from_responses(responses: tuple[FrequencyResponseObservation, ...]) -> Joint
     return fit_joints(ResponseCase(JOINTS, responses), BOUNDS, settings)
 
 
+@pytest.mark.slow
 def test_simulated_responses_give_the_axis_back(from_responses: JointFit) -> None:
     error = from_responses.fit.coordinates.values - JOINTS.start
     u = from_responses.fit.coordinates.standard_uncertainties
@@ -323,6 +331,7 @@ def test_simulated_responses_give_the_axis_back(from_responses: JointFit) -> Non
     assert [one.conditions.position for one in from_responses.held_out] == [0.6, 1.0, 1.6]
 
 
+@pytest.mark.slow
 def test_held_out_responses_are_off_by_their_noise(from_responses: JointFit) -> None:
     # ln(H/H measured) of noise of 5 %: rms 0.05, plus what the fit to two positions does not know
     for one in from_responses.held_out:
@@ -359,6 +368,7 @@ def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyRespo
 # --- laws of what is stated
 
 
+@pytest.mark.slow
 def test_intervals_cover_whether_uncertainties_are_stated_rightly_or_too_small() -> None:
     rng, truth = np.random.default_rng(3), np.array([10.0, 3.0])
     settings = JointFitSettings(search=ONE_START)

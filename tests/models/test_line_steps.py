@@ -63,6 +63,7 @@ def test_rings_equal_the_plain_loop_bitwise(grid, motor_end):
         np.testing.assert_array_equal(ring, loop)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 def test_compiled_steps_equal_python_s_bitwise(grid):

@@ -66,6 +66,7 @@ def test_natural_frequencies_are_those_of_the_continuous_drive(position):
         assert mode.damping_ratio < 1e-12
 
 
+@pytest.mark.slow
 def test_no_mode_is_missed():
     # Between zero and 4.5 kHz the determinant of the continuous drive changes sign at modes and at the poles of its
     # elements; what is left after those are taken out is the number of modes.
@@ -166,6 +167,7 @@ def test_any_drive_has_the_modes_of_its_step_and_no_others(seed):
     np.testing.assert_allclose(modes, frequency[(frequency > 0.5) & (frequency < highest * (1 - 1e-9))], rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excitation", list(ExcitationPoint))
 def test_response_is_the_transform_of_a_run(excitation):
     # A run from rest, weighted with e^(−αt) so that its end no longer counts, is the response at s = α + jω.

@@ -253,6 +253,7 @@ def test_replay_passes_a_refusal_on_in_one_line(preload: Any, session_file: Path
     assert_refused(preload("replay", session_file, "--url", "http://127.0.0.1:9", "--axis", "a"), "no answer")
 
 
+@pytest.mark.slow
 def test_command_is_installed(table2: Path) -> None:
     """As users call it: a process of its own, nothing but JSON on standard output."""
     command = Path(sys.executable).with_name("preload")

@@ -1,6 +1,7 @@
 """The pages say what the axis says, load nothing from outside, and show the paper's rule by name."""
 
 import httpx
+import pytest
 
 from monitor_core.recordings import open_session
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
@@ -9,6 +10,7 @@ from service.cli.remote.embedded import embedded_service
 from service.settings import BUNDLED_SESSIONS, Settings
 
 
+@pytest.mark.slow
 def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> None:
     settings = Settings(data_dir=tmp_path, port=0)
     with embedded_service(settings) as url, Client(url) as client:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+import pytest
 
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
@@ -27,6 +28,7 @@ def run_serve(*words: str | Path, **environment: str) -> subprocess.CompletedPro
     )
 
 
+@pytest.mark.slow
 def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -37,6 +39,7 @@ def test_port_in_use_is_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / "var").exists()
 
 
+@pytest.mark.slow
 def test_database_that_is_not_there_ends_the_start(tmp_path: Path) -> None:
     url = f"postgresql+psycopg://user:secret@127.0.0.1:{free_port()}/none"
     done = run_serve("--port", "0", "--data-dir", tmp_path, PRELOAD_DATABASE_URL=url)
@@ -44,6 +47,7 @@ def test_database_that_is_not_there_ends_the_start(tmp_path: Path) -> None:
     assert "secret" not in done.stderr
 
 
+@pytest.mark.slow
 def test_starts_beside_unknown_variables_and_stops_soon_while_a_job_runs(
     tmp_path: Path, start_server: Callable[..., ServerProcess]
 ) -> None:

@@ -33,6 +33,7 @@ def test_worn_nut_is_named_and_a_healthy_axis_is_left_alone(truth: str) -> None:
         assert size.standard_uncertainty < 15.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("session", "outcome", "cause", "size"),
     [
