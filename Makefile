@@ -3,6 +3,9 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.ready
+# A second Python, for `make test-python` alone.
+OTHER      ?= python3.13
+OTHER_VENV := .venv-other
 
 .DEFAULT_GOAL := help
 
@@ -32,6 +35,16 @@ test-fast: setup ## lint and the tests that are not slow, in a minute
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
+coverage: setup  ## every test with coverage measured and printed (takes twice the time of `make test`)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report=term
+
+test-python:     ## the tests that are not slow on another Python: make test-python OTHER=python3.13
+	@command -v $(OTHER) >/dev/null || { echo "'$(OTHER)' was not found. Set OTHER=/path/to/python3.13."; exit 1; }
+	$(OTHER) -m venv $(OTHER_VENV)
+	$(OTHER_VENV)/bin/python -m pip install --quiet --require-hashes -r requirements/dev.lock
+	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	$(OTHER_VENV)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+
 check: test      ## the same as `make test`
 
 serve: setup     ## the service on this machine (loopback, SQLite under ./var)
@@ -56,6 +69,6 @@ lock:            ## resolve the two lock files again from pyproject.toml
 	$(BIN)/pip-compile $(LOCK_FLAGS) --extra tdms --extra uff --extra postgres --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
 
 clean:           ## remove the virtual environment and caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup demo test test-fast check serve docs bench replay-data plots lock clean
+.PHONY: help setup demo test test-fast coverage test-python check serve docs bench replay-data plots lock clean

@@ -30,7 +30,8 @@ from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
 
 DOCS = PROJECT_ROOT / "docs"
-PAGES = [PROJECT_ROOT / "README.md", PROJECT_ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+TOP_PAGES = [PROJECT_ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES = [*TOP_PAGES, *sorted(DOCS.rglob("*.md")), *sorted((PROJECT_ROOT / "benchmarks").rglob("*.md"))]
 MODULES = sorted(info.name for info in pkgutil.walk_packages(monitor_core.__path__, "monitor_core."))
 PACKAGES = [name for name in MODULES if hasattr(importlib.import_module(name), "__all__")]
 CODE_SPAN = re.compile(r"`([^`\n]+)`")

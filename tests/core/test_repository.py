@@ -1,5 +1,7 @@
 """What the repository says of itself is consistent: version, licence, authors, lock files."""
 
+import re
+import sys
 import tomllib
 
 from tests.conftest import PROJECT_ROOT
@@ -38,3 +40,20 @@ def test_every_dependency_of_the_package_is_locked():
     assert {normalised(requirement) for requirement in PROJECT["dependencies"]} <= running <= everything
     for extra in PROJECT["optional-dependencies"].values():
         assert {normalised(requirement) for requirement in extra} <= everything
+
+
+def test_the_changelog_has_one_line_a_change_in_three_groups_of_each_version():
+    versions = re.split(r"^## ", text_of("CHANGELOG.md"), flags=re.MULTILINE)[1:]
+    names = [version.partition("\n")[0].split(" ")[0] for version in versions]
+    assert names[0] == "Unreleased"
+    assert PROJECT["version"] in names
+    for version in versions:
+        groups = re.split(r"^### ", version, flags=re.MULTILINE)[1:]
+        assert {group.partition("\n")[0] for group in groups} <= {"Added", "Changed", "Fixed"}
+        for line in "".join(group.partition("\n")[2] for group in groups).splitlines():
+            assert not line.startswith(" "), line  # a change that goes on in a second line
+
+
+def test_the_package_claims_the_python_that_runs_its_tests():
+    claimed = {text.rpartition(" :: ")[2] for text in PROJECT["classifiers"] if "Python :: 3." in text}
+    assert f"3.{sys.version_info.minor}" in claimed
