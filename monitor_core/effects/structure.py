@@ -1,4 +1,4 @@
-"""Modes beside the drive: of the base, and of what stands on the table."""
+"""Modes besides those of the drive: of the base, and of what stands on the table."""
 
 from collections.abc import Mapping
 

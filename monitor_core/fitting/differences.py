@@ -1,4 +1,4 @@
-"""Derivatives by differences, where there are none in closed form."""
+"""Derivatives by differences, for functions without a closed form of theirs."""
 
 from collections.abc import Callable
 from typing import TypeVar

@@ -2,7 +2,7 @@ r"""k1…k4 of the preload feature, Eq. (8) of Nguyen et al. (2018), of an axis 
 
 The model is asked for one natural frequency over the positions and preloads of interest, and Eq. (8) is fitted to
 :math:`1/f^2`. How well the joints are known becomes the covariance of k1…k4; how far the model is from the form of
-Eq. (8) is stated in hertz beside it.
+Eq. (8) is stated with it, in hertz.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What a fit knows of each coordinate, which of them it cannot tell apart, and which directions it does not see."""
+"""Say how well a fit knows each coordinate, which it cannot distinguish, and which directions it does not see."""
 
 import math
 from collections.abc import Sequence

@@ -56,7 +56,7 @@ _MOST_PLACES, _MOST_CANDIDATES = 3, 5
 )  # fmt: skip
 @click.option(
     "--effects", "effects_path", type=click.Path(path_type=Path), metavar="FILE",
-    help="Python file that defines EFFECTS, of your own beside those of the product. It is run.",
+    help="Python file that defines EFFECTS, of your own, besides those of the product. It is run.",
 )  # fmt: skip
 @click.option(
     "--healthy", "healthy_paths", type=click.Path(path_type=Path, exists=True), multiple=True, metavar="DATA",

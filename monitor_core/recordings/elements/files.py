@@ -19,7 +19,7 @@ def require_file(path: Path) -> Path:
         If nothing is there, if it is a folder, a pipe or a device, or if it is empty.
     """
     if not path.exists():
-        raise RecordingFormatError(f"{path.name}: expected a file; there is none at this path")
+        raise RecordingFormatError(f"{path.name}: expected a file; nothing is at this path")
     if not path.is_file():
         raise RecordingFormatError(f"{path.name}: expected a regular file; got a folder, pipe or device")
     if path.stat().st_size == 0:

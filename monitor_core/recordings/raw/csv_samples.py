@@ -1,7 +1,7 @@
 """Read samples from text columns: ``*.csv``, ``*.txt``, ``*.tsv``.
 
 The separator is the first of tab, semicolon and comma that the first line contains (blanks, if none). A first line of
-numbers alone means that there is no header: the columns are then named "1", "2", …. Decimals carry a point: a decimal
+numbers alone means a file without a header: the columns are then named "1", "2", …. Decimals carry a point: a decimal
 comma is refused, never guessed. The text is UTF-8, with or without byte order mark, with any line end.
 """
 

@@ -47,7 +47,7 @@ def natural_frequencies(
         raise OutsideValidityError("no mode of this drive oscillates: its joints are damped too strongly")
     omega = _refine(_characteristic(parameters, conditions, motor_end), start)
     if np.any(np.abs(omega - start) > _LARGEST_MOVE * np.abs(start)) or _coincide(omega):
-        raise OutsideValidityError("the poles of this drive cannot be told apart")
+        raise OutsideValidityError("the poles of this drive cannot be distinguished")
     omega = omega[np.argsort(np.abs(omega))]
     elastic = tuple(NaturalFrequency(float(abs(pole)) / (2.0 * np.pi), float(pole.imag / abs(pole))) for pole in omega)
     return (NaturalFrequency(0.0, 0.0), *elastic) if drive.free else elastic
@@ -74,7 +74,7 @@ def normal_modes(parameters: ReceptanceParameters, conditions: DriveConditions, 
     start = undamped_frequencies(drive)[: N_MODES - drive.free]
     omega = _refine(_characteristic(undamped, conditions, motor_end), start.astype(np.complex128)).real
     if _coincide(omega.astype(np.complex128)):
-        raise OutsideValidityError("two undamped natural frequencies coincide; their modes cannot be told apart")
+        raise OutsideValidityError("two undamped natural frequencies coincide; their modes cannot be distinguished")
     angle, displacement = _shapes(undamped, conditions, motor_end, omega)
     ratio = _damping_ratios(parameters, conditions, motor_end, omega)
     if drive.free:

@@ -1,0 +1,65 @@
+"""What users and newcomers read is in plain words; names in the code are the names of things."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import PROJECT_ROOT
+
+SOURCES = sorted(path for package in ("monitor_core", "service") for path in (PROJECT_ROOT / package).rglob("*.py"))
+#: Turns of phrase that a reader stumbles over, each with the plain words to write.
+WORDS = {
+    r"\b(tell|tells|told) (\w+ )?apart\b": "distinguish",
+    r"\bbeside\b": "besides, with",
+    r"\b(there (is|are)|is|are) none\b": "say what is missing",
+    r"\bgot not\b": "say what was got",
+    r"\bis to be written\b": "cannot write",
+    r"\bpart(s)? from\b": "differ",
+    r"\bmay be said\b": "say what is returned",
+    r"\bthat there (is|are)\b": "leave it out",
+    r"\bin (its|the) (eyes|place) of\b": "instead of, according to",
+    r"\b(yardstick|twin|twins|leader|promise|whereof|wherein|hence|lest|shy)\b": "the word of the nomenclature",
+    r"\bas against\b": "compared with",
+    r"\bworth of\b": "say how much",
+    r"\bof its own right\b": "leave it out",
+}
+
+
+def messages(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield the texts of what is raised or printed, with their lines, and the docstring of the module."""
+    yield 1, ast.get_docstring(tree) or ""
+    for node in ast.walk(tree):
+        printed = isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in PRINTING
+        if isinstance(node, ast.Raise) or printed:
+            texts = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
+            yield node.lineno, " ".join(text for text in texts if isinstance(text, str))
+
+
+PRINTING = {"echo", "print_table", "BadParameter", "UsageError", "ClickException", "option", "argument"}
+
+
+def strange_words(text: str) -> list[str]:
+    flat = re.sub(r"\s+", " ", text)
+    return [f"{found.group()!r}: {plain}" for word, plain in WORDS.items() if (found := re.search(word, flat))]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PROJECT_ROOT)))
+def test_messages_and_module_docstrings_are_in_plain_words(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert not [(line, words) for line, text in messages(tree) if (words := strange_words(text))]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PROJECT_ROOT)))
+def test_a_variable_is_called_by_what_it_is(path: Path) -> None:
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    names = [(node.lineno, node.id) for node in nodes if isinstance(node, ast.Name)]
+    names += [(node.lineno, node.arg) for node in nodes if isinstance(node, ast.arg)]
+    assert not [line for line, name in names if name == "one"]
+
+
+def test_the_list_finds_what_it_names() -> None:
+    tree = ast.parse('"""What may be said of it."""\nraise ValueError(f"{path} is to be written here; {x} is none")\n')
+    assert [len(strange_words(text)) for _, text in messages(tree)] == [1, 2]
