@@ -91,6 +91,7 @@ def test_a_screw_that_does_not_twist_lacks_torsional_flexibility() -> None:
     assert answer.gap.after.held_out < 1.6
 
 
+@pytest.mark.slow
 def test_a_single_support_hides_behind_a_refit() -> None:
     """It takes up the stiffness of both and leaves 3.4 %, where without a refit the second order is a quarter off."""
     subject = DescribedDrive(ON_ONE_SUPPORT, OF_ONE_SUPPORT, {})

@@ -50,6 +50,7 @@ def test_loss_is_alarmed_between_280_and_600_hours(drag_torque, baseline_size):
     assert set(status[first:]) == {TrendStatus.ALARM}  # it goes on to be lost
 
 
+@pytest.mark.slow
 @SCREWS
 def test_the_evidence_names_the_loss(drag_torque):
     alarm = next(s.alarm for s in states(drag_torque, 5) if s.alarm is not None)

@@ -121,6 +121,7 @@ def false_alarms_at_once(rng, the_design, *, n_axes):
     return counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

@@ -196,6 +196,7 @@ def test_every_metric_is_listed():
     assert names <= first_cells(text_of("how-to/supervise.md"))
 
 
+@pytest.mark.slow
 def test_every_problem_and_every_route_is_listed():
     listed = first_cells(text_of("reference/http-api.md"))
     assert {name for _, _, name in STATUS_OF_ERROR} <= listed

@@ -53,6 +53,7 @@ def test_friction_and_offset_are_told_apart_and_inertia_is_left_out():
     assert estimate.drag.standard_uncertainty < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["drag", "offset"])
 def test_stated_uncertainty_covers_in_95_percent(quantity):
     # friction and zero error that differ from window to window are common to the travels there and back

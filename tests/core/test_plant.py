@@ -248,6 +248,7 @@ def test_measurements_become_windows_with_their_tags():
     assert first.position_trace.mean() == pytest.approx(0.3, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_same_content_gives_the_same_bytes(tmp_path):
     scenario = replace(hidden(), measurements=hidden().measurements[:1])
     for name in ("a", "b"):

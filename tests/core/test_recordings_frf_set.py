@@ -225,6 +225,7 @@ SPELLINGS = {
 EVERY_SPELLING = [(points, unit) for points, units in SPELLINGS.items() for unit in units]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("points", "unit"), EVERY_SPELLING)
 def test_a_unit_is_known_in_its_usual_spellings_and_belongs_to_its_points_alone(tmp_path, points, unit):
     for others, units in SPELLINGS.items():

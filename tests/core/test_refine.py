@@ -204,6 +204,7 @@ def test_a_tone_near_the_mode_is_removed_and_intervals_cover(tone, amplitude):
     assert abs(np.mean(z)) < 0.35
 
 
+@pytest.mark.slow
 def test_a_pure_delay_of_the_response_does_not_move_the_frequency():
     # Half a millisecond, 31° at 175 Hz: a phase criterion would be off by 2 Hz.
     def delay(rng, spectra, deviation):
@@ -234,6 +235,7 @@ def test_noise_on_the_torque_is_in_the_stated_uncertainty():
     assert np.sqrt(np.mean(stated**2)) == pytest.approx(np.std(error), rel=0.25)
 
 
+@pytest.mark.slow
 def test_friction_is_neither_a_tone_nor_a_second_mode_and_widens_the_interval():
     # Unmeasured forces at the moves: noise that reaches the sensor through the mode, alike on neighbouring lines.
     rng = np.random.default_rng(16)

@@ -137,6 +137,7 @@ def test_every_effect_says_what_it_is(effect) -> None:
 # --- null values and others ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_effect
 def test_nothing_changes_at_null_values(name, effect) -> None:
     parameters, axis = AXES[name], physics_of(AXES[name])
@@ -164,6 +165,7 @@ STILL = {
 }
 
 
+@pytest.mark.slow
 @every_effect
 def test_nothing_is_seen_without_what_it_needs(name, effect) -> None:
     parameters, axis = AXES[name], physics_of(AXES[name])
@@ -177,6 +179,7 @@ def test_nothing_is_seen_without_what_it_needs(name, effect) -> None:
         np.testing.assert_allclose(frequencies(strong, conditions), frequencies(axis, conditions), rtol=1e-3)
 
 
+@pytest.mark.slow
 @every_effect
 def test_it_is_smooth_where_it_is_absent(name, effect) -> None:
     """A search starts at null: half the step makes half the change, so that the slope there is finite."""

@@ -75,6 +75,7 @@ def test_values_of_an_autoregression_are_worth_their_share(correlation) -> None:
     assert 1.0 / variance_of_mean == pytest.approx(n * share, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_series_end_with_their_setting() -> None:
     """Settings that follow one another are not neighbours, nor are values with a held-out one between them."""
     rng = np.random.default_rng(2)

@@ -71,6 +71,7 @@ def covered(found, value, times=1.5):
 # --- nothing, one, two -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_healthy_axis_lacks_nothing(seed) -> None:
     answer = explained(true_subject(seed), SECOND_HALF, seed=seed)
@@ -86,6 +87,7 @@ def far_bearing():
     return explained(with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}}), SECOND_HALF)
 
 
+@pytest.mark.slow
 def test_a_far_bearing_is_named(far_bearing) -> None:
     """With an interval that holds its stiffness, and a gap that is gone where nothing was fitted."""
     assert far_bearing.outcome is Outcome.NAMED
@@ -144,6 +146,7 @@ def test_a_model_without_an_answer_at_the_settings_as_stated_is_left_out_of_the_
     assert [panel.title for panel in answer.panels] == ["before"]
 
 
+@pytest.mark.slow
 def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     """The description, moved by the ratios and with what was added, is as the true axis is."""
     described = replace(
@@ -158,6 +161,7 @@ def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     assert np.sqrt(np.mean((found.misfit(truth) - true.misfit(truth)) ** 2)) < 0.01
 
 
+@pytest.mark.slow
 def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
     assert far_bearing.localisation
     assert far_bearing.remainder == ()
@@ -178,6 +182,7 @@ def test_a_misfit_is_located_where_the_effect_acts() -> None:
     assert "868.3" in first.where
 
 
+@pytest.mark.slow
 def test_pictures_show_both_models(far_bearing) -> None:
     assert len(far_bearing.panels) == len(SECOND_HALF)
     for panel in far_bearing.panels:
@@ -188,11 +193,13 @@ def test_pictures_show_both_models(far_bearing) -> None:
         assert before > after
 
 
+@pytest.mark.slow
 def test_pulls_are_those_of_a_healthy_axis(far_bearing) -> None:
     assert set(far_bearing.pulls) == {"position", "preload", "gain 1", *TOLERANCES}
     assert max(abs(one) for one in far_bearing.pulls.values()) < 3.0
 
 
+@pytest.mark.slow
 def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     """No payload, temperature and level were varied; a rotor that is not part of the path moves nothing."""
     reasons = {one.key: one.untestable_because for one in far_bearing.candidates}
@@ -287,6 +294,7 @@ def test_what_the_catalogue_lacks_stays_unknown() -> None:
     assert answer.gap.after.fit > 2.0 * answer.gap.noise_floor
 
 
+@pytest.mark.slow
 def test_an_effect_of_a_users_own_is_named(tmp_path) -> None:
     """The same axis, with a file that has what the catalogue lacks."""
     (tmp_path / "mine.py").write_text(dedent(WIPERS), encoding="utf-8")
@@ -363,6 +371,7 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
     assert [one.effect for one in answer.steps] == ["quantity-0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0.1, 0.15, 0.2])
 def test_what_would_do_in_the_place_of_another_is_not_said_to_be_left_out(apart) -> None:
     """Of two look-alikes one is left out beside a third effect; it then may stand for the other."""

@@ -204,6 +204,7 @@ def test_correlation_that_is_not_stated_is_found():
     assert all(localise(RESPONSES, correlated(rng, 0.3, 1.0), {}) for _ in range(20))
 
 
+@pytest.mark.slow
 def test_each_test_holds_its_level():
     rng = np.random.default_rng(14)
     previous, everything = previous_in_series(RESPONSES), np.ones(RESPONSES.n_values, dtype=np.bool_)
@@ -255,6 +256,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "hidden"), PLANTED.values(), ids=PLANTED.keys())
 def test_the_worst_place_is_of_the_kind_that_was_planted(kind, hidden):
     planted = misfit(**hidden)
@@ -264,6 +266,7 @@ def test_the_worst_place_is_of_the_kind_that_was_planted(kind, hidden):
 SMALL = {STIFFNESS: ("stiffer", 1.0, 0.001), MASS: ("mass", 0.0, 0.02), DAMPING: ("damping", 0.0, 20.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SMALL)
 def test_a_misfit_that_can_just_be_seen_has_no_wrong_kind_and_one_three_times_as_large_has_its_own(kind):
     """A tenth of a standard deviation on the whole: fewer than half a dozen values of 2880 stand out by themselves."""
@@ -310,6 +313,7 @@ PLACES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("where", "hidden", "conditions"), PLACES.values(), ids=PLACES.keys())
 def test_the_place_is_where_the_misfit_was_planted(where, hidden, conditions):
     """The conditions that were meant and no others, and a band about the modes that the axis has there."""

@@ -205,6 +205,7 @@ def test_every_hidden_field_is_looked_at():
     assert set(FELT) | IN_TIME == {item.name for item in fields(Hidden)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", FELT)
 def test_a_mechanism_changes_the_response_and_vanishes_with_its_size(field):
     values = FELT[field]
@@ -264,6 +265,7 @@ def test_steps_in_time_agree_with_the_steady_motion():
         assert np.std(difference) < 2e-4 * np.std(np.diff(other, 2, axis=1)[0, kept])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, 3.0])
 def test_friction_stops_a_drive_or_slows_it_to_its_terminal_speed(share):
     """T = c ω + i (c_t v + F) with v = i ω once it runs; below i F it does not turn at all."""
@@ -402,6 +404,7 @@ LESS_ALIKE = {"loss-factor": 0.02, "sensor-mounting-resonance": 0.02}
 LINEAR = [key for key in KINDS if not key.startswith("outside") and key not in {"guide-friction", "cubic-stiffness"}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["none", *LINEAR])
 def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     """At the true parts and with the effect of the true size: median below 900 Hz, away from zeros of the response."""

@@ -116,6 +116,7 @@ def test_profile_of_a_line_is_its_linear_interval(stated: bool) -> None:
         assert judged.interval.upper - judged.value == pytest.approx(half, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_profile_ends_are_fiellers() -> None:
     rng = np.random.default_rng(11)
     compared = 0

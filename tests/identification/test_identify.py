@@ -195,6 +195,7 @@ def test_position_that_was_not_measured_cannot_be_held_out() -> None:
         fit_joints(peak_case(JOINTS, EVERYWHERE), BOUNDS, hold_out=[0.6, 0.7])
 
 
+@pytest.mark.slow
 def test_mode_that_nobody_measured_was_taken_for_the_one_above_it() -> None:
     # without order 3 the band of order 4 once reached down to it, and its higher peak made a nut of 2.4e8 N/m
     two = tian.free(AXIS, "bearing_stiffness", "nut_stiffness")
@@ -338,6 +339,7 @@ def test_held_out_responses_are_off_by_their_noise(from_responses: JointFit) -> 
         assert 0.045 < one.relative_error < 0.065
 
 
+@pytest.mark.slow
 def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyResponseObservation, ...]) -> None:
     heavy = tian.free(replace(AXIS, table_mass=1.05 * AXIS.table_mass))
     start = JointFitSettings(search=replace(FEW_STARTS, n_populations=1, n_random_starts=2))
@@ -348,6 +350,7 @@ def test_error_of_the_model_is_told_from_noise(responses: tuple[FrequencyRespons
     assert found.fit.residual_variance > 1.2
 
 
+@pytest.mark.slow
 def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyResponseObservation, ...]) -> None:
     # the bearings are known as a sum: who knows one within 0.1 % knows the other as if it alone were free
     two = tian.free(AXIS, "bearing_stiffness", "far_bearing_stiffness")

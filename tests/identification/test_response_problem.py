@@ -59,6 +59,7 @@ def test_residuals_are_as_large_as_the_noise(fits):
     assert chi_squared.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / n / len(fits)))
 
 
+@pytest.mark.slow
 def test_wide_random_starts_agree(exact):
     problem = response_problem(JOINTS, simulated.noisy(exact, np.random.default_rng(1)))
     found = search(
@@ -122,6 +123,7 @@ def test_at_its_own_joints_a_response_leaves_nothing():
             assert np.max(np.abs(ResponseProblem(JOINTS, (one,), form).residuals(TRUTH))) < 1e-9
 
 
+@pytest.mark.slow
 def test_both_forms_are_one_near_the_truth(exact):
     rng = np.random.default_rng(4)
     observations = simulated.noisy(exact, rng, noise=1e-4)

@@ -82,6 +82,7 @@ def test_compiled_steps_equal_python_s_bitwise(grid):
 STRUCK = LineState(table=TableState(velocity=0.1))
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("sections", [40, 424])  # steps of 10.5 and 1 µs
 def test_energy_is_conserved_to_1e_10_over_a_million_steps_of_the_common_step(sections):

@@ -76,6 +76,7 @@ def test_stated_place_is_kept_though_the_other_fits_better(preload: Any, session
     assert abs(document["parameters"][NUT]["value"] / MACHINE.parameters[NUT] - 1.0) > 0.1
 
 
+@pytest.mark.slow
 def test_a_simulated_session_is_of_the_table(preload: Any, tmp_path: Path) -> None:
     model, path = REPLAY / "models" / "lumped.toml", tmp_path / "trial.session.h5"
     preload("simulate", model, "--out", path, "--preload-n", 200)
@@ -167,6 +168,8 @@ def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session
         assert sentence in job["result"]["taken_as"][0]
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 def test_no_calibration_from_natural_frequencies_that_have_the_nut_elsewhere(
     preload: Any, session: Path, machine: Path, tmp_path: Path
 ) -> None:

@@ -218,6 +218,7 @@ def test_help_and_version(preload: Any) -> None:
     assert preload().exit_code == 2
 
 
+@pytest.mark.slow
 def test_replay_to_a_running_service_twice(preload: Any, session_file: Path, shared_api: Api) -> None:
     url = str(shared_api.http.base_url)
     shared_api.register("replayed", windows_per_measurement=10)

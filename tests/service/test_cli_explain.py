@@ -270,6 +270,7 @@ def test_first_mode_of_a_sound_axis_lacks_nothing(
     assert document["gap"]["before"]["fit"] < 2.0 * document["gap"]["noise_floor"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("family", "options"), [("lumped", ("--preload-n", 200)), ("transmission-line", ())])
 def test_a_session_of_a_sound_axis_lacks_nothing(
     preload: Any, tmp_path: Path, family: str, options: tuple[Any, ...]

@@ -78,6 +78,7 @@ def test_numbers_after_an_equals_sign_were_an_unexpected_argument(preload: Any, 
 # --- simulate --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_simulated_session_goes_the_whole_road(preload: Any, tmp_path: Path, name: str) -> None:
     model = MODELS / f"{name}.toml"

@@ -89,6 +89,7 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
         assert len(api.trend("axis")) == 1
 
 
+@pytest.mark.slow
 def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_path: Path) -> None:
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)
