@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from monitor_core.change.attribution import attribute_change as attribute_change
+    from monitor_core.change import attribute_change as attribute_change
     from monitor_core.discrepancy import ExplainOptions as ExplainOptions
     from monitor_core.discrepancy import Explanation as Explanation
     from monitor_core.discrepancy import Outcome as Outcome
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 #: Where each name of the face lives: imported when it is first used, so that a command pays for what it needs alone.
 _HOMES = {
-    "monitor_core.change.attribution": ("attribute_change",),
+    "monitor_core.change": ("attribute_change",),
     "monitor_core.discrepancy": ("ExplainOptions", "Explanation", "Outcome", "explain"),
     "monitor_core.effects": ("Effect", "EffectParameter"),
     "monitor_core.errors": ("MonitorCoreError",),

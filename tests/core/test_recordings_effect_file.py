@@ -67,5 +67,5 @@ def test_what_defines_no_effects_gets_one_sentence(tmp_path, what):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(RecordingFormatError, match=r"none\.py: expected a file; there is none at this path"):
+    with pytest.raises(RecordingFormatError, match=r"none\.py: expected a file; nothing is at this path"):
         read_effect_file(tmp_path / "none.py")
