@@ -39,7 +39,7 @@ coverage: setup  ## every test with coverage measured and printed (takes twice t
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report=term
 
 test-python:     ## the tests that are not slow on another Python: make test-python OTHER=python3.13
-	@command -v $(OTHER) >/dev/null || { echo "'$(OTHER)' was not found. Set OTHER=/path/to/python3.13."; exit 1; }
+	@$(OTHER) --version >/dev/null 2>&1 || { echo "'$(OTHER)' does not run. Set OTHER=/path/to/python3.13."; exit 1; }
 	$(OTHER) -m venv $(OTHER_VENV)
 	$(OTHER_VENV)/bin/python -m pip install --quiet --require-hashes -r requirements/dev.lock
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
