@@ -1,7 +1,7 @@
 r"""Find peaks of the table's receptance in bands: frequency and height as a modal test reads them off |H|.
 
-A peak is the highest interior local maximum of a band; a rise towards an edge of the band does not count. Its top lies between
-lines. Across a sharp peak |H| changes a hundredfold from one line to the next, but numerator and denominator of
+A peak is the highest interior local maximum of a band; a rise towards an edge of the band does not count. Its top lies
+between lines. Across a sharp peak |H| changes a hundredfold from one line to the next, but numerator and denominator of
 
 .. math::
 
