@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from datetime import datetime
 from enum import StrEnum
-from typing import Any
 
 from monitor_core.change import ChangeAttribution, TriedChange
 from service.documents.measurement import finite_or_null
+from service.json_types import JsonObject
 from service.store.tables import MeasurementRow
 
 
@@ -24,14 +24,14 @@ _SENTENCES = {
 }
 
 
-def not_examined_yet(configuration: dict[str, Any]) -> dict[str, Any]:
+def not_examined_yet(configuration: JsonObject) -> JsonObject:
     """Return what an alarm says when it is raised on an axis of this configuration."""
     has_model = configuration.get("drive_model") is not None
     reason = NotExamined.TOO_FEW_POSITIONS if has_model else NotExamined.NO_DRIVE_MODEL
     return {"examined": False, "reason": str(reason), "sentence": _SENTENCES[reason], "recent": None}
 
 
-def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> dict[str, Any]:
+def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> JsonObject:
     """Return what an alarm says whose cause could not be examined."""
     return {
         "examined": False,
@@ -43,9 +43,9 @@ def refused_document(refusal: Exception, recent: Sequence[MeasurementRow]) -> di
 
 def examined_document(
     found: ChangeAttribution, at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
-) -> dict[str, Any]:
+) -> JsonObject:
     """Return what an alarm says of its cause, with all that was tried and what it rests on."""
-    document: dict[str, Any] = finite_or_null({
+    document: JsonObject = finite_or_null({
         "examined": True,
         "at": at.isoformat(),
         "outcome": str(found.outcome),
@@ -62,7 +62,7 @@ def examined_document(
     return document
 
 
-def _change(change: TriedChange) -> dict[str, Any]:
+def _change(change: TriedChange) -> JsonObject:
     return {
         "cause": str(change.cause),
         "effect": change.key,
@@ -76,7 +76,7 @@ def _change(change: TriedChange) -> dict[str, Any]:
     }
 
 
-def _measured(rows: Sequence[MeasurementRow]) -> dict[str, Any]:
+def _measured(rows: Sequence[MeasurementRow]) -> JsonObject:
     return {
         "n_measurements": len(rows),
         "first_at": rows[0].started_at.isoformat(),

@@ -13,9 +13,10 @@ from monitor_core.discrepancy import (
     MisfitMap,
 )
 from service.documents.measurement import finite_or_null
+from service.json_types import JsonObject
 
 
-def explanation_document(explanation: Explanation, model_text: str) -> dict[str, Any]:
+def explanation_document(explanation: Explanation, model_text: str) -> JsonObject:
     """Return the whole answer except its pictures; a number that is not known is ``null``.
 
     Parameters
@@ -57,7 +58,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> dict[str,
     return dict(document)
 
 
-def _effect(effect: FoundEffect) -> dict[str, Any]:
+def _effect(effect: FoundEffect) -> JsonObject:
     return {
         "key": effect.key,
         "name": effect.name,
@@ -73,7 +74,7 @@ def _effect(effect: FoundEffect) -> dict[str, Any]:
     }
 
 
-def _parameter(found: FoundParameter) -> dict[str, Any]:
+def _parameter(found: FoundParameter) -> JsonObject:
     return {
         "value": float(found.estimate.value),
         "standard_uncertainty": float(found.estimate.standard_uncertainty),
@@ -84,7 +85,7 @@ def _parameter(found: FoundParameter) -> dict[str, Any]:
     }
 
 
-def _misfit(misfit: Misfit) -> dict[str, Any]:
+def _misfit(misfit: Misfit) -> JsonObject:
     return {
         "where": misfit.where,
         "misfit": float(misfit.size),
@@ -97,7 +98,7 @@ def _pair(pair: GapPair) -> dict[str, float]:
     return {"fit": float(pair.fit), "held_out": float(pair.held_out)}
 
 
-def _candidate(candidate: Candidate) -> dict[str, Any]:
+def _candidate(candidate: Candidate) -> JsonObject:
     return {
         "key": candidate.key,
         "delta_bic": float(candidate.delta_bic),
@@ -108,7 +109,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
     }
 
 
-def _map(shown: MisfitMap) -> dict[str, Any]:
+def _map(shown: MisfitMap) -> JsonObject:
     return {
         "title": shown.title,
         "rows": list(shown.rows),

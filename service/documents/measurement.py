@@ -13,6 +13,7 @@ from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, prelo
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart
+from service.json_types import JsonObject
 from service.store.intake import MeasurementRecord
 
 
@@ -29,7 +30,7 @@ def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
     return value
 
 
-def modal_document(modal: ModalMeasurement) -> dict[str, Any]:
+def modal_document(modal: ModalMeasurement) -> JsonObject:
     """Lay out a measured mode; the keys are those of ``preload frf``."""
     mode = modal.mode
     return {
@@ -50,7 +51,7 @@ def modal_document(modal: ModalMeasurement) -> dict[str, Any]:
     }
 
 
-def estimate_document(estimate: PreloadEstimate) -> dict[str, Any]:
+def estimate_document(estimate: PreloadEstimate) -> JsonObject:
     """Lay out a preload with its 95 % coverage interval and what it rests on; an open end is ``null``."""
     upper = estimate.interval.upper
     shares = estimate.shares
@@ -72,17 +73,17 @@ def estimate_document(estimate: PreloadEstimate) -> dict[str, Any]:
     }
 
 
-def refusal_document(rejection: Rejection) -> dict[str, Any]:
+def refusal_document(rejection: Rejection) -> JsonObject:
     """Lay out a refusal."""
     return {"refused": True, "reason": str(rejection.reason), "detail": rejection.detail}
 
 
 def measurement_document(
     row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration | None
-) -> dict[str, Any]:
+) -> JsonObject:
     """Lay out everything that is said about one measurement; what could not be said is ``null``."""
     refusal = outcome.refusal
-    document: dict[str, Any] = {
+    document: JsonObject = {
         "measurement_id": row.id,
         "measurement": row.name,
         "started_at": row.started_at.isoformat(),
@@ -106,11 +107,11 @@ def measurement_document(
     baseline = state.detector.baseline
     if baseline is not None and calibration is not None:
         document["baseline_preload_n"] = preload_from_feature(baseline.mean, calibration.coefficients)
-    stored: dict[str, Any] = finite_or_null(document)
+    stored: JsonObject = finite_or_null(document)
     return stored
 
 
-def response_document(outcome: MeasurementOutcome) -> dict[str, Any] | None:
+def response_document(outcome: MeasurementOutcome) -> JsonObject | None:
     """Lay out the frequency response around the mode, for a picture."""
     if isinstance(outcome.modal, Rejection):
         return None
@@ -140,7 +141,7 @@ _CHART = {
 
 def alarm_evidence(
     row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration
-) -> dict[str, Any]:
+) -> JsonObject:
     """Lay out why an alarm was raised: the measurement, the chart, and since when."""
     alarm, baseline = state.detector.alarm, state.detector.baseline
     if alarm is None or baseline is None or not isinstance(outcome.preload, PreloadEstimate):
@@ -148,7 +149,7 @@ def alarm_evidence(
     estimate = estimate_document(outcome.preload)
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
     lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
-    evidence: dict[str, Any] = finite_or_null({
+    evidence: JsonObject = finite_or_null({
         "at": row.started_at.isoformat(),
         "measurement": row.name,
         "preload_n": estimate["preload_n"],
@@ -173,7 +174,7 @@ def alarm_evidence(
     return evidence
 
 
-def baseline_document(state: AxisState, calibration: Calibration) -> dict[str, Any] | None:
+def baseline_document(state: AxisState, calibration: Calibration) -> JsonObject | None:
     """Lay out what is normal for the axis: mean, and the 95 % prediction interval of one more healthy measurement."""
     baseline = state.detector.baseline
     if baseline is None:

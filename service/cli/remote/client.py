@@ -12,6 +12,7 @@ import numpy as np
 from monitor_core.recording import ExcitationQuantity, Window
 from monitor_core.recordings.elements.units import to_millimetres
 from service.api.http.body import MSGPACK_TYPE
+from service.json_types import JsonObject
 
 TIMEOUT_S = 120.0
 
@@ -39,11 +40,11 @@ class Client:
         """Read a resource."""
         return self._ask("GET", path, params=query)
 
-    def post(self, path: str, body: dict[str, Any]) -> Any:  # noqa: ANN401 - JSON
+    def post(self, path: str, body: JsonObject) -> Any:  # noqa: ANN401 - JSON
         """Create or do something."""
         return self._ask("POST", path, json=body)
 
-    def put(self, path: str, body: dict[str, Any]) -> Any:  # noqa: ANN401 - JSON
+    def put(self, path: str, body: JsonObject) -> Any:  # noqa: ANN401 - JSON
         """Set a resource."""
         return self._ask("PUT", path, json=body)
 
@@ -71,7 +72,7 @@ class Client:
         raise click.ClickException(f"{method} {path} was refused with {response.status_code}: {detail}")
 
 
-def window_document(window: Window) -> dict[str, Any]:
+def window_document(window: Window) -> JsonObject:
     """Return a window as the API takes it, samples as bytes of little-endian float32."""
 
     def samples(values: np.ndarray[Any, Any]) -> bytes:

@@ -7,11 +7,11 @@ from typing import Any
 from sqlalchemy import Connection
 
 from monitor_core.pipeline import AxisState, MeasurementOutcome, advance, judge_measurement
-from monitor_core.preload import Calibration
+from monitor_core.preload import Calibration, PreloadEstimate
 from monitor_core.recording import Rejection, RejectionReason, Window
 from service.clock import now
 from service.documents.change import not_examined_yet
-from service.documents.measurement import alarm_evidence, measurement_document, response_document
+from service.documents.measurement import alarm_evidence, finite_or_null, measurement_document, response_document
 from service.operations.monitoring.alarms import raise_alarm
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.monitor_state import dump_state, load_design, load_state
@@ -67,7 +67,10 @@ def record(
     row.status = JUDGED if refusal is None else REFUSED
     row.calibration_id = axis.active_calibration_id
     row.outcome = document = measurement_document(row, outcome, after, calibration)
-    lower, upper = document["interval_95_n"] or (None, None)
+    interval = outcome.preload.interval if isinstance(outcome.preload, PreloadEstimate) else None
+    lower, upper = (
+        (None, None) if interval is None else (finite_or_null(interval.lower), finite_or_null(interval.upper))
+    )
     intake.save_judged(
         connection,
         row,

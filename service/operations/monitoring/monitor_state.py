@@ -1,47 +1,47 @@
 """The state of an axis as it is kept between measurements: the core's records, as JSON."""
 
 from datetime import datetime, timedelta
-from typing import Any
 
 from pydantic import TypeAdapter
 
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorDesign, TrendStatus, reset, state_at
+from service.json_types import JsonObject
 
 _STATE: TypeAdapter[AxisState] = TypeAdapter(AxisState)
 _DESIGN: TypeAdapter[DetectorDesign] = TypeAdapter(DetectorDesign)
 
 
-def load_state(document: dict[str, Any] | None) -> AxisState:
+def load_state(document: JsonObject | None) -> AxisState:
     """Return the stored state, or that of an axis nothing is known about."""
     return AxisState() if document is None else _STATE.validate_python(document)
 
 
-def dump_state(state: AxisState) -> dict[str, Any]:
+def dump_state(state: AxisState) -> JsonObject:
     """Return the state as a JSON document."""
-    document: dict[str, Any] = _STATE.dump_python(state, mode="json")
+    document: JsonObject = _STATE.dump_python(state, mode="json")
     return document
 
 
-def load_design(document: dict[str, Any]) -> DetectorDesign:
+def load_design(document: JsonObject) -> DetectorDesign:
     """Return the stored limits of the charts."""
     return _DESIGN.validate_python(document)
 
 
-def dump_design(design: DetectorDesign) -> dict[str, Any]:
+def dump_design(design: DetectorDesign) -> JsonObject:
     """Return the limits of the charts as a JSON document."""
-    document: dict[str, Any] = _DESIGN.dump_python(design, mode="json")
+    document: JsonObject = _DESIGN.dump_python(design, mode="json")
     return document
 
 
-def begin_new_baseline(document: dict[str, Any] | None) -> dict[str, Any] | None:
+def begin_new_baseline(document: JsonObject | None) -> JsonObject | None:
     """Begin a new baseline after somebody inspected the axis; a person decides that, never the detector."""
     if document is None:
         return None
     return dump_state(AxisState(detector=reset(load_state(document).detector)))
 
 
-def state_now(document: dict[str, Any] | None, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
+def state_now(document: JsonObject | None, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
     """Tell how an axis stands now, and since when; silence is ``unknown``."""
     detector = load_state(document).detector
     silence = timedelta(hours=silent_after_hours)

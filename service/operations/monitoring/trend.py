@@ -3,12 +3,12 @@
 import base64
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 from monitor_core.trend import paper_rule
 from service.clock import now
 from service.documents.measurement import baseline_document
 from service.errors import UnreadableBodyError
+from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.monitor_state import load_state, state_now
 from service.store import alarms, axes, calibrations, measurements
@@ -26,7 +26,7 @@ class AxisStatus:
     row: AxisRow
     state: str
     since: datetime | None
-    last_measurement: dict[str, Any] | None
+    last_measurement: JsonObject | None
     refused_windows: dict[str, int]
     open_alarms: int
 
@@ -61,14 +61,14 @@ class Trend:
                 open_alarms=alarms.count_open(session, axis_id),
             )
 
-    def baseline(self, axis_id: str) -> dict[str, Any] | None:
+    def baseline(self, axis_id: str) -> JsonObject | None:
         """Return the baseline in newtons, as soon as it is learnt."""
         with self._database.read() as session:
             row = axes.get_axis(session, axis_id)
             calibration = calibrations.active_calibration(session, row)
         return None if calibration is None else baseline_document(load_state(row.monitor_state), calibration)
 
-    def paper_rule(self, axis_id: str) -> dict[str, Any] | None:
+    def paper_rule(self, axis_id: str) -> JsonObject | None:
         """Compare the first measurements under the calibration in force with the latest, as the paper does."""
         with self._database.read() as session:
             row = axes.get_axis(session, axis_id)
