@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.localisation.joint_test import LEVEL
+from monitor_core.discrepancy.localisation.joint_significance import LEVEL
 from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
 from monitor_core.discrepancy.localisation.misfit_kind import KindFound, take_out
 from monitor_core.discrepancy.localisation.misfit_map import misfit_map

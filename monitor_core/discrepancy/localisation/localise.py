@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.explanation import Misfit, MisfitKind
-from monitor_core.discrepancy.localisation.joint_test import LEVEL, ResidualsUnderTest, run_joint_tests
+from monitor_core.discrepancy.localisation.joint_significance import LEVEL, ResidualsUnderTest, run_joint_tests
 from monitor_core.discrepancy.localisation.misfit_kind import (
     KindFound,
     Signature,
