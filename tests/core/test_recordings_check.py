@@ -76,7 +76,7 @@ def test_the_list_of_problems_is_bounded(tmp_path):
 
 
 BAD = {
-    "nothing.csv": (None, "unknown", "there is none at this path"),
+    "nothing.csv": (None, "unknown", "nothing is at this path"),
     "empty.csv": (b"", "unknown", "the file is empty (0 bytes)"),
     "noise.bin": (b"\x00\xff\xfe\x80", "unknown", "expected UTF-8 text"),
     "table.csv": (b"position_mm,frequency\n1,2\n", "modal-table", "expected the column 'frequency_hz'"),

@@ -455,7 +455,7 @@ def test_what_is_no_hdf5_file_is_refused(tmp_path, content):
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    assert "there is none" in refusal(tmp_path / "nothing.frf.h5")
+    assert "nothing is at this path" in refusal(tmp_path / "nothing.frf.h5")
     assert "folder" in refusal(tmp_path)
 
 

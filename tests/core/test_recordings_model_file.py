@@ -182,7 +182,7 @@ def test_a_bad_file_gets_one_sentence(tmp_path, what):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(RecordingFormatError, match=r"none\.toml: expected a file; there is none at this path"):
+    with pytest.raises(RecordingFormatError, match=r"none\.toml: expected a file; nothing is at this path"):
         read_model_file(tmp_path / "none.toml")
 
 

@@ -185,7 +185,7 @@ def test_a_bad_model_is_one_line(preload: Any, tmp_path: Path, command: str, tex
         (("modes", "hybrid.toml", "--position-mm", 300, "--motor-end", "loose"), "loose"),
         (("modes", "hybrid.toml", "--position-mm", "here"), "'here'"),
         (("modes", "hybrid.toml", "--position-mm", 300, "--payload-kg", -1), "payload_mass must not be negative"),
-        (("modes", "none.toml", "--position-mm", 300), "none.toml: expected a file; there is none"),
+        (("modes", "none.toml", "--position-mm", 300), "none.toml: expected a file; nothing is"),
         (("simulate", "hybrid.toml"), "--out"),
         (("simulate", "hybrid.toml", "--out", "x.csv"), "a session file ends in .h5 or .hdf5; got x.csv"),
         (("simulate", "hybrid.toml", "--out", "x.h5", "--windows", 0), "--windows"),
