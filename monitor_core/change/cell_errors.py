@@ -29,7 +29,8 @@ class ChangeTolerances:
 def moved(side: Side, errors: FloatArray, tolerances: ChangeTolerances) -> Side:
     r"""Return one time with its positions, preloads, temperatures, gains and delays moved by errors.
 
-    Where all stiffness softens by one share, accelerations are those of the cold axis at a higher frequency:
+    ``errors`` are in standard deviations, shape (n_positions, n_errors). Where all stiffness softens by one share,
+    accelerations are those of the cold axis at a higher frequency:
 
     .. math::
 
@@ -37,13 +38,6 @@ def moved(side: Side, errors: FloatArray, tolerances: ChangeTolerances) -> Side:
         A(\omega) = -\omega^2 (K - \omega^2 M)^{-1}
 
     so that each position can have its own temperature, while an axis has a single one.
-
-    Parameters
-    ----------
-    side : Side
-    errors : ndarray, shape (n_positions, n_errors)
-        In standard deviations.
-    tolerances : ChangeTolerances
     """
     lines = side.lines
     position, preload, temperature, gain, delay = errors[side.position_of_case].T

@@ -100,10 +100,7 @@ def spacings(observations: Sequence[FrequencyResponseObservation]) -> tuple[floa
 def side_of(observations: Sequence[FrequencyResponseObservation], positions: FloatArray, width: float) -> Side:
     """Put the responses of one time side by side; those near none of the positions are left out.
 
-    Raises
-    ------
-    NotIdentifiableError
-        If all are left out, or no line stands above its noise.
+    Raises NotIdentifiableError if all are left out, or no line stands above its noise.
     """
     kept = []
     for observation in observations:

@@ -79,14 +79,7 @@ _PRELOAD_WORDS = _Words("the preload {change} by {size} N", "fell", "rose")
 
 
 def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change, ...]:
-    """Return the changes that an axis can have.
-
-    Parameters
-    ----------
-    axis : ReferenceAxis
-    preload : float or None
-        Of the reference; None where the nut does not follow it. [N]
-    """
+    """Return the changes that an axis can have; no preload [N] of the reference where the nut does not follow it."""
     at_reference = axis.physics({})
     bodies = at_reference.then.bodies
     moving = bodies.table_mass + bodies.nut_mass

@@ -100,13 +100,8 @@ def fit_reference(
 ) -> ReferenceAxis:
     """Fit what a description leaves open to the reference, with the accelerometer where that fits better.
 
-    Raises
-    ------
-    NotIdentifiableError
-        As :func:`compare_reference`, or if the model does not describe the reference: what it says of changes would
-        be worth no more.
-    OutsideValidityError
-        If the model has no answer under one of the conditions.
+    Raises NotIdentifiableError as :func:`compare_reference`, or if the model does not describe the reference: what it
+    says of changes would be worth no more; OutsideValidityError if the model has no answer under one of the conditions.
     """
     hypothesis = Hypothesis(Unchanged(drive))
     trials = []

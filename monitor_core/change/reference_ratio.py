@@ -133,10 +133,7 @@ def compare_reference(
 ) -> ReferenceRatio:
     """Compare the reference of an axis with a model of it.
 
-    Raises
-    ------
-    NotIdentifiableError
-        If no line stands above its noise.
+    Raises NotIdentifiableError if no line stands above its noise.
     """
     positions, width = _positions(reference), max(spacings(reference))
     side = side_of(reference, positions, width)
@@ -159,10 +156,8 @@ def compare_times(
 ) -> ReferenceRatio:
     """Compare what an axis is now with its reference.
 
-    Raises
-    ------
-    NotIdentifiableError
-        If fewer than three positions were measured at both times, or no line stands above its noise.
+    Raises NotIdentifiableError if fewer than three positions were measured at both times, or no line stands above its
+    noise.
     """
     positions = _positions(recent)
     at_both_times = np.unique(_in_common(reference, recent, positions)[2][:, 0])

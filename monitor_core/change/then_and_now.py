@@ -18,14 +18,10 @@ class ThenAndNow:
 
 
 def since_then(effect: Effect[AxisPhysics], parameter: EffectParameter | None = None) -> Effect[ThenAndNow]:
-    """Return an effect of an axis as a change since the reference was taken.
+    """Return an effect of one parameter as a change since the reference was taken.
 
-    Parameters
-    ----------
-    effect : Effect
-        Of one parameter.
-    parameter : EffectParameter, optional
-        The range of the change, where it differs from that of the effect: a mass may also have been taken off.
+    ``parameter`` is the range of the change where it differs from that of the effect: a mass may also have been taken
+    off.
     """
     return Effect(
         key=effect.key,

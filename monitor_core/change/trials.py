@@ -67,17 +67,9 @@ class _Trial:
 def tried_changes(
     comparison: ReferenceRatio, axis: ReferenceAxis, preload: float | None, *, remainder: float
 ) -> tuple[tuple[TriedChange, ...], float]:
-    """Return all changes, likeliest first, and the probability that it is none of them.
+    """Return all changes between two times, likeliest first, and the probability that it is none of them.
 
-    Parameters
-    ----------
-    comparison : ReferenceRatio
-        Of two times.
-    axis : ReferenceAxis
-    preload : float or None
-        Of the reference. [N]
-    remainder : float
-        Times the noise: what an unknown cause is taken to leave.
+    ``preload`` [N] is that of the reference; an unknown cause is taken to leave ``remainder`` times the noise.
     """
     trials = _trials(comparison, axis, possible_changes(axis, preload))
     scale = evidence_scale(min((trial.fitted for trial in trials), key=lambda fitted: fitted.cost))

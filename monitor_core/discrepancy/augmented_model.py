@@ -17,15 +17,7 @@ _SHARES_OF_THE_REST = frozenset(("share", "inertia_share"))
 def augmented_model(
     baseline: AxisDescription, explanation: Explanation, table: Sequence[Effect[Any]]
 ) -> AxisDescription:
-    """Return the model with what was found.
-
-    Parameters
-    ----------
-    baseline : AxisDescription
-    explanation : Explanation
-    table : sequence of Effect
-        What the keys of effects mean.
-    """
+    """Return the model with what was found; ``table`` holds what the keys of effects mean."""
     parameters = {
         name: value * math.exp(explanation.ln_ratios.get(name, 0.0)) for name, value in baseline.parameters.items()
     }

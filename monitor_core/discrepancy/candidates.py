@@ -15,16 +15,7 @@ from monitor_core.fitting.hold_out import gain
 def candidates_not_found(
     found: Found[Physics], candidates: Sequence[Effect[Physics]], classes: Sequence[EquivalenceClass[Physics]]
 ) -> tuple[Candidate, ...]:
-    """Return the candidates that were not found, best supported first.
-
-    Parameters
-    ----------
-    found : Found
-    candidates : sequence of Effect
-        Whatever the axis may lack.
-    classes : sequence of EquivalenceClass
-        Of the accepted effects.
-    """
+    """Return which of the candidates are in no class of an accepted effect, best supported first."""
     reported = {key for group in classes for key in (group.representative.effect.key, *group.aliases, *group.untested)}
     rivals = {
         rival.effect.key: (rival, accepted.without, group.representative.effect.key)

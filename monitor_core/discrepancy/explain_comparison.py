@@ -62,24 +62,10 @@ def explain_comparison(
     settings: ExplainSettings | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Explanation:
-    """Find where measurements and a described axis differ, what is missing, and how far it closes the gap.
+    """Find where measurements and a described axis differ, which candidates it lacks, and how far they close the gap.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        The measurements.
-    axis : DescribedAxis
-        The described axis.
-    candidates : sequence of Effect
-        What it may lack.
-    settings : ExplainSettings, optional
-    progress : callable, optional
-        Called with a few words on what is being done.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the described axis itself has no answer under one of the conditions.
+    ``progress`` is called with a few words on what is being done. Raises OutsideValidityError if the described axis
+    itself has no answer under one of the conditions.
     """
     settings = settings or ExplainSettings()
     report = progress or (lambda _sentence: None)

@@ -50,23 +50,8 @@ def place_accelerometer(
 ) -> PlacedAccelerometer:
     """Place the accelerometer of the responses whose record does not.
 
-    Parameters
-    ----------
-    observations : sequence of FrequencyResponseObservation
-        Those that say where they were taken stay as they are.
-    stated : str, optional
-        One of ``PLACES``; without it, the accelerometer is where a described drive fits better.
-    drive : DescribedDrive
-        With what may be adjusted to the responses.
-    map_function : MapFunction
-        Like ``map``; one of a pool of processes spreads the work.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If no line stands above its noise.
-    OutsideValidityError
-        If the model has no answer under one of the conditions.
+    It is where ``stated``, one of ``PLACES``, or else where a described drive fits better. Raises NotIdentifiableError
+    if no line stands above its noise; OutsideValidityError if the model has no answer under one of the conditions.
     """
     if all(observation.placed for observation in observations):
         return PlacedAccelerometer(tuple(observations))
@@ -97,24 +82,9 @@ def place_accelerometer(
 def fits_by_place(
     observations: Sequence[FrequencyResponseObservation], drive: DescribedDrive, map_function: MapFunction = map
 ) -> tuple[PlaceFit, ...]:
-    """Fit what a described drive leaves open, with the accelerometer at each of the points it may be at.
+    """Fit what a described drive leaves open, with the accelerometer at each point it may be at; the best first.
 
-    Parameters
-    ----------
-    observations : sequence of FrequencyResponseObservation
-        Of which those that are not placed are tried at each point.
-    drive : DescribedDrive
-    map_function : MapFunction
-
-    Returns
-    -------
-    tuple of PlaceFit
-        The best first.
-
-    Raises
-    ------
-    NotIdentifiableError, OutsideValidityError
-        As :func:`place_accelerometer`.
+    Raises as :func:`place_accelerometer`.
     """
     fits = map_function(partial(_fit_at, observations, drive), ACCELEROMETER_POINTS)
     return tuple(sorted(fits, key=lambda place: place.cost))

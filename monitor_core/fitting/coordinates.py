@@ -42,7 +42,10 @@ _FLAT = 1e-8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeParameters:
-    """Which parameters of a drive are free, what is known of them beforehand, and the values of all."""
+    """Which parameters of a drive are free, what is known of them beforehand, and the values of all.
+
+    Coordinates have the shape (n_parameters,), a Jacobian has (n_residuals, n_parameters).
+    """
 
     family: str
     parameters: Mapping[str, float]  # SI, by names in files; the free ones where a fit starts and a prior is centred
@@ -77,46 +80,23 @@ class FreeParameters:
         return np.asarray(np.log10([self.parameters[name] for name in self.free]))
 
     def values(self, coordinates: FloatArray) -> dict[str, float]:
-        """Return all parameters with the free ones at the coordinates, as a model file states them.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return all parameters with the free ones at the coordinates, as a model file states them."""
         return {**self.parameters, **self._free_values(coordinates)}
 
     def record(self, coordinates: FloatArray) -> DriveParameters:
-        """Return the family's record with the free parameters at the coordinates.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-
-        Raises
-        ------
-        OutsideValidityError
-            If a parameter is out of the range of its family.
-        """
+        """Return the family's record at the coordinates; raises OutsideValidityError out of the range of the family."""
         values = self._free_values(coordinates).values()
         return replace(self.stated, **dict(zip(self._fields, values, strict=True)))
 
     def model(self, coordinates: FloatArray) -> DriveModel:
-        """Return the model at the coordinates; raises as :meth:`record`.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return the model at the coordinates; raises as :meth:`record`."""
         return family_named(self.family).model(self.record(coordinates))
 
     def bounds(self, limits: Mapping[str, tuple[float, float]] | None = None) -> Bounds:
-        """Return the bounds of the coordinates.
+        """Return the bounds of the coordinates, from lower and upper limits of free parameters in SI.
 
-        Parameters
-        ----------
-        limits : mapping of str to (float, float), optional
-            Lower and upper limit of free parameters, SI. By default, or where one is missing, :data:`JOINT_LIMITS`; a
-            decade either way of the stated value for what is no joint or stands outside.
+        By default, or where one is missing, these are :data:`JOINT_LIMITS`; a decade either way of the stated value for
+        what is no joint or stands outside.
         """
         both = np.log10([(limits or {}).get(name) or self._default_limits(name) for name in self.free])
         return Bounds(both[:, 0], both[:, 1])
@@ -127,29 +107,12 @@ class FreeParameters:
         return relative_priors(self.free, self.parameters, self.uncertain)
 
     def unseen(self, jacobian: FloatArray) -> tuple[str, ...]:
-        """Return the free parameters that no datum moves with.
-
-        Parameters
-        ----------
-        jacobian : ndarray, shape (n_residuals, n_parameters)
-            At the drive as stated.
-        """
+        """Return the free parameters that no datum moves with, by the Jacobian at the drive as stated."""
         slopes: FloatArray = np.linalg.norm(jacobian, axis=0)
         return tuple(name for name, slope in zip(self.free, slopes, strict=True) if slope <= _FLAT * slopes.max())
 
     def require_seen(self, jacobian: FloatArray) -> None:
-        """Refuse a free parameter without a prior that no datum moves with.
-
-        Parameters
-        ----------
-        jacobian : ndarray, shape (n_residuals, n_parameters)
-            At the drive as stated.
-
-        Raises
-        ------
-        NotIdentifiableError
-            If there is one.
-        """
+        """Raise NotIdentifiableError if no datum moves with a free parameter without a prior, by the same Jacobian."""
         for name in self.unseen(jacobian):
             if name not in self.uncertain:
                 raise NotIdentifiableError(
@@ -157,19 +120,7 @@ class FreeParameters:
                 )
 
     def require_enough(self, n_data: int, what: str) -> None:
-        """Refuse fewer data than free parameters; a prior stands for a datum.
-
-        Parameters
-        ----------
-        n_data : int
-        what : str
-            What the data are called in the sentence.
-
-        Raises
-        ------
-        NotIdentifiableError
-            If there is no datum, or too few.
-        """
+        """Raise NotIdentifiableError without a datum, or with fewer than free parameters; a prior stands for one."""
         needed = len(self.free) - len(self.uncertain)
         if not n_data or n_data < needed:
             raise NotIdentifiableError(
@@ -193,22 +144,11 @@ class FreeParameters:
 def free_joints(
     family: str, parameters: Mapping[str, float], uncertain: Mapping[str, float] | None = None
 ) -> FreeParameters:
-    """Free the joints that a model states, and whatever else it calls uncertain.
+    """Free the joints that a model states, and whatever else is uncertain, by relative standard deviations [-].
 
-    Parameters
-    ----------
-    family : str
-    parameters : mapping of str to float
-        SI, by names in files. A joint that is not stated, or is zero, plays no part and stays as it is.
-    uncertain : mapping of str to float, optional
-        Relative prior standard deviation of what the fit may adjust. [-]
-
-    Raises
-    ------
-    NotIdentifiableError
-        If that frees nothing.
-    OutsideValidityError
-        If the family has no such parameter, or an uncertainty is of one that is not stated or zero.
+    A joint that is not stated, or is zero, plays no part and stays as it is. Raises NotIdentifiableError if that frees
+    nothing; OutsideValidityError if the family has no such parameter, or an uncertainty is of one that is not stated or
+    zero.
     """
     uncertain = uncertain or {}
     joints = [name for name in JOINT_LIMITS if parameters.get(name, 0.0) > 0.0]

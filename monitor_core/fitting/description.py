@@ -109,10 +109,7 @@ class AxisDescription:
 def at_preload_of_nut(observations: Sequence[_Observation], axis: AxisDescription) -> tuple[_Observation, ...]:
     """Leave out a preload that all share where the nut does not follow it: its rigidity is that at this preload.
 
-    Raises
-    ------
-    OutsideValidityError
-        If the preload varies: a nut of one rigidity cannot follow it.
+    Raises OutsideValidityError if the preload varies: a nut of one rigidity cannot follow it.
     """
     preloads = {observation.conditions.preload for observation in observations}
     if axis.nut_follows_preload or preloads <= {None}:

@@ -14,29 +14,15 @@ _Number = TypeVar("_Number", np.float64, np.complex128)
 def central_differences(
     function: Callable[[FloatArray], npt.NDArray[_Number]], coordinates: FloatArray, step: float
 ) -> npt.NDArray[_Number]:
-    r"""Return the derivatives of a function's values from four points of each coordinate.
+    r"""Return the derivatives of a function from four points of each coordinate, shape (n_parameters, n_values).
 
     .. math::
 
         y' = \frac{8 (y_{+h} - y_{-h}) - (y_{+2h} - y_{-2h})}{12 h} + O(h^4)
 
-    Parameters
-    ----------
-    function : callable
-        From coordinates to values, shape (n_values,).
-    coordinates : ndarray, shape (n_parameters,)
-    step : float
-        h, in decades.
-
-    Returns
-    -------
-    ndarray, shape (n_parameters, n_values)
-
-    Notes
-    -----
-    Two points reach 1e-8, which is not enough: joints in series (bearing, bracket, coupling) are not told apart by any
-    natural frequency, and errors of 1e-8 pass for what tells them apart. The standard uncertainty of a predicted
-    frequency of Nguyen's axis then comes out a third too large.
+    with the step h in decades. Two points reach 1e-8, which is not enough: joints in series (bearing, bracket,
+    coupling) are not told apart by any natural frequency, and errors of 1e-8 pass for what tells them apart. The
+    standard uncertainty of a predicted frequency of Nguyen's axis then comes out a third too large.
     """
     slopes = []
     for direction in step * np.eye(coordinates.size):

@@ -27,20 +27,11 @@ Machine = tuple[Sequence[FrequencyResponseObservation], DescribedAxis[AxisPhysic
 
 
 def learn_form_error(healthy: Sequence[Machine]) -> ModelFormError:
-    r"""Return what a model leaves of healthy machines beyond the noise of their measurements.
+    """Return what a model leaves of healthy machines of one kind beyond the noise of their measurements.
 
     Each machine's uncertain parameters are adjusted first. In bands, the square of what is left, less that of the
     noise, is put down to a constant and to the square of the steepness, neither below zero, by weighted least squares.
-
-    Parameters
-    ----------
-    healthy : sequence of (observations, axis)
-        Machines of one kind that their description fits, with the responses measured on them.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is no machine.
+    Raises NotIdentifiableError if there is no machine.
     """
     if not healthy:
         raise NotIdentifiableError("a form error is learnt from at least one healthy machine; got none")

@@ -115,14 +115,7 @@ ACCELEROMETER_POINTS = (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ACCEL
 def with_accelerometer_at(
     point: ResponsePoint, observations: Sequence[FrequencyResponseObservation]
 ) -> tuple[FrequencyResponseObservation, ...]:
-    """Return responses with the accelerometer at a point where their records do not place it.
-
-    Parameters
-    ----------
-    point : ResponsePoint
-        One of ``ACCELEROMETER_POINTS``.
-    observations : sequence of FrequencyResponseObservation
-    """
+    """Return responses with the accelerometer at one of ``ACCELEROMETER_POINTS`` unless their records place it."""
     return tuple(
         observation if observation.placed else replace(observation, response_point=point, placed=True)
         for observation in observations
@@ -130,11 +123,6 @@ def with_accelerometer_at(
 
 
 def conditions_in_order(observations: Iterable[ModalObservation]) -> tuple[DriveConditions, ...]:
-    """Return the distinct conditions of a table, by position.
-
-    Parameters
-    ----------
-    observations : iterable of ModalObservation
-    """
+    """Return the distinct conditions of a table, by position."""
     distinct = dict.fromkeys(observation.conditions for observation in observations)
     return tuple(sorted(distinct, key=lambda where: (where.position, where.payload_mass, where.preload or 0.0)))

@@ -62,15 +62,6 @@ def relative_priors(
     """Return estimates and standard uncertainties of decimal logarithms, shape (2, n_parameters); none without a prior.
 
     A relative standard deviation r is that of the natural logarithm, Gaussian in ln p, so that u = r/ln 10.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Of the coordinates, which are decimal logarithms of what the names stand for.
-    values : mapping of str to float
-        Of each name; positive.
-    relative : mapping of str to float
-        r of those that something is known of. [-]
     """
     if not relative:
         return None

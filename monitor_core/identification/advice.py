@@ -37,25 +37,9 @@ def modes_to_monitor(
     relative_frequency_uncertainty: float = MONITORED_UNCERTAINTY,
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> tuple[Detectability, ...]:
-    """Rank the peaks of the table's receptance by the smallest loss of preload that they show.
+    """Rank the peaks of the table's receptance by the smallest loss of preload that they show, the best first.
 
-    Parameters
-    ----------
-    axis : ReceptanceParameters
-        With its identified joints.
-    conditions : sequence of DriveConditions
-        Where one may monitor.
-    frequencies : tuple of float
-        Lowest and highest frequency that is measured. [Hz]
-    relative_frequency_uncertainty : float
-        Standard uncertainty of one monitored frequency over the frequency. [-]
-    motor_end : MotorEnd
-        While it is monitored.
-
-    Returns
-    -------
-    tuple of Detectability
-        The best first.
+    ``conditions`` are those one may monitor under, ``frequencies`` the lowest and highest that are measured [Hz].
     """
     peaks = [
         peak
@@ -71,21 +55,9 @@ def bands_at(
     frequencies: tuple[float, float],
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> dict[int, Band]:
-    """Return a band for each mode at one position: half way (geometrically) to its neighbours.
+    """Return a band for each mode between two frequencies [Hz]: half way (geometrically) to its neighbours.
 
-    Parameters
-    ----------
-    axis : ReceptanceParameters
-    conditions : DriveConditions
-        Of the position: where modes change places along the screw, bands that hold at all positions do not exist.
-    frequencies : tuple of float
-        Modes outside are left out. [Hz]
-    motor_end : MotorEnd
-
-    Returns
-    -------
-    dict of int to Band
-        By mode, from 1.
+    It holds at one position: where modes change places along the screw, bands that hold at all positions do not exist.
     """
     modes = ReceptanceModel(axis).natural_frequencies(conditions, motor_end)
     elastic = [mode.frequency for mode in modes if mode.frequency > 0.0]
@@ -99,23 +71,9 @@ def bands_at(
 
 
 def next_positions(case: Case, fit: LocalFit, screw_length: float, parameter: int | None) -> tuple[NextPosition, ...]:
-    """Rank positions at which a further measurement of the same kind would help most.
+    """Rank positions at which a further measurement of the same kind would help most; none where no position helps.
 
-    Parameters
-    ----------
-    case : Case
-        What was measured.
-    fit : LocalFit
-        To all of it.
-    screw_length : float
-        [m]
-    parameter : int, optional
-        Place of the coordinate whose variance decides; without it the determinant of the covariance does.
-
-    Returns
-    -------
-    tuple of NextPosition
-        The most helpful first; empty where no further position helps.
+    They are ranked by the variance of a ``parameter``, or without one by the determinant of the covariance.
     """
     measured = positions_of(case)
     candidates = [replace(case.conditions[0], position=position) for position in _candidates(measured, screw_length)]

@@ -69,27 +69,12 @@ class FeaturePrediction:
 
 
 def mode_frequencies(model: DriveModel, mode: MonitoredMode, reference_preload: float | None = None) -> FloatArray:
-    r"""Return the natural frequency of the mode at every position and preload.
+    """Return the natural frequency of the mode at every position and preload, in the order of ``mode.settings`` [Hz].
 
-    Parameters
-    ----------
-    model : DriveModel
-        Of any family.
-    mode : MonitoredMode
-    reference_preload : float, optional
-        :math:`P_0`, at which the nut has the rigidity of the model; it follows :math:`K_0 (P/P_0)^{1/3}`, Eq. (1) of
-        Nguyen et al. (2018). Without it the nut of the model must follow the preload itself. [N]
-
-    Returns
-    -------
-    ndarray, shape (n_settings,)
-        In the order of ``mode.settings``. [Hz]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the band holds no natural frequency or several somewhere, or if it is not stated, or stated twice, how the
-        nut follows the preload.
+    At the ``reference_preload`` :math:`P_0` [N] the nut has the rigidity of the model; it follows :math:`K_0
+    (P/P_0)^{1/3}`, Eq. (1) of Nguyen et al. (2018). Without it the nut of the model must follow the preload itself.
+    Raises OutsideValidityError if the band holds no natural frequency or several somewhere, or if it is not stated, or
+    stated twice, how the nut follows the preload.
     """
     follows = getattr(model.parameters, "dynamic_load_rating", None) is not None
     if follows == (reference_preload is not None):
@@ -113,34 +98,23 @@ def predict_coefficients(
         k = X^{+} f^{-2}(c, P_0), \qquad
         C_k = J_c C_c J_c^T + J_P J_P^T \left( \frac{u(P_0)}{P_0} \right)^2
 
-    with X the design of Eq. (8) of [1]_, c the coordinates, and J the derivatives of k with respect to c and
-    :math:`\ln P_0`, by central differences.
+    with X the design of Eq. (8) of [1]_, c the coordinates, and J the derivatives of k with respect to c and :math:`\ln
+    P_0`, by central differences. The covariance is linear in the coordinates: for joints known to some 20 %, which move
+    a frequency by a few per cent. What the model does not hold is not in it; readings joined with the prediction are
+    what tests it. Raises OutsideValidityError as :func:`mode_frequencies`, also where a step in a coordinate takes the
+    mode out of its band.
 
     Parameters
     ----------
     model_at : callable
         Returns the model at coordinates of shape (n_parameters,).
     coordinates : VectorEstimate
-        Decimal logarithms of the identified parameters, as a fit leaves them. Those of zero variance are known.
+        Decimal logarithms of the identified parameters, as a fit leaves them. Those of zero variance are known. Its
+        degrees of freedom are those of the coefficients.
     mode : MonitoredMode
     reference_preload : Estimate, optional
         :math:`P_0` under which the joints were identified, see :func:`mode_frequencies`; its uncertainty makes k3
         uncertain by a third of it. [N]
-
-    Returns
-    -------
-    FeaturePrediction
-        The degrees of freedom of its coefficients are those of the coordinates.
-
-    Raises
-    ------
-    OutsideValidityError
-        See :func:`mode_frequencies`; also where a step in a coordinate takes the mode out of its band.
-
-    Notes
-    -----
-    The covariance is linear in the coordinates: for joints known to some 20 %, which move a frequency by a few per
-    cent. What the model does not hold is not in it; readings joined with the prediction are what tests it.
 
     References
     ----------

@@ -77,26 +77,11 @@ def assess(
     *,
     map_function: MapFunction = map,
 ) -> Identifiability:
-    """Judge each coordinate of a fit, and what it cannot see.
+    """Judge each coordinate of the best fit to a problem, and what it cannot see.
 
-    Parameters
-    ----------
-    problem, bounds : Problem, Bounds
-        Those of the fit.
-    fit : LocalFit
-        The best one.
-    thresholds : Thresholds, optional
-        Between the verdicts, in the unit of the coordinates.
-    level : float
-        Of the intervals. [-]
-    map_function : MapFunction
-        Over the coordinates, whose profiles do not depend on each other.
-
-    Returns
-    -------
-    Identifiability
-        A coordinate's verdict rests on its interval, divided by the width that a standard uncertainty would have: the
-        linear one, or the profile where that is not to be trusted. An open interval determines nothing.
+    A coordinate's verdict rests on its interval of this level, divided by the width that a standard uncertainty would
+    have: the linear one, or the profile where that is not to be trusted. An open interval determines nothing. Profiles
+    do not depend on each other, so ``map_function`` may spread them over processes.
     """
     thresholds = thresholds or Thresholds()
     judged = partial(judge, problem, bounds, fit, thresholds=thresholds, level=level)

@@ -61,36 +61,14 @@ def fit_joints(
     progress: Callable[[int, int], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> JointFit:
-    """Find the joints, judge each, and predict what was held out.
+    """Find the joints within finite bounds, judge each, and predict what was held out.
 
-    Parameters
-    ----------
-    case : Case
-    bounds : Bounds
-        Finite.
-    settings : JointFitSettings, optional
-    hold_out : collection of float
-        Positions that the fit does not see and is judged by [m]. Without any, each position in turn is left out of a
-        fit that starts from the answer, where enough others remain.
-    map_function : MapFunction
-        Spreads the search and the verdicts over workers; the answer does not depend on it.
-    progress : callable, optional
-        Told (done, total).
-    cancelled : callable, optional
-        Asked whenever progress is made.
+    The fit does not see the positions to ``hold_out`` [m] and is judged by them. Without any, each position in turn is
+    left out of a fit that starts from the answer, where enough others remain. The answer does not depend on
+    ``map_function``. ``progress`` is told (done, total); ``cancelled`` is asked whenever progress is made.
 
-    Returns
-    -------
-    JointFit
-
-    Raises
-    ------
-    SearchCancelledError
-        If ``cancelled`` said so.
-    NotIdentifiableError
-        If there are too few positions or data, no joint moves anything, or every joint ended at a bound.
-    OutsideValidityError
-        If a bound is not finite.
+    Raises SearchCancelledError if ``cancelled`` said so; NotIdentifiableError if there are too few positions or data,
+    no joint moves anything, or every joint ended at a bound; OutsideValidityError if a bound is not finite.
     """
     settings = settings or JointFitSettings()
     require_positions(case, hold_out)

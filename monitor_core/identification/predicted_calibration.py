@@ -36,20 +36,9 @@ def predicted_calibration(
 ) -> Calibration:
     """Return the calibration that a preload is estimated with, or that is joined with readings as a prior.
 
-    Parameters
-    ----------
-    request : PredictionRequest
-    model_at : callable
-        From coordinates to the model.
-    coordinates : VectorEstimate
-        Of the identified joints.
-    positions : tuple of float
-        First and last that the axis was identified at. [m]
-
-    Raises
-    ------
-    OutsideValidityError, NotIdentifiableError
-        If the band does not hold exactly one mode everywhere, or the prediction says nothing of the preload.
+    ``positions`` are the first and the last that the axis was identified at [m]. Raises OutsideValidityError or
+    NotIdentifiableError if the band does not hold exactly one mode everywhere, or the prediction says nothing of the
+    preload.
     """
     preloads = tuple(share * request.preload.value for share in PRELOADS)
     measured = request.excitation_source is ExcitationSource.SENSOR

@@ -51,10 +51,7 @@ class Question:
 def question_of(axis: AxisDescription, observations: Observations, options: IdentifyOptions) -> Question:
     """Return the case, the limits and the free parameters of an identification.
 
-    Raises
-    ------
-    NotIdentifiableError, OutsideValidityError
-        As :func:`monitor_core.identification.identify_joints.identify`.
+    Raises NotIdentifiableError or OutsideValidityError as :func:`monitor_core.identification.identify_joints.identify`.
     """
     if axis.effects:  # a fit that left them out in silence would be of another axis
         raise NotIdentifiableError(

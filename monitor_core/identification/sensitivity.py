@@ -66,23 +66,9 @@ def peak_sensitivities(
     joint: str = "nut_stiffness",
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> tuple[PeakSensitivity, ...]:
-    """Return how each peak answers to a joint; a mode without a peak in its band is left out.
+    """Return how each peak answers to one of ``JOINT_NAMES``; a mode without a peak in its band is left out.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-        The identified axis.
-    conditions : sequence of DriveConditions
-    bands : mapping of int to Band
-        Where the peak of each mode is.
-    joint : str
-        One of ``JOINT_NAMES``.
-    motor_end : MotorEnd
-
-    Raises
-    ------
-    OutsideValidityError
-        If the joint is none, or a position is not on the screw.
+    Raises OutsideValidityError if the joint is none, or a position is not on the screw.
     """
     if joint not in JOINT_NAMES:
         raise OutsideValidityError(f"joint must be one of {', '.join(JOINT_NAMES)}; got {joint}")
@@ -112,38 +98,21 @@ def rank_modes_to_monitor(
     false_alarm: float = 0.05,
     detection: float = 0.90,
 ) -> tuple[Detectability, ...]:
-    r"""Rank peaks by the smallest loss of stiffness that shows in their frequency.
+    r"""Rank peaks by the smallest loss of stiffness that shows in their frequency; blind ones last.
 
-    A fall is told from scatter with the stated probabilities once it is
+    A fall is told from scatter, with the probabilities α of calling a loss where there is none, one-sided, and d of
+    seeing one, once it is
 
     .. math::
 
         \Delta \ln f = (z_{1-\alpha} + z_{d})\, u, \qquad
         \frac{\Delta k}{k} = 1 - e^{-\Delta \ln f/S}, \qquad \frac{\Delta P}{P} = 1 - e^{-3 \Delta \ln f/S}
 
-    for one measurement against a known healthy frequency; :math:`\sqrt 2` more where the healthy one is measured once
-    too. S is taken as constant over the loss.
+    for one measurement, with the standard uncertainty u of ln f of its mode, against a known healthy frequency;
+    :math:`\sqrt 2` more where the healthy one is measured once too. S is taken as constant over the loss. A loss of
+    preload follows from peaks with the sensitivity to the nut's stiffness.
 
-    Parameters
-    ----------
-    peaks : sequence of PeakSensitivity
-        Of the nut's stiffness, for a loss of preload to follow.
-    relative_frequency_uncertainty : mapping of int to float
-        Standard uncertainty of ln f of one measurement, by mode. [-]
-    false_alarm : float
-        Probability of calling a loss where there is none, one-sided. [-]
-    detection : float
-        Probability of seeing the loss. [-]
-
-    Returns
-    -------
-    tuple of Detectability
-        The peak that shows the smallest loss first; blind ones last.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a mode has no positive uncertainty or a probability is not between 0 and 1.
+    Raises OutsideValidityError if a mode has no positive uncertainty or a probability is not between 0 and 1.
     """
     if not (0.0 < false_alarm < 1.0 and 0.0 < detection < 1.0):
         raise OutsideValidityError(
@@ -178,30 +147,13 @@ def rank_next_positions(
 
         \mathbf C = \left( \mathbf J^T \mathbf J + \mathbf J_+^T \mathbf J_+ \right)^{-1}
 
-    at the identified joints: what a measurement brings does not depend on what it will read.
+    at the identified joints: what a measurement brings does not depend on what it will read. J, shape
+    (n_residuals, n_parameters), is of the residuals in units of their uncertainty, and so is J₊ of each candidate, for
+    example of :func:`~monitor_core.identification.cases.peaks.planned_peaks`. The variance of the ``parameter`` in this
+    place is to be smallest (c-optimal); without it the determinant of the covariance is (D-optimal).
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (n_residuals, n_parameters)
-        Of the residuals in units of their uncertainty, at the fit.
-    candidates : sequence of (DriveConditions, ndarray of shape (n_new, n_parameters))
-        Each with the Jacobian of what would be measured there, in the same units, for example of
-        :func:`~monitor_core.identification.planning.planned_peaks`.
-    parameter : int, optional
-        Place of the coordinate whose variance is to be smallest (c-optimal); without it the determinant of the
-        covariance is (D-optimal).
-
-    Returns
-    -------
-    tuple of NextPosition
-        The most helpful first.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is no candidate or the shapes do not fit.
-    NotIdentifiableError
-        If no candidate makes the stated parameter, or the determinant, finite.
+    Raises OutsideValidityError if there is no candidate or the shapes do not fit; NotIdentifiableError if no candidate
+    makes the stated parameter, or the determinant, finite.
     """
     information = jacobian.T @ jacobian
     n = information.shape[0]

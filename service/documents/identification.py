@@ -18,12 +18,7 @@ from service.json_types import JsonObject
 
 
 def identification_document(found: IdentifiedJoints) -> JsonObject:
-    """Lay out joints, verdicts and advice; a number that is not known is ``null``.
-
-    Parameters
-    ----------
-    found : IdentifiedJoints
-    """
+    """Lay out joints, verdicts and advice; a number that is not known is ``null``."""
     document: JsonObject = finite_or_null({
         "parameters": {name: _parameter(joint) for name, joint in found.joints.items()},
         "identifiable": {name: joint.identifiable for name, joint in found.joints.items()},

@@ -6,17 +6,10 @@ from monitor_core.recordings.model_file import parse_model
 
 
 def axis_drive(text: str) -> DescribedDrive:
-    """Return the drive that a model describes, which must be one whose nut follows its preload.
+    """Return the drive that a model describes as TOML, which must be one whose nut follows its preload.
 
-    Parameters
-    ----------
-    text : str
-        TOML, as ``drive_model`` of a configuration.
-
-    Raises
-    ------
-    RecordingFormatError, OutsideValidityError
-        If it is no drive model, or has a nut of one rigidity: no change of the preload could be thought of.
+    Raises RecordingFormatError or OutsideValidityError if it is no drive model, or has a nut of one rigidity: no change
+    of the preload could be thought of.
     """
     description = parse_model(text, "drive_model")
     drive = description.drive()

@@ -20,10 +20,7 @@ def axis_measurements(
 ) -> SessionResponses:
     """Return the responses of stored measurements.
 
-    Raises
-    ------
-    NotIdentifiableError
-        As :func:`selected_measurements`, or if none of them can be judged.
+    Raises NotIdentifiableError as :func:`selected_measurements`, or if none of them can be judged.
     """
     with database.read() as session:
         configuration = AxisConfiguration.model_validate(get_axis(session, axis_id).configuration)
@@ -34,10 +31,7 @@ def axis_measurements(
 def selected_measurements(database: Database, axis_id: str, chosen: MeasurementRange) -> list[MeasurementRow]:
     """Return the rows of the stored measurements that are asked for.
 
-    Raises
-    ------
-    NotIdentifiableError
-        If there is none, or more than can have been meant.
+    Raises NotIdentifiableError if there is none, or more than can have been meant.
     """
     with database.read() as session:
         rows = measurements.looked_at(session, axis_id, chosen.start, chosen.end, MOST_MEASUREMENTS)

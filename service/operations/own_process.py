@@ -33,23 +33,11 @@ REPORTED_EVERY_S = 0.5
 
 
 def in_own_process(work: Callable[[Report], Answer], report: Report, first: Progress) -> Answer:
-    """Do work beside this process.
+    """Do work beside this process, and raise what it raises; RuntimeError if the process ends without an answer.
 
-    Parameters
-    ----------
-    work : callable
-        Can be pickled, as can what it returns, which is no progress; is handed what it may report its progress to.
-    report : callable
-        Called twice a second with how far the work has come; what it raises stops the process.
-    first : Progress
-        Reported until the work reports its own.
-
-    Raises
-    ------
-    Exception
-        What the work raises.
-    RuntimeError
-        If the process ends without an answer.
+    The work can be pickled, as can what it returns, which is no progress; it is handed what it may report its progress
+    to. ``report`` is called twice a second with how far the work has come, with ``first`` until it reports its own;
+    what it raises stops the process.
     """
     spawn = multiprocessing.get_context("spawn")
     receiver, sender = spawn.Pipe(duplex=False)

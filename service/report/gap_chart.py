@@ -18,16 +18,7 @@ _TOP = 26.0  # holds the name of the reference line
 def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_floor: float, unit: str) -> Markup:
     """Draw two bars a row, fitted and held out, or one where nothing was held out, and the noise floor.
 
-    Parameters
-    ----------
-    name : str
-        Unique on the page.
-    title : str
-    rows : sequence of tuple
-        What the model then is, and its gap.
-    noise_floor : float
-        In ``unit``.
-    unit : str
+    A row is what the model then is, and its gap; ``name`` is unique on the page.
     """
     left = _label_width([words for words, _ in rows])
     sizes = [size for _, pair in rows for size in (pair.fit, pair.held_out)]

@@ -8,16 +8,7 @@ from service.report.content import EffectContent, ReportContent, Row, report_con
 
 
 def explanation_markdown(explanation: Explanation, model_text: str, subject: str) -> str:
-    """Return the report.
-
-    Parameters
-    ----------
-    explanation : Explanation
-    model_text : str
-        The augmented drive model, as TOML.
-    subject : str
-        What was compared with what, for the title.
-    """
+    """Return the report, with the augmented model as TOML; its title says what was compared with what, the subject."""
     content = report_content(explanation)
     found = content.effects
     sections = [

@@ -25,15 +25,7 @@ _NARROWEST_WITH_NAME = 17.0  # of a slanted one; in narrower columns some are le
 def misfit_map_chart(name: str, title: str, shown: MisfitMap, misfit: FloatArray) -> Markup:
     """Draw a map; each cell says its misfit in a number where there is room, and always when it is pointed at.
 
-    Parameters
-    ----------
-    name : str
-        Unique on the page.
-    title : str
-    shown : MisfitMap
-        Names of its rows and columns.
-    misfit : ndarray, shape (n_rows, n_columns)
-        Its ``before`` or ``after``. [-]
+    ``misfit`` is what the map has ``before`` or ``after``, shape (n_rows, n_columns); ``name`` is unique on the page.
     """
     left = 12.0 + CHARACTER * min(_LONGEST_ROW, max((len(row) for row in shown.rows), default=0))
     cell = min((_WIDTH - left) / max(len(shown.columns), 1), 90.0)

@@ -31,16 +31,7 @@ _ENVIRONMENT: Final = Environment(
 
 
 def explanation_page(explanation: Explanation, model_text: str, subject: str) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    explanation : Explanation
-    model_text : str
-        The augmented drive model, as TOML.
-    subject : str
-        What was compared with what, for the title.
-    """
+    """Return the page, with the augmented model as TOML; its title says what was compared with what, the subject."""
     return _ENVIRONMENT.get_template("explanation.html").render(
         explanation=explanation,
         content=report_content(explanation),

@@ -32,10 +32,7 @@ class Database:
     def connect(self) -> Iterator[Connection]:
         """Open a connection, for one transaction (:func:`reading`, :func:`writing`) after another.
 
-        Raises
-        ------
-        StorageError, BusyError
-            If the database did not take what a transaction wrote; then it changed nothing.
+        Raises StorageError or BusyError if the database did not take what a transaction wrote; then it changed nothing.
         """
         with _translated(self.engine.dialect.loaded_dbapi), self.engine.connect() as connection:
             yield connection

@@ -90,10 +90,7 @@ def read_axis(
 ) -> tuple[AxisRecord, dict[str, MeasurementRecord]]:
     """Return an axis with its open measurements and those of these names in whatever status, by name.
 
-    Raises
-    ------
-    UnknownResourceError
-        If there is no axis of that name.
+    Raises UnknownResourceError if there is no axis of that name.
     """
     rows = _AXIS_AND_OPEN_MEASUREMENTS.rows(connection, {"axis_id": axis_id})
     if not rows:
@@ -130,10 +127,8 @@ def add_windows(connection: Connection, rows: list[dict[str, Any]]) -> None:
 def save_admitted(connection: Connection, measurement: MeasurementRecord) -> None:
     """Store a new measurement, which gets its ``id``, or what new windows change of an open one.
 
-    Raises
-    ------
-    StaleDataError
-        Here and below: if the row was changed since it was read, so that what is to be written is out of date.
+    Here and below StaleDataError is raised if the row was changed since it was read: what is to be written is out of
+    date.
     """
     if measurement.id is None:
         values = {name: getattr(measurement, name) for name in MeasurementRecord.__slots__ if name != "id"}

@@ -14,10 +14,7 @@ class ReportStore:
     def write(self, job_id: str, page: str) -> None:
         """Write the report of a job; an earlier one, of a run that was interrupted, is replaced.
 
-        Raises
-        ------
-        StorageError
-            If the disk does not take it.
+        Raises StorageError if the disk does not take it.
         """
         path = self._path(job_id)
         half_written = path.with_suffix(".part")
@@ -31,10 +28,7 @@ class ReportStore:
     def read(self, job_id: str) -> str:
         """Return the report of a job.
 
-        Raises
-        ------
-        UnknownResourceError
-            If there is none.
+        Raises UnknownResourceError if there is none.
         """
         try:
             return self._path(job_id).read_text(encoding="utf-8")

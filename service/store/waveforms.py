@@ -65,10 +65,7 @@ class Writing:
     def sync(self) -> list[WaveformPlace]:
         """Wait until the frame is on disk, and tell where each window lies.
 
-        Raises
-        ------
-        StorageError
-            If the disk does not take it; then nothing of it is left.
+        Raises StorageError if the disk does not take it; then nothing of it is left.
         """
         frame = self._begun.result()
         self._store.sync(frame)
@@ -109,10 +106,7 @@ class WaveformStore:
     def begin_write(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> Writing:
         """Write windows into one new frame; what takes long runs while the caller goes on.
 
-        Raises
-        ------
-        StorageError
-            Here or later, if the disk does not take it; then nothing of it is left.
+        Raises StorageError, here or later, if the disk does not take it; then nothing of it is left.
         """
         if size_of(windows) > HANDED_OVER_BYTES:
             return Writing(self, self._writers.submit(self._begin, axis_id, windows, received_at))
@@ -186,10 +180,7 @@ class WaveformStore:
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
         """Read windows, or remember them; each frame is read once.
 
-        Raises
-        ------
-        WaveformDamagedError
-            If a file cannot be read, or a window is not what was stored.
+        Raises WaveformDamagedError if a file cannot be read, or a window is not what was stored.
         """
         frames: dict[tuple[str, int], Sequence[Window]] = {}
         windows = []

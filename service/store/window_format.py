@@ -18,12 +18,9 @@ def pack_windows(windows: Iterable[Window]) -> bytes:
 
 
 def unpack_windows(packed: bytes) -> list[Window]:
-    """Return the windows that were packed.
+    """Return the windows that were packed; raises ValueError, KeyError or TypeError if these are no packed windows.
 
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        If these are no packed windows. (Whether they are the right ones, their hashes say.)
+    Whether they are the right ones, their hashes say.
     """
     try:
         return [_unpack(item) for item in msgpack.unpackb(packed)]

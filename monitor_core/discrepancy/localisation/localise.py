@@ -60,7 +60,9 @@ def localise(
     signatures: Mapping[MisfitKind, FloatArray],
     scatter: HealthyScatter | None = None,
 ) -> tuple[Misfit, ...]:
-    """Return where data and model differ.
+    """Return where data and model differ, worst first, at most six; one case in a hundred where the model is right.
+
+    Raises OutsideValidityError if the arrays do not fit the layout.
 
     Parameters
     ----------
@@ -72,16 +74,6 @@ def localise(
         Change of ``standardised`` with a unit of each stiffness, mass, damping, delay that the model could be wrong in.
     scatter : HealthyScatter, optional
         Where neighbours in a series are correlated, or the deviations off by a factor.
-
-    Returns
-    -------
-    tuple of Misfit
-        The worst first, at most six. Where the model is right there is none, but for one case in a hundred.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the arrays do not fit the layout.
     """
     _check(layout, standardised, signatures)
     scatter = scatter or HealthyScatter()

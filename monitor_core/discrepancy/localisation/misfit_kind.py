@@ -58,14 +58,7 @@ class KindFound:
 def with_derived_kinds(layout: Layout, signatures: Mapping[MisfitKind, FloatArray]) -> tuple[Signature, ...]:
     """Add the signatures that follow from the given ones: hysteretic and amplitude-dependent.
 
-    Parameters
-    ----------
-    layout : Layout
-    signatures : mapping of MisfitKind to ndarray, shape (n_directions, n_values)
-        Change of the standardised residuals with a unit of each cause.
-
-    Notes
-    -----
+    Given is the change of the standardised residuals with a unit of each cause, shape (n_directions, n_values).
     A viscous force c·v has a loss that grows with frequency; k·η/ω in place of c has one that does not, so the rows are
     those of the dampings over the frequency. Where values have no frequency the rows of a damping go with the speed and
     those of a hysteretic loss with its sign.
@@ -86,25 +79,11 @@ def with_derived_kinds(layout: Layout, signatures: Mapping[MisfitKind, FloatArra
 def kind_of(
     layout: Layout, residuals: FloatArray, signatures: Sequence[Signature], place: BoolArray, compared: BoolArray
 ) -> KindFound:
-    """Say what the misfit in a place looks like.
+    """Say what the misfit in a place looks like: ``UNCLEAR`` where no kind explains the place, or two do equally well.
 
-    Parameters
-    ----------
-    layout : Layout
-    residuals : ndarray, shape (n_values,)
-        Independent and standard normal where the model is right.
-    signatures : sequence of Signature
-        Of the same residuals, from :func:`with_derived_kinds`.
-    place : ndarray of bool, shape (n_values,)
-        What the answer is about.
-    compared : ndarray of bool, shape (n_values,)
-        What the kinds are told apart by: the place with all that was measured under the same conditions, since far from
-        a resonance a mass differs from a stiffness.
-
-    Returns
-    -------
-    KindFound
-        ``UNCLEAR`` where no kind explains the place, or two do equally well.
+    ``residuals`` are independent and standard normal where the model is right, and ``signatures`` are theirs. Kinds are
+    told apart by the values ``compared``: the place with all that was measured under the same conditions, since far
+    from a resonance a mass differs from a stiffness. All arrays have shape (n_values,).
     """
     chosen = _select(residuals, signatures, compared)
     rows = _rows_of(chosen, layout.n_values)

@@ -17,23 +17,10 @@ def varied_conditions_of_maps(layout: Layout) -> tuple[ConditionAxis, ...]:
 def misfit_map(
     layout: Layout, standardised: FloatArray, over: ConditionAxis | None, bands: int = 8
 ) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
-    """Return the rms of the standardised misfit as a picture.
+    """Return the names of rows and columns, and the rms of the standardised misfit, shape (n_rows, n_columns).
 
-    Parameters
-    ----------
-    layout : Layout
-    standardised : ndarray, shape (n_values,)
-        Misfit in standard deviations.
-    over : ConditionAxis or None
-        The condition whose values are the rows; None for one row of everything.
-    bands : int
-        How many columns there are at most: logarithmic bands of responses, or stretches of a motion.
-
-    Returns
-    -------
-    tuple of str, tuple of str, ndarray of shape (n_rows, n_columns)
-        Names of the rows, names of the columns (bands, modes, or stretches of settings one after the other), and the
-        rms, NaN where there is no value.
+    The rows are the values of a condition, or one row of everything. The columns are bands of frequency, modes, or
+    stretches of settings one after the other, at most ``bands`` of them. The rms is NaN where there is no value.
     """
     rows = (None if over is None else by_condition(layout, over)) or by_stretch(layout, 1)
     columns = by_frequency(layout, bands) or by_stretch(layout, bands)

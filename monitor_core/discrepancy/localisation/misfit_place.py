@@ -18,14 +18,7 @@ def narrow(groupings: Sequence[Grouping], squares: FloatArray, of: BoolArray) ->
     """Return the groups, by index of their grouping, that hold the misfit; groupings that do not matter are left out.
 
     The grouping that separates the misfit best from the rest comes first; each of the next is tested within it.
-
-    Parameters
-    ----------
-    groupings : sequence of Grouping
-    squares : ndarray, shape (n_values,)
-        Of residuals that are standard normal where the model is right.
-    of : ndarray of bool, shape (n_values,)
-        Which values are tested.
+    ``squares`` are those of residuals that are standard normal where the model is right; those ``of`` are tested.
     """
     chosen: dict[int, list[int]] = {}
     while True:

@@ -41,15 +41,8 @@ def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> I
 
     .. math:: Q = \sum_l r_l^2 N_l, \qquad r_l = \frac{\sum e_t e_{t-l} / N_l}{\sum e_t^2 / n}
 
-    with :math:`N_l` pairs over all series.
-
-    Parameters
-    ----------
-    residuals : ndarray, shape (n_values,)
-    previous : ndarray of int, shape (n_values,)
-        The value before each one in its series, −1 for none.
-    of : ndarray of bool, shape (n_values,)
-        Which values are tested.
+    with :math:`N_l` pairs over all series. ``previous`` is the value before each one in its series, −1 for none; those
+    ``of`` are tested.
     """
     here = np.flatnonzero(of)
     if not np.any(residuals[here]):
@@ -72,15 +65,9 @@ def size_trend_p_value(levels: FloatArray, squares: FloatArray, n: FloatArray) -
     r"""Return the p-value of a rank correlation of the sizes of residuals with a condition.
 
     Sums of squares are first brought to one distribution by their cube root (Wilson and Hilferty 1931), since settings
-    have different numbers of values. Spearman's coefficient times :math:`\sqrt{n - 1}` is nearly standard normal, with
-    ties too, and bounded, so that few settings never show a trend by luck.
-
-    Parameters
-    ----------
-    levels : ndarray, shape (n_settings,)
-        Of the condition, NaN where it is not stated.
-    squares, n : ndarray, shape (n_settings,)
-        Sum of squares of each setting and how many there are in it.
+    have different numbers of values, ``n``. Spearman's coefficient times :math:`\sqrt{n - 1}` is nearly standard
+    normal, with ties too, and bounded, so that few settings never show a trend by luck. All arrays have shape
+    (n_settings,); a level is NaN where it is not stated.
     """
     usable = np.isfinite(levels) & (n > 0.0)
     ranks = stats.rankdata(levels[usable])
@@ -97,15 +84,9 @@ def size_trend_p_value(levels: FloatArray, squares: FloatArray, n: FloatArray) -
 def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatArray) -> float:
     r"""Return the p-value of an amount of a signature that goes with the ranks of a condition.
 
-    With :math:`t = \sum s e` and :math:`w = \sum s^2` of each setting and the ranks a less their mean weighted with w,
-    :math:`\sum a t / \sqrt{\sum a^2 w}` is exactly standard normal and blind to an amount that is the same everywhere.
-
-    Parameters
-    ----------
-    levels : ndarray, shape (n_settings,)
-        Of the condition, NaN where it is not stated.
-    along, squares : ndarray, shape (n_settings,)
-        t and w.
+    With :math:`t = \sum s e` (``along``) and :math:`w = \sum s^2` (``squares``) of each setting and the ranks a less
+    their mean weighted with w, :math:`\sum a t / \sqrt{\sum a^2 w}` is exactly standard normal and blind to an amount
+    that is the same everywhere. Shapes and levels are as in :func:`size_trend_p_value`.
     """
     usable = np.isfinite(levels) & (squares > 0.0)
     ranks, t, w = stats.rankdata(levels[usable]), along[usable], squares[usable]

@@ -29,15 +29,8 @@ _KINDS = (
 def signatures(fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> dict[MisfitKind, FloatArray]:
     """Return the change of the residuals with each effect that is a stiffness, a mass, a damping or a delay.
 
-    Parameters
-    ----------
-    fitted : Fitted
-    effects : sequence of Effect
-        Whatever may be added to the fit; those of no plain kind, and those of several quantities, are passed over.
-
-    Returns
-    -------
-    dict of MisfitKind to ndarray, shape (n_effects, n_values)
+    Shape (n_effects, n_values) for each kind. Effects of no plain kind, and those of several quantities, are passed
+    over.
     """
     rows: dict[MisfitKind, list[FloatArray]] = {}
     for effect in effects:

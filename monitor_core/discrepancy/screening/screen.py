@@ -33,18 +33,9 @@ _FAR_STARTS = (0.4, 1.5, 6.0)  # in scales: where a gap is large, the most promi
 
 
 def screen(fitted: Fitted[Physics], effects: Sequence[Effect[Physics]]) -> tuple[Screened[Physics], ...]:
-    """Predict what each effect would gain from where a fit stands.
+    """Predict what each effect would gain from where a fit without them stands.
 
-    Parameters
-    ----------
-    fitted : Fitted
-    effects : sequence of Effect
-        None of them part of the fit.
-
-    Returns
-    -------
-    tuple of Screened
-        Those that have an answer somewhere, most promising first.
+    Returned are those that have an answer somewhere, most promising first.
     """
     projection = Projection(fitted)
     screened = [result for effect in effects if (result := _screen_effect(fitted, projection, effect)) is not None]

@@ -23,15 +23,7 @@ def screen_without_tolerance(
 ) -> Screened[Physics]:
     """Screen an uncertain parameter without its tolerance: the residuals stay, its prior goes.
 
-    Parameters
-    ----------
-    fitted : Fitted
-    projection : Projection
-        Of the fit.
-    effect : Effect
-        That calls the parameter wrong.
-    index : int
-        Of the parameter among the uncertain ones.
+    ``effect`` calls the parameter wrong; ``index`` is its place among the uncertain ones.
     """
     decrease, of_one_deviation = projection.freed(index)
     parameter, hypothesis = effect.parameters[0], fitted.hypothesis

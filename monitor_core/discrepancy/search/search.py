@@ -24,10 +24,7 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 def find_steps(workspace: Workspace[Physics]) -> tuple[Fitted[Physics], ...]:
     """Return the fits of the search: without any effect, and after each step.
 
-    Raises
-    ------
-    OutsideValidityError
-        If the axis itself has no answer.
+    Raises OutsideValidityError if the axis itself has no answer.
     """
     hypothesis = Hypothesis(workspace.axis)
     baseline = workspace.fit(hypothesis, hypothesis.null)

@@ -27,17 +27,9 @@ _COARSE, _FINER = 2.0, (2.0**0.5, 2.0**0.25, 2.0**0.125)  # the same, and then a
 def substitute_parameter(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | None:
     """Return the coordinates of a fit with an effect substituted for the parameter that is pulled furthest.
 
-    Parameters
-    ----------
-    fitted : Fitted
-        Without the effect.
-    effect : Effect
-
-    Returns
-    -------
-    ndarray, shape (n_coordinates,), or None
-        With the size that fits best and the parameter as stated. None where no parameter is pulled far except one that
-        the effect itself frees, where the effect has a frequency of its own, or where the model has no answer with it.
+    The effect has the size that fits best, and the parameter is as stated. None where no parameter is pulled far except
+    one that the effect itself frees, where the effect has a frequency of its own, or where the model has no answer with
+    it.
     """
     hypothesis = fitted.hypothesis.with_effect(effect)
     there = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
@@ -60,19 +52,9 @@ def substitute_effect(
 ) -> tuple[float, FloatArray]:
     """Return by how much χ² rises with another effect substituted for a found effect, and where.
 
-    Parameters
-    ----------
-    found : Fitted
-        With the effect.
-    effect, other : Effect
-
-    Returns
-    -------
-    float
-        Rise of χ² at the best of the sizes of the other effect, what is left taken up linearly. Infinite where the
-        model has no answer, and for an effect with a frequency of its own, of which a few sizes tell nothing.
-    ndarray, shape (n_coordinates,)
-        Coordinates there, of the hypothesis with the other effect as its last.
+    The rise is that at the best of the sizes of the other effect, what is left taken up linearly. It is infinite where
+    the model has no answer, and for an effect with a frequency of its own, of which a few sizes tell nothing. The
+    coordinates are of the hypothesis with the other effect as its last.
     """
     hypothesis = found.hypothesis.without(effect.key).with_effect(other)
     there = hypothesis.carried_over(found.hypothesis, found.coordinates)

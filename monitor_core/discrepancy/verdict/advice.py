@@ -25,17 +25,7 @@ def next_measurement(
     outcome: Outcome,
     candidates: Sequence[Effect[Physics]],
 ) -> str:
-    """Return in a few words what to vary next; empty where nothing is open.
-
-    Parameters
-    ----------
-    found : Found
-    classes : sequence of EquivalenceClass
-        One for each effect that was accepted.
-    outcome : Outcome
-    candidates : sequence of Effect
-        Everything the axis may lack.
-    """
+    """Return in a few words what to vary next; empty where nothing is open."""
     advice = [words for found_class in classes for words in _to_distinguish(found_class)]
     if outcome is not Outcome.NAMED:
         reported = {key for found_class in classes for key in found_class.keys}

@@ -83,19 +83,9 @@ def equivalence_class(
     """Group an accepted effect with what would do in its place.
 
     Among members that leave the same residuals the effect of the catalogue is the representative, unless its value is
-    not plausible: an added mass and a wrong mass are then one finding, not two.
-
-    Parameters
-    ----------
-    found : Found
-    accepted : Accepted
-        One of its effects.
-    candidates : sequence of Effect
-        Whatever the axis may lack.
-    representing : collection of str, optional
-        Keys that represent other classes: no effect is in a model twice.
-    barred : collection of str, optional
-        Keys that may not be the representative.
+    not plausible: an added mass and a wrong mass are then one finding, not two. Keys in ``representing`` represent
+    other classes and are in none again, since no effect is in a model twice; those that are ``barred`` may not
+    represent this one.
     """
     scale = found.evidence_scale
     own = _member(accepted.effect, found.final, accepted.delta_bic, scale)
@@ -191,15 +181,9 @@ def found_parameters(
 ) -> dict[str, FoundParameter]:
     """Return the parameters of a member with their standard uncertainties and 95 % coverage intervals.
 
-    An interval ends at 0 where a parameter cannot have the other sign.
-    Beside the scatter of the data stands what the formula of the effect leaves out, of a size.
-
-    Parameters
-    ----------
-    member : Member
-    stated : Fitted
-        With it and with all else that was found, as the augmented model has it: at the mode of the posterior.
-    scale : EvidenceScale
+    ``stated`` is the fit with it and with all else that was found, as the augmented model has it: at the mode of the
+    posterior. An interval ends at 0 where a parameter cannot have the other sign. Beside the scatter of the data stands
+    what the formula of the effect leaves out, of a size.
     """
     values = stated.hypothesis.values(stated.coordinates)[member.effect.key]
     variances = np.diag(covariance(stated, scale))

@@ -16,13 +16,6 @@ def foreign_modes(without: Fitted[Physics], effects: Sequence[Effect[Physics]]) 
     """Return the keys of effects that may have made a mode which a fit lacks, and which only responses would show.
 
     Such a mode stays at one frequency under all conditions. What resonates there by itself moves no mode of the drive.
-
-    Parameters
-    ----------
-    without : Fitted
-        The fit that lacks the mode.
-    effects : sequence of Effect
-        Whatever the axis may lack.
     """
     layout = without.comparison.layout
     frequencies = []

@@ -82,18 +82,7 @@ def outcome_of(
     explained: float,
     settings: OutcomeSettings,
 ) -> Outcome:
-    """Return the outcome.
-
-    Parameters
-    ----------
-    classes : sequence of EquivalenceClass
-        One for each effect that was accepted.
-    remainder : Remainder
-        After all of them.
-    explained : float
-        From :func:`explained_share`.
-    settings : OutcomeSettings
-    """
+    """Return the outcome, by what all accepted effects leave and by the share of :func:`explained_share`."""
     left = remainder.is_left(settings)
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
@@ -108,14 +97,9 @@ def outcome_of(
 
 
 def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: float) -> float:
-    r"""Return the share :math:`(C_0 - C_1)/(C_0 - C_1 + R)` of the misfit that is gone, with costs C before and after.
+    """Return the share :math:`(C_0 - C_1)/(C_0 - C_1 + R)` of the misfit that is gone, with costs C before and after.
 
-    Parameters
-    ----------
-    baseline, final : Fitted
-        Before anything was added, and after all.
-    left : float
-        R, the misfit of :class:`Remainder`.
+    R, ``left``, is the misfit of :class:`Remainder`.
     """
     gained = baseline.cost - final.cost
     return gained / (gained + left) if gained > 0.0 else 0.0
@@ -129,15 +113,8 @@ def hidden_in_remainder(
 ) -> Effect[Physics] | None:
     """Return the effect that explains least, if what is found leaves so much that it may be a part of that.
 
-    None is returned where the effects together do not explain enough to be believed: then nothing is named in any case.
-
-    Parameters
-    ----------
-    baseline, final : Fitted
-        Before anything was added, and after all.
-    without : callable
-        Returns the fit without one of the effects.
-    settings : OutcomeSettings
+    ``without`` returns the fit without one of the effects. None is returned where the effects together do not explain
+    enough to be believed: then nothing is named in any case.
     """
     effects, remainder = final.hypothesis.effects, remainder_of(final)
     if len(effects) < 2 or not remainder.is_left(settings):

@@ -103,16 +103,8 @@ def whitening(
 ) -> Whitening:
     """Prepare the whitening of misfits whose values stand in the order of their settings.
 
-    Parameters
-    ----------
-    deviation : ndarray, shape (n_values,)
-        Standard deviation of each value without the errors of its setting.
-    directions : ndarray, shape (n_errors, n_values)
-        Change of the misfit per standard deviation of each error.
-    setting : ndarray, shape (n_values,)
-        Rising indices of the settings.
-    common : CommonErrors, optional
-        What values of different settings share.
+    ``deviation`` is that of each value without the errors of its setting, shape (n_values,); ``directions`` are the
+    changes of the misfit per standard deviation of each error, shape (n_errors, n_values).
     """
     starts = np.flatnonzero(np.r_[True, np.diff(setting) > 0])
     position = np.cumsum(np.r_[False, np.diff(setting) > 0])

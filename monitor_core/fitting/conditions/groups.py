@@ -85,15 +85,7 @@ class Grouping:
 
 
 def groupings(layout: Layout, n_bands: int) -> tuple[Grouping, ...]:
-    """Return every grouping with at least two groups: conditions, channels, bands or modes.
-
-    Parameters
-    ----------
-    layout : Layout
-        What the values belong to.
-    n_bands : int
-        Into how many bands, logarithmically, the lines of responses are put.
-    """
+    """Return every grouping with at least two groups: conditions, channels, and modes or so many logarithmic bands."""
     found = [by_condition(layout, axis) for axis in CONDITIONS]
     found += [_by_channel(layout), by_frequency(layout, n_bands)]
     return tuple(grouping for grouping in found if grouping is not None and grouping.n_groups > 1)

@@ -72,14 +72,8 @@ class ResponseProblem:
     def predict(self, coordinates: FloatArray) -> tuple[ComplexArray, ...]:
         """Return the model's response for each observation, in the unit of its two points.
 
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-
-        Raises
-        ------
-        OutsideValidityError
-            If the model has no such parameters, or does not answer at these points or frequencies.
+        Raises OutsideValidityError if the model has no such parameters, or does not answer at these points or
+        frequencies.
         """
         if self._prepared:
             parameters = self.drive.record(coordinates)
@@ -96,12 +90,7 @@ class ResponseProblem:
         )
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
-        """Return real, then imaginary parts of all lines, shape (2 n_lines,) [-].
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return real, then imaginary parts of all lines, shape (2 n_lines,) [-]."""
         calculated = self._lines(coordinates)
         tested = np.concatenate([observation.response for observation in self.observations])
         error = calculated - tested if self.form is ResidualForm.COMPLEX else np.log(calculated / tested)
@@ -111,10 +100,6 @@ class ResponseProblem:
         """Return the derivatives of the residuals, shape (2 n_lines, n_parameters).
 
         In closed form where the model has one, else by differences of four points.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
         """
         slopes = self._closed_slopes(coordinates)
         if slopes is None:  # differences of H, not of its phase, which may jump by 2π
@@ -147,26 +132,13 @@ def response_problem(
     form: ResidualForm = ResidualForm.COMPLEX,
     minimum_positions: int = 1,
 ) -> ResponseProblem:
-    """Make the problem of finding the free parameters from frequency responses.
+    """Make the problem of finding the free parameters from frequency responses at so many positions or more.
 
     Priors are not in it: :func:`monitor_core.fitting.priors.with_priors` adds ``drive.priors``.
 
-    Parameters
-    ----------
-    drive : FreeParameters
-    observations : sequence of FrequencyResponseObservation
-    form : ResidualForm
-        ``LOGARITHMIC`` for a search over decades, ``COMPLEX`` for the answer.
-    minimum_positions : int
-        Fewer are refused.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are too few positions, fewer data than free parameters (a line is two), or one of these moves no line
-        and has no prior.
-    OutsideValidityError
-        If a response is zero at a line and its logarithm is asked for, or the model as stated does not answer.
+    Raises NotIdentifiableError if there are too few positions, fewer data than free parameters (a line is two), or one
+    of these moves no line and has no prior; OutsideValidityError if a response is zero at a line and its logarithm is
+    asked for, or the model as stated does not answer.
     """
     n_positions = len({observation.conditions.position for observation in observations})
     if n_positions < minimum_positions and minimum_positions > 1:

@@ -57,15 +57,9 @@ def modal_values(
 def assign_modes(predicted: FloatArray, measured: FloatArray, missed: float) -> tuple[FloatArray, Indices]:
     """Return predicted less measured values and which predicted value each measured one has, −1 for a missed one.
 
-    The assignment has the smallest sum of differences. It is found by dynamic programming over both in order: to skip a
-    predicted value costs nothing, to miss a measured one costs ``missed``.
-
-    Parameters
-    ----------
-    predicted, measured : ndarray, shape (n_predicted,) and (n_measured,)
-        Rising logarithms of frequencies.
-    missed : float
-        Difference that counts for a measured value without a predicted one.
+    Both are rising logarithms of frequencies. The assignment has the smallest sum of differences. It is found by
+    dynamic programming over both in order: to skip a predicted value costs nothing, to miss a measured one costs
+    ``missed``.
     """
     n, m = measured.size, predicted.size
     cost = np.full((n + 1, m + 1), np.inf)

@@ -27,15 +27,7 @@ class FormSpectrum:
     learnt: bool  # on healthy machines: then it is known to be common to all settings, and what is left is noise
 
     def relative_deviation(self, frequency: FloatArray, response: ComplexArray) -> FloatArray:
-        """Return the deviation of the lines of one response, beyond the knots that of the nearest one.
-
-        Parameters
-        ----------
-        frequency : ndarray, shape (n_lines,)
-            Rising. [Hz]
-        response : ndarray, shape (n_lines,)
-            As measured.
-        """
+        """Return the deviation of the lines of a measured response, shape (n_lines,); constant beyond the knots."""
         at, knots = np.log(frequency), np.log(self.frequency)
         flat, tolerance = (np.interp(at, knots, values) for values in (self.deviation, self.frequency_tolerance))
         return np.hypot(flat, tolerance * steepness(frequency, response))

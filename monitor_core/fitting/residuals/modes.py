@@ -178,20 +178,8 @@ def compare_modes(
 ) -> ModesComparison:
     """Put measured natural frequencies, and damping ratios where they are stated, into the form to be compared.
 
-    Parameters
-    ----------
-    observations : sequence of ModalObservation
-        A frequency without stated uncertainty is taken to be known to 1.5 %, a damping ratio to 20 %.
-    motor_end : MotorEnd
-        What held the motor end.
-    held_out : sequence of sets of DriveConditions
-        The conditions that each fold leaves out.
-    tolerances : SettingTolerances, optional
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is no frequency.
+    A frequency without stated uncertainty is taken to be known to 1.5 %, a damping ratio to 20 %. ``held_out`` are the
+    conditions that each fold leaves out. Raises NotIdentifiableError if there is no frequency.
     """
     if not observations:
         raise NotIdentifiableError("a comparison needs at least one natural frequency; got none")

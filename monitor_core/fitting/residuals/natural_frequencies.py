@@ -66,14 +66,7 @@ class NaturalFrequencyProblem:
     def predict(self, coordinates: FloatArray) -> FloatArray:
         """Return the model's natural frequency for each measured one, shape (n_peaks,) [Hz].
 
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-
-        Raises
-        ------
-        OutsideValidityError
-            If the model has no such parameters, or fewer elastic modes than were measured.
+        Raises OutsideValidityError if the model has no such parameters, or fewer elastic modes than were measured.
         """
         model, predicted = self.drive.model(coordinates), np.zeros(len(self.peaks))
         for conditions, members in self._places:
@@ -89,21 +82,11 @@ class NaturalFrequencyProblem:
         return predicted
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
-        """Return the weighted errors, shape (n_peaks,) [-].
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return the weighted errors, shape (n_peaks,) [-]."""
         return np.asarray(np.log(self.predict(coordinates) / self.frequency) * self._weight())
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
-        """Return the derivatives of the residuals, shape (n_peaks, n_parameters).
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return the derivatives of the residuals, shape (n_peaks, n_parameters)."""
         slopes = central_differences(lambda x: np.asarray(np.log(self.predict(x))), coordinates, _STEP)
         return slopes.T * self._weight()[:, None]
 
@@ -116,23 +99,11 @@ def natural_frequency_problem(
 ) -> NaturalFrequencyProblem:
     """Make the problem of finding the free parameters from natural frequencies; amplitudes play no part.
 
-    Priors are not in it: :func:`monitor_core.fitting.priors.with_priors` adds ``drive.priors``.
+    The frequencies have their elastic modes from :func:`assign_by_frequency` or as a source states them; one without an
+    uncertainty has 1 %. Priors are not in it: :func:`monitor_core.fitting.priors.with_priors` adds ``drive.priors``.
 
-    Parameters
-    ----------
-    drive : FreeParameters
-    peaks : sequence of AssignedPeak
-        Measured natural frequencies with their elastic modes, from :func:`assign_by_frequency` or as a source states
-        them. One without an uncertainty has 1 %.
-    motor_end : MotorEnd, optional
-        While they were measured; as in the family's paper if not stated.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are fewer data than free parameters, or one of these moves no datum and has no prior.
-    OutsideValidityError
-        If the model as stated has no such mode, or no answer under the conditions.
+    Raises NotIdentifiableError if there are fewer data than free parameters, or one of these moves no datum and has no
+    prior; OutsideValidityError if the model as stated has no such mode, or no answer under the conditions.
     """
     drive.require_enough(len(peaks), "natural frequencies")
     problem = NaturalFrequencyProblem(drive, tuple(peaks), motor_end)
@@ -147,31 +118,14 @@ def assign_by_frequency(
     largest_shift: float = 0.25,
     motor_end: MotorEnd | None = None,
 ) -> tuple[AssignedPeak, ...]:
-    """Give each measured natural frequency the elastic mode of the model that it is next to, one to one.
+    """Give each measured natural frequency the elastic mode of the model that it is next to, one to one and in order.
 
     For any family, by frequency alone: under each condition the sum of (ln f_t/f_c)² is least, so that peaks keep the
     order of their modes. The receptance family has shapes too, which
     :func:`monitor_core.identification.cases.assignment.assign_modes` follows along the screw.
 
-    Parameters
-    ----------
-    model : DriveModel
-        With parameters as far as they are known.
-    observations : sequence of ModalObservation
-    largest_shift : float
-        By which a peak may lie off its mode, relative. [-]
-    motor_end : MotorEnd, optional
-        While they were measured; as in the family's paper if not stated.
-
-    Returns
-    -------
-    tuple of AssignedPeak
-        In the order of the observations.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If a peak is farther than ``largest_shift`` from every mode, or two under one condition belong to one mode.
+    Raises NotIdentifiableError if a peak is farther than ``largest_shift``, relative, from every mode, or two under one
+    condition belong to one mode.
     """
     modes = np.zeros(len(observations), dtype=np.int_)
     for conditions in dict.fromkeys(observation.conditions for observation in observations):

@@ -16,16 +16,8 @@ FREQUENCY_UNCERTAINTY, AMPLITUDE_UNCERTAINTY = 0.01, 0.20
 def mode_bands(peaks: Sequence[AssignedPeak], *, margin: float = 0.35) -> dict[int, Band]:
     """Return a band for each mode: around its measured frequencies, up to half way (geometrically) to the next mode.
 
-    Parameters
-    ----------
-    peaks : sequence of AssignedPeak
-    margin : float
-        By which a band reaches beyond the measured frequencies, relative. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If two modes change places along the screw, so that no band holds one of them alone.
+    It reaches beyond the measured frequencies by ``margin``, relative. Raises OutsideValidityError if two modes change
+    places along the screw, so that no band holds one of them alone.
     """
     extent: dict[int, tuple[float, float]] = {}
     for peak in peaks:
@@ -49,24 +41,13 @@ def mode_bands(peaks: Sequence[AssignedPeak], *, margin: float = 0.35) -> dict[i
 
 
 def relative_frequency_uncertainty(observation: ModalObservation) -> float:
-    """Return the standard uncertainty of the frequency over the frequency [-], the default where none is stated.
-
-    Parameters
-    ----------
-    observation : ModalObservation
-    """
+    """Return the standard uncertainty of the frequency over the frequency [-], the default where none is stated."""
     stated = observation.frequency_uncertainty
     return FREQUENCY_UNCERTAINTY if stated is None else stated / observation.frequency
 
 
 def relative_amplitude_uncertainty(observation: ModalObservation) -> float:
-    """Return the standard uncertainty of the amplitude over the amplitude [-], the default where none is stated.
-
-    Parameters
-    ----------
-    observation : ModalObservation
-        With an amplitude.
-    """
+    """Return the standard uncertainty of the amplitude over the amplitude [-], the default where none is stated."""
     if observation.amplitude is None or observation.amplitude_uncertainty is None:
         return AMPLITUDE_UNCERTAINTY
     return observation.amplitude_uncertainty / observation.amplitude

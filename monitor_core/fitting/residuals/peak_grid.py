@@ -54,20 +54,9 @@ class PeakGrid:
 def peak_grid(
     parameters: ReceptanceParameters, places: Sequence[Place], motor_end: MotorEnd = MotorEnd.FREE
 ) -> PeakGrid:
-    """Precompute the trigonometry of all places.
+    """Precompute the trigonometry of all places; it does not depend on the joints.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-        Of which the joints' values are not used.
-    places : sequence of Place
-        At least one.
-    motor_end : MotorEnd
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is no place or a position is not on the screw.
+    Raises OutsideValidityError if there is no place or a position is not on the screw.
     """
     if not places:
         raise OutsideValidityError("peaks must be looked for in at least one band; got none")

@@ -64,13 +64,7 @@ class _Summit:
 
 
 def find_peaks(grid: PeakGrid, joints: JointParameters) -> Peaks:
-    """Find the peak of each place.
-
-    Parameters
-    ----------
-    grid : PeakGrid
-    joints : JointParameters
-    """
+    """Find the peak of each place."""
     found, top = _tops(grid, table_receptance(grid.terms, joints))
     lines = _around(top[found])
     summit = _climb(entire_responses(lines_taken(grid.terms, lines.ravel()), joints), lines.shape)
@@ -89,11 +83,6 @@ def find_peaks_with_gradient(grid: PeakGrid, joints: JointParameters) -> PeakGra
 
     the latter because |G| does not change with t there. :math:`E_p = \Delta^2\,\partial H/\partial p` has no poles
     either and gives :math:`G_p = -E_p/N^2`.
-
-    Parameters
-    ----------
-    grid : PeakGrid
-    joints : JointParameters
     """
     found, top = _tops(grid, table_receptance(grid.terms, joints))
     lines = _around(top[found])

@@ -78,12 +78,7 @@ class PeakProblem:
         return self.drive.free
 
     def predict(self, coordinates: FloatArray) -> Peaks:
-        """Return the model's peak for each measured one.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return the model's peak for each measured one."""
         n = self.frequency.size
         found, frequency, amplitude = np.zeros(n, dtype=bool), np.zeros(n), np.zeros(n)
         parameters = self.drive.record(coordinates)
@@ -95,21 +90,11 @@ class PeakProblem:
         return Peaks(found, frequency, amplitude)
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
-        """Return the weighted relative errors, frequencies first, shape (n_peaks + n_amplitudes,) [-].
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return the weighted relative errors, frequencies first, shape (n_peaks + n_amplitudes,) [-]."""
         return self._residuals(self.predict(coordinates))
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
-        """Return the derivatives of the residuals, shape (n_peaks + n_amplitudes, n_parameters).
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n_parameters,)
-        """
+        """Return the derivatives of the residuals, shape (n_peaks + n_amplitudes, n_parameters)."""
         n, rows = self.frequency.size, [JOINT_NAMES_IN_FILE.index(name) for name in self.names]
         parameters = self.drive.record(coordinates)
         by_frequency, by_amplitude = np.zeros((n, len(rows))), np.zeros((n, len(rows)))
@@ -146,6 +131,9 @@ def peak_problem(
 ) -> PeakProblem:
     """Make the problem of finding the joints from peaks.
 
+    Raises NotIdentifiableError if there are too few positions, or fewer data than free joints; OutsideValidityError if
+    a mode has no band, or a measured peak lies outside it.
+
     Parameters
     ----------
     drive : FreeParameters
@@ -154,19 +142,10 @@ def peak_problem(
         Measured peaks with their modes, from :func:`monitor_core.identification.cases.assignment.assign_modes`.
     bands : mapping of int to Band, optional
         Where the peak of each mode is looked for; by default :func:`mode_bands`.
-    weighting : Weighting
     minimum_positions : int
         Fewer are refused. One position fits its own peaks with joints that fail elsewhere, which is the paper's point.
     minimum_data : int, optional
         Frequencies and amplitudes; by default one per free joint.
-    motor_end : MotorEnd
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are too few positions, or fewer data than free joints.
-    OutsideValidityError
-        If a mode has no band, or a measured peak lies outside it.
     """
     _require_enough(peaks, minimum_positions, len(drive.free) if minimum_data is None else minimum_data)
     bands = dict(bands) if bands is not None else mode_bands(peaks)
@@ -202,13 +181,7 @@ def peak_problem(
 
 
 def paper_objective(problem: PeakProblem, coordinates: FloatArray) -> float:
-    """Return y of Eq. (26) [-]: the root of the sum of squared residuals, as printed where the weights are units.
-
-    Parameters
-    ----------
-    problem : PeakProblem
-    coordinates : ndarray, shape (n_parameters,)
-    """
+    """Return y of Eq. (26) [-]: the root of the sum of squared residuals, as printed where the weights are units."""
     return float(np.linalg.norm(problem.residuals(coordinates)))
 
 
@@ -242,12 +215,7 @@ def _grouped(
 
 
 def receptance_axis(drive: FreeParameters) -> ReceptanceParameters:
-    """Return the axis as stated; raises OutsideValidityError unless it is of the receptance family, with free joints.
-
-    Parameters
-    ----------
-    drive : FreeParameters
-    """
+    """Return the axis as stated; raises OutsideValidityError unless it is a receptance model with only joints free."""
     if not isinstance(drive.stated, ReceptanceParameters):
         raise OutsideValidityError(f"peaks are compared with a receptance model; got a {drive.family} model")
     foreign = [name for name in drive.free if name not in JOINT_NAMES_IN_FILE]

@@ -61,15 +61,7 @@ def spread_under_random_excitation(resolution: float, n_lines: int) -> LineSprea
 
 
 def smearing(cases: Sequence[ResponseCase], spreads: Sequence[LineSpread | None]) -> Smearing | None:
-    """Return how estimates spread responses; None where this is not known of any.
-
-    Parameters
-    ----------
-    cases : sequence of ResponseCase
-        The lines.
-    spreads : sequence of LineSpread or None
-        Of each case; None: its lines are exact.
-    """
+    """Return how estimates spread the lines of each case, exact where no spread is given; None where none is of any."""
     if all(spread is None for spread in spreads):
         return None
     n_steps = max(spread.offsets.size for spread in spreads if spread is not None)

@@ -149,23 +149,10 @@ def compare_responses(
 ) -> ResponsesComparison:
     """Put measured responses into the form that the workflow compares.
 
-    Parameters
-    ----------
-    observations : sequence of FrequencyResponseObservation
-        Responses with the same conditions and different points were taken together and share position and preload.
-    held_out : sequence of sets of DriveConditions
-        The conditions that each fold leaves out.
-    tolerances : SettingTolerances, optional
-        How well position, preload and gain are known.
-    form : ModelFormError, optional
-        By how much any model of this kind is off.
-    otherwise_held : MotorEnd
-        What holds the motor end while a force at the table drives the axis.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If no line stands above its noise.
+    Responses with the same conditions and different points were taken together and share position and preload.
+    ``held_out`` are the conditions that each fold leaves out, ``form`` says by how much any model of this kind is off,
+    and ``otherwise_held`` what holds the motor end while a force at the table drives the axis. Raises
+    NotIdentifiableError if no line stands above its noise.
     """
     tolerances, form = tolerances or SettingTolerances(), form or ModelFormError()
     kept = clear_responses(observations, _LEAST_SIGNAL_TO_NOISE)

@@ -96,33 +96,16 @@ def search(
     progress: Callable[[int, int], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Search:
-    """Find the least χ² within the bounds.
+    """Find the least χ² within finite bounds.
 
     Differential evolution [1]_ (best/1/bin, deferred updating) of several populations, then a local fit from the best
     candidate of each and from starts drawn evenly over the bounds. Each population and each start has a random stream
     of its own, spawned from the seed, and generations are cut into a fixed number of parts: the result does not depend
-    on ``map_function``, nor on how many workers are behind it.
+    on ``map_function``, nor on how many workers are behind it. Where it leaves the process the problem must be
+    picklable.
 
-    Parameters
-    ----------
-    problem : Problem
-        Must be picklable where ``map_function`` leaves the process.
-    bounds : Bounds
-        Finite.
-    seed : int
-        Of the random streams.
-    settings, fit_settings : SearchSettings, FitSettings, optional
-    map_function : MapFunction
-        Evaluates the parts of a generation, and later the local fits.
-    progress : callable, optional
-        Told (done, total) after each generation and each local fit; the last call is (total, total).
-    cancelled : callable, optional
-        Asked between generations and between local fits.
-
-    Returns
-    -------
-    Search
-        Best fit, all fits, those that failed, and which agree.
+    ``progress`` is told (done, total) after each generation and each local fit, at last (total, total); between them
+    ``cancelled`` is asked.
 
     Raises
     ------

@@ -140,24 +140,11 @@ def fit(
     start: FloatArray,
     fitted: BoolArray | None = None,
 ) -> Fitted[Physics]:
-    """Fit a hypothesis from a start.
+    """Fit a hypothesis from a start of shape (n_coordinates,), to the values that are to be ``fitted``, by default all.
 
     A fit that does not reach the data ends with the least tolerance that it came to: there a misfit is no noise, and
     values known better than others should not count for more of it. Costs of such fits compare with one another only.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    hypothesis : Hypothesis
-    start : ndarray, shape (n_coordinates,)
-        Where the model has an answer.
-    fitted : ndarray of bool, shape (n_values,), optional
-        Which values take part; by default all.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the model has no answer at the start.
+    Raises OutsideValidityError if the model has no answer at the start.
     """
     layout = comparison.layout
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
@@ -186,10 +173,7 @@ def fit(
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
     """Return the same hypothesis at other coordinates, around the condition errors that are likely there.
 
-    Raises
-    ------
-    OutsideValidityError
-        If the model has no answer there.
+    Raises OutsideValidityError if the model has no answer there.
     """
     comparison, hypothesis, errors = fitted.comparison, fitted.hypothesis, fitted.around.errors
     for _ in range(_MOST_ROUNDS):

@@ -35,10 +35,7 @@ def integrated_cost(fitted: Fitted[Physics]) -> float:
 
     Where it would lie out of reach, because something else is missing, the linearisation stays.
 
-    Raises
-    ------
-    OutsideValidityError
-        If the model has no answer at one of the errors.
+    Raises OutsideValidityError if the model has no answer at one of the errors.
     """
     whitened_by = fitted.around.whitened_by
     n_others = fitted.around.errors.shape[1] - 1

@@ -75,45 +75,23 @@ class LocalFit:
 
 
 def fit_local(problem: Problem, bounds: Bounds, start: FloatArray, settings: FitSettings | None = None) -> LocalFit:
-    r"""Find the minimum of :math:`\chi^2 = \sum r_i^2` within bounds that a start leads to.
+    r"""Find the minimum of :math:`\chi^2 = \sum r_i^2` within bounds that a start of shape (n_parameters,) leads to.
 
     A trust region reflective search [1]_ with columns scaled by the Jacobian, then linearised steps within the bounds
-    (bounded-variable least squares [2]_), which end on a bound where the search only comes near it. Covariance
+    (bounded-variable least squares [2]_), which end on a bound where the search only comes near it. Steps to where the
+    model has no answer (residuals not finite, or an error of the core) are refused and shortened. Covariance
 
     .. math::
 
         (J^T J)^{-1} \quad\text{or}\quad s^2 (J^T J)^{-1}, \qquad s^2 = \frac{\chi^2}{n - p}
 
-    where the uncertainties of the data are stated or not.
+    where the uncertainties of the data are stated or not. Where the data do not determine every coordinate their
+    variance is very large, which :func:`~monitor_core.identification.identifiability.assess` puts into words.
+    ``converged`` says whether the linearised decrease of χ² that is left is below 1e-6 of the residual variance.
 
-    Parameters
-    ----------
-    problem : Problem
-        Residuals and their derivatives.
-    bounds : Bounds
-        Where the coordinates may lie; infinite where they are free.
-    start : ndarray, shape (n_parameters,)
-        Within the bounds.
-    settings : FitSettings, optional
-
-    Returns
-    -------
-    LocalFit
-        Also where the data do not determine every coordinate: their variance is then very large, which
-        :func:`~monitor_core.identification.identifiability.assess` puts into words. ``converged`` says whether the
-        linearised decrease of χ² that is left is below 1e-6 of the residual variance.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are fewer residuals than coordinates (or as many, where their scatter is to be estimated), or if no
-        coordinate moves any residual at the minimum.
-    OutsideValidityError
-        If the start is outside the bounds, or if residuals or Jacobian are not finite where they are needed.
-
-    Notes
-    -----
-    Steps to where the model has no answer (residuals not finite, or an error of the core) are refused and shortened.
+    Raises NotIdentifiableError if there are fewer residuals than coordinates (or as many, where their scatter is to be
+    estimated), or if no coordinate moves any residual at the minimum; OutsideValidityError if the start is outside the
+    bounds, or if residuals or Jacobian are not finite where they are needed.
 
     References
     ----------

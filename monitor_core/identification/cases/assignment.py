@@ -73,28 +73,11 @@ def assign_modes(
     n_modes: int = 6,
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> ModeAssignment:
-    """Give each measured peak the mode of the model that it belongs to.
+    """Give each measured peak the one of the model's ``n_modes`` lowest elastic modes that it belongs to.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-        The axis with joints as far as they are known.
-    observations : sequence of ModalObservation
-        At least one; repeated readings of one peak are averaged before. Their ``order`` plays no part.
-    largest_shift : float
-        By which a peak may lie off its mode, relative. [-]
-    n_modes : int
-        Of the model, from the lowest elastic one.
-    motor_end : MotorEnd
-
-    Returns
-    -------
-    ModeAssignment
-
-    Raises
-    ------
-    NotIdentifiableError
-        If a peak is farther than ``largest_shift`` from every mode, or two peaks at one position belong to one.
+    Repeated readings of one peak are averaged before; the ``order`` of observations plays no part. Raises
+    NotIdentifiableError if a peak is farther than ``largest_shift``, relative, from every mode, or two peaks at one
+    position belong to one.
     """
     if not observations:
         raise NotIdentifiableError("modes must be assigned to one peak at least; the table has none")

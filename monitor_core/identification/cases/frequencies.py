@@ -82,18 +82,9 @@ class FrequencyCase:
 
 
 def frequency_case(drive: FreeParameters, observations: Sequence[ModalObservation]) -> FrequencyCase:
-    """Give measured natural frequencies the modes of the model that they are next to.
+    """Give measured natural frequencies the modes of the model that they are next to; amplitudes play no part.
 
-    Parameters
-    ----------
-    drive : FreeParameters
-    observations : sequence of ModalObservation
-        Amplitudes play no part.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If a frequency is next to no mode, or two under one condition to the same.
+    Raises NotIdentifiableError if a frequency is next to no mode, or two under one condition to the same.
     """
     peaks = assign_by_frequency(drive.model(drive.start), observations, largest_shift=LARGEST_SHIFT)
     return FrequencyCase(drive, peaks, drive.priors)

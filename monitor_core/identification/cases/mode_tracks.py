@@ -67,10 +67,11 @@ def track_modes(
     n_modes: int = 6,
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> ModeTracks:
-    r"""Follow the lowest elastic modes from position to position.
+    r"""Follow the lowest elastic modes, 1 to 8, from position to position.
 
-    The sensitivity to the nut is its share of the strain energy, halved: with mass-normalised shapes :math:`\phi` and
-    the deflection :math:`v^T \phi` of nut and bracket, of joint stiffness :math:`k_s`,
+    Conditions may differ in preload and payload, which are followed each for itself. The sensitivity to the nut is its
+    share of the strain energy, halved: with mass-normalised shapes :math:`\phi` and the deflection :math:`v^T \phi` of
+    nut and bracket, of joint stiffness :math:`k_s`,
 
     .. math::
 
@@ -78,24 +79,7 @@ def track_modes(
 
     (Rayleigh's quotient is stationary, so the shape need not be differentiated.)
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    conditions : sequence of DriveConditions
-        At least one; they may differ in preload and payload, which are followed each for itself.
-    n_modes : int
-        From 1 to 8.
-    motor_end : MotorEnd
-
-    Returns
-    -------
-    ModeTracks
-        In the order of the conditions.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is no condition, ``n_modes`` is out of range or a position is not on the screw.
+    Raises OutsideValidityError if there is no condition, ``n_modes`` is out of range or a position is not on the screw.
     """
     if not conditions or not 1 <= n_modes <= N_FOLLOWED - 2:
         raise OutsideValidityError(

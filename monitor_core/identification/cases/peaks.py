@@ -124,23 +124,11 @@ def peak_case(
     bands: Mapping[int, Band] | None = None,
     weighting: Weighting = Weighting.UNCERTAINTY,
 ) -> PeakCase:
-    """Give measured peaks their modes.
+    """Give measured peaks their modes, by where a receptance model as stated has them.
 
-    Parameters
-    ----------
-    drive : FreeParameters
-        Of the receptance family; as stated it says where the modes lie, as far as the joints are known.
-    observations : sequence of ModalObservation
-    bands : mapping of int to Band, optional
-        Where the peak of each mode is looked for; by default around the measured ones, between the other modes.
-    weighting : Weighting
-
-    Raises
-    ------
-    NotIdentifiableError
-        If a peak belongs to no mode, or two at one position to the same.
-    OutsideValidityError
-        If modes change places along the screw, so that no band holds one of them alone.
+    ``bands`` are where the peak of each mode is looked for; by default around the measured ones, between the other
+    modes. Raises NotIdentifiableError if a peak belongs to no mode, or two at one position to the same;
+    OutsideValidityError if modes change places along the screw, so that no band holds one of them alone.
     """
     assignment = assign_modes(receptance_axis(drive), observations)
     if bands is None:
@@ -157,19 +145,9 @@ def planned_peaks(
     of_frequency: float = FREQUENCY_UNCERTAINTY,
     of_amplitude: float = AMPLITUDE_UNCERTAINTY,
 ) -> PlannedMeasurements:
-    """Return for each position the Jacobian of the peaks that would be read there.
+    """Return for each position the Jacobian of the peaks that would be read there, unless there is none.
 
-    Parameters
-    ----------
-    drive : FreeParameters
-        Of the receptance family.
-    coordinates : ndarray, shape (n_parameters,)
-        Of the fit.
-    conditions : sequence of DriveConditions
-        Where one could measure; a position without a peak is left out.
-    bands : mapping of int to Band
-    of_frequency, of_amplitude : float
-        Relative standard uncertainty of a frequency and of an amplitude. [-]
+    ``of_frequency`` and ``of_amplitude`` are relative standard uncertainties of what would be read [-].
     """
     parameters, planned = drive.record(coordinates), []
     for where in conditions:

@@ -102,12 +102,8 @@ class AlarmExplanations:
     def start(self, alarm_id: int) -> JobRow:
         """Explain an alarm as its axis stands now, because somebody asks for it.
 
-        Raises
-        ------
-        ConflictError
-            If it is cleared: what was measured since belongs to another baseline.
-        NotIdentifiableError, OutsideValidityError
-            If the axis has no drive model, or was not measured at enough places.
+        Raises ConflictError if it is cleared: what was measured since belongs to another baseline; NotIdentifiableError
+        or OutsideValidityError if the axis has no drive model, or was not measured at enough places.
         """
         case = self._case(alarm_id)
         axis_drive(_model(case.configuration))

@@ -28,15 +28,7 @@ class Admission:
     admitted: list[Admitted] = field(default_factory=list)
 
     def admit(self, window: Window, own_refusal: Rejection | None) -> None:
-        """Put a window into its measurement; the first window of a measurement makes it.
-
-        Parameters
-        ----------
-        window : Window
-            Not stored yet.
-        own_refusal : Rejection or None
-            What the gate says of the window on its own.
-        """
+        """Put a new window, with what the gate says of it on its own, into its measurement; the first one makes it."""
         row = self.measurements.get(window.measurement)
         if row is None:
             row = self.measurements[window.measurement] = MeasurementRecord(

@@ -21,12 +21,8 @@ class Axes:
     def register(self, axis_id: str, name: str, configuration: AxisConfiguration) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
 
-        Raises
-        ------
-        OutsideValidityError
-            If no limits of the charts give the wanted rate of false alarms.
-        RecordingFormatError, OutsideValidityError
-            If the drive model is none that an alarm could be explained with.
+        Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
+        RecordingFormatError or OutsideValidityError if the drive model is none that an alarm could be explained with.
         """
         if configuration.drive_model is not None:
             axis_drive(configuration.drive_model)

@@ -50,10 +50,8 @@ class Calibrations:
     ) -> CalibrationRow:
         """Fit to stored measurements whose preload was set on purpose, from their waveforms.
 
-        Raises
-        ------
-        WaveformDamagedError
-            If a waveform is not what was stored: a calibration does not silently rest on less than it was asked for.
+        Raises WaveformDamagedError if a waveform is not what was stored: a calibration does not silently rest on less
+        than it was asked for.
         """
         with self._database.read() as session:
             axis = get_axis(session, axis_id)

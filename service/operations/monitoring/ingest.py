@@ -93,16 +93,8 @@ class Ingest:
     def ingest(self, axis_id: str, windows: Sequence[Window], *, complete: bool) -> IngestReceipt:
         """Store windows durably, and judge the measurements that they complete.
 
-        Raises
-        ------
-        ConflictError
-            If another window is stored (or posted) with the same start.
-        StorageError, BusyError
-            If disk or database did not take it; it may be sent again.
-
-        Notes
-        -----
-        Whatever is raised, nothing of the request is stored.
+        Raises ConflictError if another window is stored (or posted) with the same start; StorageError or BusyError if
+        disk or database did not take it; it may be sent again. Whatever is raised, nothing of the request is stored.
         """
         names = {window.measurement for window in windows}
         with self._lanes.of(axis_id), self._database.connect() as connection:

@@ -16,10 +16,8 @@ def measured_modes(
 ) -> Iterator[ModalMeasurement]:
     """Measure the mode of each stored measurement, without a calibration; those that cannot be judged are left out.
 
-    Raises
-    ------
-    WaveformDamagedError
-        If a waveform is not what was stored: what comes of it must not silently rest on less than it was asked for.
+    Raises WaveformDamagedError if a waveform is not what was stored: what comes of it must not silently rest on less
+    than it was asked for.
     """
     for windows in _stored_windows(database, waveforms, rows):
         modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
@@ -32,10 +30,7 @@ def measured_with_windows(
 ) -> Iterator[tuple[ModalMeasurement | Rejection, Sequence[Window]]]:
     """Measure the response of each stored measurement on all its lines, and return it, or why not, with its windows.
 
-    Raises
-    ------
-    WaveformDamagedError
-        As :func:`measured_modes`.
+    Raises WaveformDamagedError as :func:`measured_modes`.
     """
     for windows in _stored_windows(database, waveforms, rows):
         yield measure_response(windows, settings), windows

@@ -44,17 +44,8 @@ class MotionComparison(AsMeasured):
     def of(cls, record: MotionRecord, parameters: MotionParameters) -> Self:
         """Prepare a record: kinematics, values, strokes, noise; the second half is held out.
 
-        Parameters
-        ----------
-        record : MotionRecord
-        parameters : MotionParameters
-            Of the axis; the lead of its screw makes a force of a recorded torque.
-
-        Raises
-        ------
-        OutsideValidityError
-            If torque was recorded and the lead is not stated, no force was recorded, or the axis does not move long
-            enough.
+        Raises OutsideValidityError if torque was recorded and the lead of the screw is not stated, no force was
+        recorded, or the axis does not move long enough.
         """
         is_torque = record.quantity is ExcitationQuantity.TORQUE
         force = parameters.force_of_torque(record.drive) if is_torque else record.drive

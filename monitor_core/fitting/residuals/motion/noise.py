@@ -21,24 +21,13 @@ _NORMAL_MEDIAN = 0.6745
 
 
 def force_noise(record: MotionRecord, force: FloatArray, sampling: MotionSampling) -> float:
-    """Return the standard deviation of the values of a measured force between repetitions of the same motion.
+    """Return the standard deviation of the values of a measured force between repetitions of the same motion [N].
 
     Where the reference repeats, or else the position, it is the deviation between times that are a whole number of
     repetitions apart, as near to half the record as possible: between what is fitted and what is held out. Where
     nothing repeats it is the noise above the cut-off frequency of the kinematics, taken as white. That is a lower bound
-    that ignores friction which changes from stroke to stroke.
-
-    Parameters
-    ----------
-    record : MotionRecord
-    force : ndarray, shape (n_samples,)
-        Measured, as recorded. [N]
-    sampling : MotionSampling
-
-    Returns
-    -------
-    float
-        Not less than 1e-4 of the force's root mean square. [N]
+    that ignores friction which changes from stroke to stroke. It is never less than 1e-4 of the force's root mean
+    square.
     """
     found = _repeatability(record, force, sampling)
     noise = _white_noise(force, sampling) if found is None else found
@@ -48,14 +37,7 @@ def force_noise(record: MotionRecord, force: FloatArray, sampling: MotionSamplin
 def repetition_shift(trajectory: FloatArray) -> int | None:
     """Return the number of samples after which a motion is the same again; the one nearest to half of it.
 
-    Parameters
-    ----------
-    trajectory : ndarray, shape (n_samples,)
-
-    Returns
-    -------
-    int or None
-        None where it does not repeat, or does so too late to be compared.
+    None where it does not repeat, or does so too late to be compared.
     """
     n = trajectory.size
     extent = float(np.ptp(trajectory))

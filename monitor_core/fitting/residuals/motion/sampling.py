@@ -73,10 +73,7 @@ def sampling_of(motion: Kinematics) -> MotionSampling:
     before it, so that a jump stays as sharp in one as in the other. Standstill is left out: friction balances there
     what no velocity shows.
 
-    Raises
-    ------
-    OutsideValidityError
-        If the axis does not move, or moves too shortly.
+    Raises OutsideValidityError if the axis does not move, or moves too shortly.
     """
     n, rate, cutoff = motion.velocity.size, motion.sample_rate, cutoff_frequency(motion.sample_rate)
     n_end = round(_END * rate / cutoff)

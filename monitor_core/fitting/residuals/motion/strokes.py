@@ -14,19 +14,9 @@ _HESITATION = 0.01
 
 
 def strokes_of(position: FloatArray) -> tuple[Indices, tuple[int, ...]]:
-    """Cut a motion at its reversals.
+    """Cut a motion at its reversals: the first value of each stroke, and its direction.
 
-    Parameters
-    ----------
-    position : ndarray, shape (n_values,)
-        [m]
-
-    Returns
-    -------
-    first : ndarray of int, shape (n_strokes,)
-        First value of each stroke; that of the first one is 0.
-    directions : tuple of int
-        +1 towards higher positions, −1 towards lower ones.
+    The first stroke begins with value 0. A direction is +1 towards higher positions, −1 towards lower ones.
     """
     shortest = _HESITATION * float(np.ptp(position))
     first, directions, furthest = [0], [0], 0
@@ -46,15 +36,7 @@ def strokes_of(position: FloatArray) -> tuple[Indices, tuple[int, ...]]:
 
 
 def stroke_settings(time: FloatArray, first: Indices, directions: Sequence[int]) -> tuple[Setting, ...]:
-    """Return each stroke as a setting: a stretch of time and a direction.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n_values,)
-        [s]
-    first : ndarray of int, shape (n_strokes,)
-    directions : sequence of int
-    """
+    """Return each stroke as a setting: a stretch of time [s] and a direction."""
     last = np.r_[first[1:], time.size] - 1
     return tuple(
         Setting(
