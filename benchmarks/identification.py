@@ -1,7 +1,7 @@
 """Joints of Tian's axis: from the published peaks, and from whole responses of a simulated axis.
 
-``python -m benchmarks.identification`` prints what the paper claims beside what comes out, on one core in about a
-minute. The simulated axis is the finite-element one of the tests, an independent formulation.
+``python -m benchmarks.identification`` prints what the paper claims beside what comes out, on one core in about six
+minutes. The simulated axis is the finite-element one of the tests, an independent formulation.
 """
 
 import time
