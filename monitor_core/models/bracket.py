@@ -38,31 +38,15 @@ class BeyondContacts:
 
 
 def beyond_contacts(
-    s: NumberArray,
+    s: NumberArray,  # jω, shape (n_frequencies,) [rad/s]
     *,
-    table_mass: float,
-    nut_mass: float = 0.0,
-    table_damping: float = 0.0,
-    bracket_stiffness: float = math.inf,
-    loss_factor: float = 0.0,
+    table_mass: float,  # with all that moves with it but the nut [kg]
+    nut_mass: float = 0.0,  # [kg]
+    table_damping: float = 0.0,  # of the guides, to ground [N·s/m]
+    bracket_stiffness: float = math.inf,  # [N/m]
+    loss_factor: float = 0.0,  # of the bracket [-]
 ) -> BeyondContacts:
-    """Return what the contacts of the nut carry.
-
-    Parameters
-    ----------
-    s : ndarray, shape (n_frequencies,)
-        jω. [rad/s]
-    table_mass : float
-        With all that moves with it but the nut. [kg]
-    nut_mass : float
-        [kg]
-    table_damping : float
-        Of the guides, to ground. [N·s/m]
-    bracket_stiffness : float
-        [N/m]
-    loss_factor : float
-        Of the bracket. [-]
-    """
+    """Return what the contacts of the nut carry."""
     return BeyondContacts(
         nut_mass * s**2, 1.0 / bracket_stiffness / (1.0 + 1j * loss_factor), table_mass * s**2 + table_damping * s
     )
@@ -71,16 +55,7 @@ def beyond_contacts(
 def nut_receptances(
     compliance: NumberArray, unloaded_travel: NumberArray, beyond: BeyondContacts
 ) -> tuple[NumberArray, NumberArray]:
-    """Return the displacement of the nut per force at the table [m/N] and per torque [m/(N·m)].
-
-    Parameters
-    ----------
-    compliance : ndarray, shape (n_frequencies,)
-        C. [m/N]
-    unloaded_travel : ndarray, shape (n_frequencies,)
-        u. [m/(N·m)]
-    beyond : BeyondContacts
-    """
+    """Return the displacement of the nut per force at the table [m/N] and per torque [m/(N·m)], from C and u."""
     before = compliance - beyond.bracket
     swinging = 1.0 + beyond.bracket * beyond.table
     reciprocal = 1.0 / ((1.0 + before * beyond.nut) * swinging + before * beyond.table)
@@ -90,13 +65,6 @@ def nut_receptances(
 def nut_from_table(
     per_force: NumberArray, per_torque: NumberArray, beyond: BeyondContacts
 ) -> tuple[NumberArray, NumberArray]:
-    """Return the same from the receptances of the table, which have the nut's mass with the table.
-
-    Parameters
-    ----------
-    per_force, per_torque : ndarray, shape (n_frequencies,)
-        Of the table, with the same motor end. [m/N], [m/(N·m)]
-    beyond : BeyondContacts
-    """
+    """Return the same from the receptances of the table, with the same motor end and the nut's mass with the table."""
     loaded = 1.0 / (1.0 - (beyond.nut + beyond.table) * per_force)  # 1 + C Z
     return nut_receptances(per_force * loaded, per_torque * loaded, beyond)

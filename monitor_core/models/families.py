@@ -31,13 +31,7 @@ FAMILIES: tuple[Family, ...] = (
 
 
 def family_named(name: str) -> Family:
-    """Return a family by its name in files.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is none of this name.
-    """
+    """Return a family by its name in files; OutsideValidityError if there is none."""
     for family in FAMILIES:
         if family.name == name:
             return family

@@ -13,20 +13,9 @@ def nut_rigidity(nut_stiffness: float, preload: float | None, dynamic_load_ratin
     Eq. (1) of Nguyen et al. (2018), after the catalogues (ISO 3408-4). Where neither preload nor load rating is stated
     the nut has the stated stiffness whatever its preload, as in the other three papers.
 
-    Parameters
-    ----------
-    nut_stiffness : float
-        :math:`K` of the catalogue, or the rigidity itself. [N/m]
-    preload : float or None
-        :math:`P`. [N]
-    dynamic_load_rating : float or None
-        :math:`C_d`. [N]
-
-    Raises
-    ------
-    OutsideValidityError
-        If only one of preload and load rating is stated, or the preload exceeds the 10 % of the load rating up to which
-        the source states the equation.
+    ``nut_stiffness`` is :math:`K` of the catalogue, or the rigidity itself [N/m]; preload and load rating are
+    :math:`P` and :math:`C_d` [N]. ``OutsideValidityError`` if only one of the two is stated, or the preload exceeds
+    the 10 % of the load rating up to which the source states the equation.
     """
     if preload is None and dynamic_load_rating is None:
         return nut_stiffness

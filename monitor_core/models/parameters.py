@@ -119,13 +119,7 @@ class DriveParameters:
 
     @classmethod
     def from_file_names(cls, values: Mapping[str, float], family: str) -> Self:
-        """Make the record from the names that a model file uses.
-
-        Raises
-        ------
-        OutsideValidityError
-            If a name is missing, not one of this family, or a value is out of range.
-        """
+        """Make the record from the names that a model file uses; a missing, unknown or impossible value is refused."""
         known = {name_in_file(item.name): item for item in fields(cls)}
         unknown = sorted(set(values) - set(known))
         if unknown:

@@ -13,14 +13,9 @@ _CIRCLE = 16
 
 
 def zeros_near(function: Callable[[ComplexArray], ComplexArray], start: ComplexArray) -> ComplexArray:
-    """Return the zeros next to ``start``, by Newton's method on all at once; nan if one of them is not found.
+    """Return the zeros next to ``start`` [rad/s], by Newton's method on all at once; nan if one of them is not found.
 
-    Parameters
-    ----------
-    function : callable
-        Takes three times as many ω as there are zeros: at each, then a little above each, then below. [rad/s]
-    start : ndarray, shape (n_zeros,)
-        [rad/s]
+    The function takes three times as many ω as there are zeros: at each, then a little above each, then below.
     """
     omega = start
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a step that is too long may lead anywhere

@@ -42,32 +42,13 @@ def torsional_rigidity(modulus: float, diameter: float) -> float:
 
 
 def wave_number(omega: Wave, modulus: float, density: float) -> Wave:
-    r"""Return the wave number of a rod in radians per metre.
+    r"""Return the wave number of a rod in radians per metre, at ω in rad/s, shape (n_frequencies,).
 
-    .. math::
+    .. math:: \lambda = \omega \sqrt{\rho/E}
 
-        \lambda = \omega \sqrt{\rho/E}
-
-    Eq. (3) of Tian et al.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (n_frequencies,)
-        [rad/s]
-    modulus : float
-        E for axial waves, G for torsional ones. [Pa]
-    density : float
-        [kg/m³]
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        [rad/m]
-
-    Notes
-    -----
-    The paper states λ for axial waves only and uses the symbol in its torsional Eqs. (10)-(11) too; there it must run
-    on G, see docs/reference/errata.md.
+    Eq. (3) of Tian et al.; the modulus [Pa] is E for axial waves, G for torsional ones, the density in kg/m³. The paper
+    states λ for axial waves only and uses the symbol in its torsional Eqs. (10)-(11) too; there it must run on G, see
+    docs/reference/errata.md.
     """
     return omega * float(np.sqrt(density / modulus))
 

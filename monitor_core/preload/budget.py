@@ -71,21 +71,10 @@ class UncertaintyBudget:
 
 
 def parameter_gradients(feature: float, conditions: Sequence[Conditions], calibration: Calibration) -> FloatArray:
-    """Differentiate the feature with respect to the parameters of the calibration, under several conditions.
+    """Differentiate the feature [s²] with respect to the parameters of the calibration, under several conditions.
 
-    Parameters
-    ----------
-    feature : float
-        Preload feature at the reference conditions. [s²]
-    conditions : sequence of Conditions, shape (n_conditions,)
-        Of the measurements.
-    calibration : Calibration
-        Of the axis.
-
-    Returns
-    -------
-    ndarray, shape (n_conditions, n_parameters)
-        In the order of ``calibration.parameter_names``; k3 has no part in the feature. [s² per unit of the parameter]
+    The feature is that at the reference conditions; k3 has no part in it. Shape (n_conditions, n_parameters), in the
+    order of ``calibration.parameter_names`` [s² per unit of the parameter].
     """
     x = np.array([stated.position for stated in conditions])
     payload, temperature = np.array([calibration.excess(stated) for stated in conditions]).reshape(-1, 2).T
@@ -109,22 +98,9 @@ def uncertainty_budget(
 ) -> UncertaintyBudget:
     r"""Propagate the uncertainties of a measurement and of its calibration to :math:`g - \theta k_3` at θ = g/k3.
 
-    Parameters
-    ----------
-    frequency : Estimate
-        Axial natural frequency. [Hz]
-    feature : float
-        Its preload feature g at the reference conditions. [s²]
-    conditions : Conditions
-        Of the measurement.
-    calibration : Calibration
-        Of the axis.
-
-    Returns
-    -------
-    UncertaintyBudget
-        Scatter between measurements and the fitted parameters come from the same residuals: they count as one source
-        in the effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B).
+    Given are the axial natural frequency [Hz] and its preload feature g at the reference conditions [s²]. Scatter
+    between measurements and the fitted parameters come from the same residuals: they count as one source in the
+    effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B).
     """
     payload, temperature = calibration.excess(conditions)
     f = frequency.value
@@ -175,21 +151,8 @@ def systematic_uncertainty_between(
     measurements of the baseline may be off as much, the scatter of the baseline has it already: only what may come on
     top is returned (the errors are those of the same coefficients, so they add up like amounts, not like variances).
 
-    Parameters
-    ----------
-    feature : float
-        Preload feature at the reference conditions, healthy or measured: it enters the payload correction only. [s²]
-    conditions : Conditions
-        Of the measurement.
-    baseline_conditions : sequence of Conditions
-        Of the measurements whose mean is the baseline.
-    calibration : Calibration
-        Of the axis.
-
-    Returns
-    -------
-    float
-        Standard uncertainty of feature minus baseline; 0 under conditions like those of the baseline. [s²]
+    The feature, healthy or measured, is that at the reference conditions [s²]; it enters the payload correction only.
+    Returned is the standard uncertainty of feature minus baseline [s²]: 0 under conditions like those of the baseline.
     """
     gradients = parameter_gradients(feature, [*baseline_conditions, conditions], calibration)
 

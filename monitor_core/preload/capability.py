@@ -15,30 +15,12 @@ BAND_MARGIN = 0.01
 
 
 def expected_band(calibration: Calibration, conditions: Conditions) -> tuple[float, float]:
-    """Tell between which frequencies the axial mode can be.
+    """Tell between which frequencies the axial mode can be, in hertz.
 
     Eq. (8) of Nguyen et al. (2018) from 10 % of the lowest to 150 % of the highest calibrated preload, under the stated
-    payload and temperature, widened by 1 % and four standard deviations of a reading.
+    payload and temperature, widened by 1 % and four standard deviations of a reading. ``OutsideValidityError`` if it
+    gives no frequency at that position (far outside the calibrated ones).
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of the axis.
-    conditions : Conditions
-        Position, and payload and temperature where stated.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper end. [Hz]
-
-    Raises
-    ------
-    OutsideValidityError
-        If Eq. (8) gives no frequency at that position (far outside the calibrated ones).
-
-    Examples
-    --------
     With Table 2 of the paper (measured there from 50 to 300 N: 172.9 to 179.8 Hz), the band at 500 mm is about 157 to
     183 Hz.
     """
@@ -51,38 +33,19 @@ def expected_band(calibration: Calibration, conditions: Conditions) -> tuple[flo
 
 
 def minimum_detectable_loss(
-    calibration: Calibration, preload: float | None = None, position: float | None = None, n_measurements: int = 1
+    calibration: Calibration,
+    preload: float | None = None,  # healthy; the highest calibrated one if not given [N]
+    position: float | None = None,  # if not given, the calibrated one where the loss is hardest to see [m]
+    n_measurements: int = 1,  # that are averaged
 ) -> float:
-    r"""Tell the smallest loss of preload that will be seen.
+    r"""Tell the smallest loss of preload that will be seen, in newtons.
 
     Seen means: starting from a healthy preload that is known from many measurements, the mean of ``n_measurements``
     lies below the one-sided 95 % prediction bound with a probability of 90 %. With s the standard deviation of a
     reading in the calibration (n − p degrees of freedom) the frequency must fall by
-    :math:`(t_{.95} + t_{.90})\,s/\sqrt{n}`; Eq. (8) of Nguyen et al. (2018) turns the fall into newtons.
+    :math:`(t_{.95} + t_{.90})\,s/\sqrt{n}`; Eq. (8) of Nguyen et al. (2018) turns the fall into newtons. A preload that
+    is not positive raises ``OutsideValidityError``.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of the axis.
-    preload : float, optional
-        Healthy preload; the highest calibrated one if not given. [N]
-    position : float, optional
-        Table position; if not given, the one of the calibrated range where the loss is hardest to see. [m]
-    n_measurements : int
-        How many measurements are averaged. [-]
-
-    Returns
-    -------
-    float
-        Loss. [N]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the preload is not positive.
-
-    Examples
-    --------
     With Table 2 of the paper (means of 20 readings, 0.25 Hz) at 300 N and 500 mm, 0.78 Hz at about 100 N/Hz: some 70 N.
     """
     k, dof = calibration.coefficients, calibration.parameters.degrees_of_freedom

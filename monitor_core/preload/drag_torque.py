@@ -43,21 +43,10 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
 
         T_\mathrm{drag} = \frac{T_+ - T_-}{2}, \qquad T_\mathrm{offset} = \frac{T_+ + T_-}{2}
 
-    The dynamic preload drag torque of section 3.7 of [1]_, which is measured over both directions.
+    The dynamic preload drag torque of section 3.7 of [1]_, which is measured over both directions. It needs windows of
+    one measurement with motor torque and position trace; a force, mixed torque sources and too few travels (no motion,
+    no position) are refused.
 
-    Parameters
-    ----------
-    windows : sequence of Window, shape (n_windows,)
-        Of one measurement, with motor torque and position trace. [-]
-
-    Returns
-    -------
-    DragTorque or Rejection
-        Refused for a force, for mixed torque sources, and with too few travels (no motion, no position).
-
-    Notes
-    -----
-    Forward travels are paired with those back in the order of their time, and the standard uncertainties come from the
     scatter of the pairs: what both share, be it friction or zero error, then enters the right one of the two.
     Friction depends on speed: travels that are not within a tenth of the median speed are left out.
 
@@ -99,10 +88,8 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
 
 
 def _velocities(windows: Sequence[Window]) -> list[FloatArray | None]:
-    """Return the velocity over each window [m/s], None where its position is not known for long enough.
-
-    Windows of one length are differentiated together: one by one most of a judgement's time would go into their ends.
-    """
+    """Return the velocity over each window [m/s], None where its position is not known for long enough."""
+    # windows of one length together: one by one most of a judgement's time would go into the ends of their traces
     alike: dict[tuple[float, int], list[int]] = {}
     for number, window in enumerate(windows):
         shortest = max(_span(window.sample_rate), _SHORTEST_TRAVEL * window.sample_rate)

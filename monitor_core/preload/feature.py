@@ -105,26 +105,10 @@ def preload_from_feature(feature: float, coefficients: PreloadFeatureCoefficient
 @overload
 def preload_from_feature(feature: FloatArray, coefficients: PreloadFeatureCoefficients) -> FloatArray: ...
 def preload_from_feature(feature: float | FloatArray, coefficients: PreloadFeatureCoefficients) -> float | FloatArray:
-    r"""Read the preload from its feature, :math:`(k_3 P^2)^3`.
+    r"""Read the preload in newtons from its feature, :math:`(k_3 P^2)^3`: Eq. (8) of Nguyen et al. (2018), solved.
 
-    Eq. (8) of Nguyen et al. (2018), solved for the preload.
-
-    Parameters
-    ----------
-    feature : float or ndarray, shape (n_windows,)
-        Preload feature :math:`1/P^2`. [s²]
-    coefficients : PreloadFeatureCoefficients
-        Of the same calibration as the feature.
-
-    Returns
-    -------
-    float or ndarray, shape (n_windows,)
-        Preload. [N]
-
-    Raises
-    ------
-    OutsideValidityError
-        If a feature is not positive: no preload, however high, gives that frequency.
+    Feature [s²] and coefficients are of one calibration. A feature that is not positive raises
+    ``OutsideValidityError``: no preload, however high, gives that frequency.
 
     Examples
     --------
@@ -149,28 +133,10 @@ def axial_frequency(position: float, preload: FloatArray, coefficients: PreloadF
 def axial_frequency(
     position: float | FloatArray, preload: float | FloatArray, coefficients: PreloadFeatureCoefficients
 ) -> float | FloatArray:
-    r"""Predict the axial natural frequency of a preload at a table position.
+    r"""Predict the axial natural frequency in hertz of a preload [N] at a table position [m].
 
     :math:`f_{ax} = (k_1 x^2 + k_2 x + k_3\,\mathrm{preload}^{-1/3} + k_4)^{-1/2}`, Eq. (8) of Nguyen et al. (2018).
-
-    Parameters
-    ----------
-    position : float or ndarray, shape (n_windows,)
-        Table position from the fixed bearing. [m]
-    preload : float or ndarray, shape (n_windows,)
-        Preload of the nut. [N]
-    coefficients : PreloadFeatureCoefficients
-        Of the axis.
-
-    Returns
-    -------
-    float or ndarray, shape (n_windows,)
-        First axial natural frequency. [Hz]
-
-    Raises
-    ------
-    OutsideValidityError
-        If a preload is not positive, or if the polynomial in the position falls below zero there.
+    A preload that is not positive, or a position where the polynomial falls below zero, raise ``OutsideValidityError``.
 
     Examples
     --------
@@ -186,30 +152,11 @@ def axial_frequency(
 
 
 def preload_sensitivity(axial_frequency: float, preload: float, coefficients: PreloadFeatureCoefficients) -> float:
-    r"""Tell how many newtons of preload one hertz stands for.
+    r"""Tell how many newtons of preload one hertz stands for, at a frequency [Hz] and its preload [N], both positive.
 
     .. math:: \frac{d\,\mathrm{preload}}{d f_{ax}} = \frac{6\,\mathrm{preload}^{4/3}}{k_3 f_{ax}^3}
 
     Derivative of Eq. (8) of Nguyen et al. (2018).
-
-    Parameters
-    ----------
-    axial_frequency : float
-        First axial natural frequency. [Hz]
-    preload : float
-        Preload at that frequency. [N]
-    coefficients : PreloadFeatureCoefficients
-        Of the axis.
-
-    Returns
-    -------
-    float
-        Preload per frequency. [N/Hz]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the frequency or the preload is not positive.
 
     Examples
     --------

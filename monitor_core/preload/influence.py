@@ -43,26 +43,10 @@ class InfluenceSensitivities:
 
 
 def payload_factor(payload_excess: float | FloatArray, inverse_moving_mass: float) -> FloatArray:
-    """Return 1 + µ·Δm, the factor by which a payload multiplies 1/f².
+    """Return 1 + µ·Δm, the factor by which a payload Δm above that of the reference [kg] multiplies 1/f².
 
-    Eq. (6) of Nguyen et al. (2018): f is proportional to the inverse root of the mass that moves.
-
-    Parameters
-    ----------
-    payload_excess : float or ndarray, shape (n_windows,)
-        Δm, payload above (or, negative, below) that of the reference. [kg]
-    inverse_moving_mass : float
-        µ, inverse of the mass that moves at the reference payload. [1/kg]
-
-    Returns
-    -------
-    ndarray, shape (n_windows,)
-        Factor on 1/f². [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the mass taken away is not less than the mass that moves.
+    Eq. (6) of Nguyen et al. (2018): f is proportional to the inverse root of the mass 1/µ [kg] that moves at the
+    reference payload. ``OutsideValidityError`` if the mass taken away is not less than it.
 
     Examples
     --------
@@ -86,28 +70,9 @@ def to_reference(
     temperature_excess: float | FloatArray,
     influence: InfluenceCoefficients,
 ) -> FloatArray:
-    """Correct a measured 1/f² to the payload and temperature of the calibration.
+    """Correct a measured 1/f² [s²] for payload [kg] and temperature [K] above the calibration's, shape (n_windows,).
 
-    Parameters
-    ----------
-    inverse_square : float or ndarray, shape (n_windows,)
-        1/f² as measured. [s²]
-    payload_excess : float or ndarray, shape (n_windows,)
-        Payload above that of the reference. [kg]
-    temperature_excess : float or ndarray, shape (n_windows,)
-        Temperature above that of the reference. [K]
-    influence : InfluenceCoefficients
-        Of the calibration.
-
-    Returns
-    -------
-    ndarray, shape (n_windows,)
-        1/f² at the reference conditions. [s²]
-
-    Raises
-    ------
-    OutsideValidityError
-        See :func:`payload_factor`.
+    ``OutsideValidityError`` as of :func:`payload_factor`.
     """
     factor = payload_factor(payload_excess, influence.inverse_moving_mass)
     return inverse_square / factor - influence.temperature * np.asarray(temperature_excess, dtype=np.float64)

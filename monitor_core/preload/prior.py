@@ -87,13 +87,6 @@ def prior_from_calibration(calibration: Calibration, source: str) -> Coefficient
 
     Its moving mass and temperature coefficient are left behind. Where its readings did not state their uncertainty the
     reproducibility holds that too, and counts it twice for readings that do: intervals are rather too wide.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        From other readings than those it will be joined with, of the same axis or its like.
-    source : str
-        Its name.
     """
     k = len(COEFFICIENT_NAMES)
     parameters = calibration.parameters
@@ -141,18 +134,9 @@ def refuse_other_conditions(
 def calibration_from_prior(prior: CoefficientPrior, *, moving_mass: Estimate | None = None) -> Calibration:
     """Return the calibration of an axis that has no reading of known preload.
 
-    Parameters
-    ----------
-    prior : CoefficientPrior
-        Its reproducibility is all that is known of the scatter of a reading, so intervals and minimum detectable loss
-        are no better than it.
-    moving_mass : Estimate, optional
-        Effective mass that moves without payload. [kg]
-
-    Raises
-    ------
-    NotIdentifiableError
-        If k3 is not positive beyond its 95 % uncertainty.
+    The reproducibility of the prior is all that is known of the scatter of a reading, so intervals and minimum
+    detectable loss are no better than it. ``moving_mass`` is the effective mass that moves without payload [kg].
+    ``NotIdentifiableError`` if k3 is not positive beyond its 95 % uncertainty.
     """
     coefficients = prior.coefficients
     refuse_blind_mode(coefficients)

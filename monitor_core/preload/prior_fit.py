@@ -27,28 +27,10 @@ def fit_with_prior(prior: CoefficientPrior, rows: ReadingRows, weighting: Weight
     with :math:`\tau^2` the mean square that the prior expects of a weighted reading. A covariance :math:`C_0` that
     leaves some combination exactly known is no obstacle in this form.
 
-    Parameters
-    ----------
-    prior : CoefficientPrior
-    rows : ReadingRows
-        Columns of k1…k4, then of what the prior knows nothing of; weights as without a prior.
-    weighting : Weighting
-        How the weights came about.
+    The columns are those of k1…k4, then of what the prior knows nothing of; the weights are as without a prior.
+    ``NotIdentifiableError`` if the readings contradict the prior, or do not determine what it knows nothing of;
+    ``OutsideValidityError`` if neither prior nor readings state any scatter.
 
-    Returns
-    -------
-    CoefficientFit
-        See Notes for its degrees of freedom.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If the readings contradict the prior, or do not determine what it knows nothing of.
-    OutsideValidityError
-        If neither prior nor readings state any scatter.
-
-    Notes
-    -----
     The readings bring :math:`\nu_1 = \sum (1 - h_i)` degrees of freedom, h their leverage in the joint fit: n − p where
     the prior says nothing, n where it says all. Their scatter is pooled with that of the prior by degrees of freedom,
     :math:`c^2 = (\nu_0 c_0^2 + \nu_1 c_1^2)/(\nu_0 + \nu_1)`, and :math:`\nu_0 + \nu_1` are those of the result. The

@@ -56,25 +56,10 @@ class CoefficientFit:
 def weighted_least_squares(design: FloatArray, observed: FloatArray, weight: FloatArray) -> LeastSquaresFit:
     r"""Solve :math:`\min_\beta \sum_i w_i^2 (y_i - X_i\beta)^2` and tell how well the data determine β.
 
-    Parameters
-    ----------
-    design : ndarray, shape (n, p)
-        :math:`X`; columns may differ by orders of magnitude, they are scaled to unit length. [unit of y / unit of β]
-    observed : ndarray, shape (n,)
-        :math:`y`. [any]
-    weight : ndarray, shape (n,)
-        :math:`w_i`, inverse standard deviations up to a common factor. [1 / unit of y]
-
-    Returns
-    -------
-    LeastSquaresFit
-        With the covariance :math:`s^2 (X^T W^2 X)^{-1}`, :math:`s^2 = \sum w_i^2 r_i^2/(n-p)`: a common factor in the
-        weights cancels.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are no more observations than parameters, or if the columns are dependent.
+    The columns of the design X, shape (n, p), may differ by orders of magnitude: they are scaled to unit length. The
+    weights w, shape (n,), are inverse standard deviations up to a common factor, which cancels in the covariance
+    :math:`s^2 (X^T W^2 X)^{-1}`, :math:`s^2 = \sum w_i^2 r_i^2/(n-p)`. ``NotIdentifiableError`` if there are no more
+    observations y, shape (n,), than parameters, or if the columns are dependent.
 
     Examples
     --------
@@ -110,23 +95,11 @@ def weighted_least_squares(design: FloatArray, observed: FloatArray, weight: Flo
 
 
 def excess_variance(rows: ReadingRows, residual: FloatArray, leverage: FloatArray) -> float:
-    r"""Return the variance between measurements that their stated uncertainties do not explain.
+    r"""Return the variance between measurements that their stated uncertainties do not explain, in Hz².
 
-    Method of moments (DerSimonian–Laird for a regression): the weighted residual sum of squares has the expectation
-    :math:`\sum (1-h_i) w_i^2 g_i^2 (\sigma_i^2 + c^2)`, g the slope; solved for :math:`c^2`.
-
-    Parameters
-    ----------
-    rows : ReadingRows
-    residual : ndarray, shape (n,)
-        Of the regression. [s²]
-    leverage : ndarray, shape (n,)
-        :math:`h_i`, see :class:`LeastSquaresFit`. [-]
-
-    Returns
-    -------
-    float
-        Negative where the stated uncertainties explain more than there is. [Hz²]
+    Method of moments (DerSimonian–Laird for a regression): the weighted sum of squares of the residuals [s²] has the
+    expectation :math:`\sum (1-h_i) w_i^2 g_i^2 (\sigma_i^2 + c^2)`, g the slope, h the leverage of
+    :class:`LeastSquaresFit`; solved for :math:`c^2`. Negative where the stated ones explain more than there is.
     """
     share = (1.0 - leverage) * (rows.weight * rows.slope) ** 2
     return float((np.sum((rows.weight * residual) ** 2) - np.sum(share * rows.stated**2)) / np.sum(share))

@@ -58,25 +58,9 @@ _MOMENTS = 12
 def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Path:
     """Return the path with the damper that stands for friction and the spring that stands for a hardening nut.
 
-    Parameters
-    ----------
-    path : Path
-        Of the linear drive.
-    physics : AxisPhysics
-    lines : PreparedLines
-    states : AxisStates
-        Of the cases.
-
-    Returns
-    -------
-    Path
-        The same path where both effects are absent.
-
-    Raises
-    ------
-    OutsideValidityError
-        If friction holds the table at the stated excitation, a softening nut has no stiffness left at an amplitude that
-        is averaged over (β counts 2.4 fold there), or no motion agrees with its own linearisation.
+    Where both effects are absent it is the same path. ``OutsideValidityError`` if friction holds the table at the
+    stated excitation, a softening nut has no stiffness left at an amplitude that is averaged over (β counts 2.4 fold
+    there), or no motion agrees with its own linearisation.
     """
     friction, cubic = physics.added.guide_friction, physics.added.cubic_nut_stiffness
     if not (lines.excitations.size and (friction or cubic)):
@@ -100,17 +84,7 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
 
 
 def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) -> NumberArray:
-    """Return the hardening that lines see through an amplitude that wanders.
-
-    Parameters
-    ----------
-    hardening : ndarray, shape (2, n_lines)
-        At both energies.
-    resonant : ndarray, shape (n_lines,)
-        h_p.
-    others : ndarray, shape (n_lines,)
-        θ.
-    """
+    """Return the hardening that lines see, from that at both energies, (2, n_lines), h_p and θ, (n_lines,)."""
     stiffer = hardening / (1.0 + others * hardening)
     mean = _WEIGHTS @ stiffer
     slope = 0.5 * (_WEIGHTS * (_ENERGIES - 2.0)) @ stiffer
@@ -124,12 +98,11 @@ def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) 
 
 
 def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> FloatArray:
-    """Return rows c and h that agree with their own motion, (2, n_excitations), by Newton's method on logarithms.
+    """Return rows c and h that agree with their own motion, (2, n_excitations), at s = ``energy`` (2: the rms motion).
 
-    ``energy`` is s of the amplitude that h is wanted at; at 2 it is that of the rms motion.
-
-    In these both sides are nearly straight lines. That of c σ_v rises ever more slowly with c, that of h/σ_δ² with −h
-    of a nut that softens and ever faster with h of one that hardens: from the linear motion no step leads too far.
+    Newton's method on logarithms. In these both sides are nearly straight lines. That of c σ_v rises ever more slowly
+    with c, that of h/σ_δ² with −h of a nut that softens and ever faster with h of one that hardens: from the linear
+    motion no step leads too far.
     """
     wanted = np.array([friction * _GAUSSIAN, 1.5 * energy * cubic])
     acting = np.flatnonzero(wanted)

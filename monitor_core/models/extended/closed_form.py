@@ -71,18 +71,7 @@ class Receptances:
 
 
 def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> EntireParts:
-    """Return all parts of the drive on lines.
-
-    Parameters
-    ----------
-    physics : AxisPhysics
-    omega : ndarray, shape (n_lines,)
-        Not zero; complex where poles are sought. [rad/s]
-    states : AxisStates
-        Of each line.
-    ends : EndMasks
-        Of each line.
-    """
+    """Return all parts of the drive on lines ω, not zero, complex where poles are sought; states, ends of each line."""
     joints, bodies, added = physics.joints, physics.bodies, physics.added
     elastic = _elastic(joints, omega) * states.softening
     axial, axial_yield = _axial(physics, omega, states, elastic)
@@ -133,10 +122,7 @@ def _axial(
 def _torsion(
     physics: AxisPhysics, omega: NumberArray, states: AxisStates, elastic: NumberArray, ends: EndMasks
 ) -> tuple[NumberArray, NumberArray, NumberArray, NumberArray]:
-    """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts.
-
-    Of the inertia that is not spread along the screw nothing turns where the motor end is clamped.
-    """
+    """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts."""
     screw, joints, bodies, i = physics.screw, physics.joints, physics.bodies, physics.screw.transmission_ratio
     position = states.position
     squared = omega * omega

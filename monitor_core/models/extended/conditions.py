@@ -80,18 +80,14 @@ def end_masks(motor_ends: Sequence[MotorEnd]) -> EndMasks:
 def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates:
     """Return position, moving mass and nut rigidity under all conditions.
 
-    Raises
-    ------
-    OutsideValidityError
-        If a position is not on the screw, a moving mass or the stiffness that warmth leaves is not positive, or preload
-        and load rating do not go together.
+    ``OutsideValidityError`` if a position is not on the screw, a moving mass or the stiffness that warmth leaves is not
+    positive, or preload and load rating do not go together.
     """
     screw, bodies, added = physics.screw, physics.bodies, physics.added
     position = conditions.position + added.position_offset
     if not np.all((position > 0.0) & (position < screw.length)):
-        raise OutsideValidityError(
-            f"position must lie on the screw, within 0 and {screw.length} m; got {_outermost(position, screw.length)} m"
-        )
+        off = position[np.argmax(np.abs(position - 0.5 * screw.length))]
+        raise OutsideValidityError(f"position must lie on the screw, within 0 and {screw.length} m; got {off} m")
     with_table = (1.0 - screw.axial_mass_share) * screw.mass_per_length * screw.length
     payload = conditions.payload_mass + np.where(conditions.payload_mass > 0.0, added.payload_error, 0.0)
     moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
@@ -108,7 +104,7 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
 
 
 def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatArray:
-    r"""Return the rigidity of the nut under all conditions in newtons per metre.
+    r"""Return the rigidity of the nut under all conditions in newtons per metre, shape (n_conditions,).
 
     .. math::
 
@@ -119,15 +115,8 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     Eq. (1) of Nguyen et al. (2018) with the preload that exponent, temperature and lead make of the stated one. A nut
     without load rating has the stated rigidity; a preload that varies over the lead varies it as the cube root.
 
-    Returns
-    -------
-    ndarray, shape (n_conditions,)
-
-    Raises
-    ------
-    OutsideValidityError
-        If a preload and a load rating do not go together, the stated preload exceeds 10 % of the rating, nothing is
-        left of the preload, or exponent or temperature act on a preload that is not stated.
+    ``OutsideValidityError`` if a preload and a load rating do not go together, the stated preload exceeds 10 % of the
+    rating, nothing is left of the preload, or exponent or temperature act on a preload that is not stated.
     """
     joints, added = physics.joints, physics.added
     turn = 2.0 * np.pi / physics.screw.lead * conditions.position
@@ -161,8 +150,3 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     if not np.all(preload > 0.0):
         raise OutsideValidityError(f"the preload must stay positive at every temperature; got {np.min(preload):g} N")
     return np.asarray(0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent)
-
-
-def _outermost(position: FloatArray, length: float) -> float:
-    """Return the position that is furthest from the middle of the screw."""
-    return float(position[np.argmax(np.abs(position - 0.5 * length))])

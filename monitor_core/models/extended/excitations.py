@@ -57,19 +57,9 @@ class Excitations:
 
 
 def excitations_of(setups: Sequence[Setup], bands: Sequence[tuple[float, float]]) -> Excitations:
-    """Return the excitations behind many responses.
+    """Return the excitations behind many responses, from setup and first and last line [rad/s] of each case.
 
-    Parameters
-    ----------
-    setups : sequence of Setup
-        Of each case.
-    bands : sequence of (float, float)
-        First and last line of each case. [rad/s]
-
-    Returns
-    -------
-    Excitations
-        Cases of small signals, at an excitation level of 0, have none. Bands that overlap under one setup become one.
+    Cases of small signals, at an excitation level of 0, have none. Bands that overlap under one setup become one.
     """
     of_case = np.full(len(setups), -1)
     spans: list[tuple[float, float]] = []

@@ -11,25 +11,12 @@ from monitor_core.models.published.lumped import LumpedParameters
 
 
 def physics_of(parameters: DriveParameters) -> AxisPhysics:
-    """Return the physics of a family's model, nothing added.
+    """Return the physics of a model of one of the four families, nothing added.
 
-    Parameters
-    ----------
-    parameters : DriveParameters
-        The record of one of the four families.
-
-    Returns
-    -------
-    AxisPhysics
-        *Lumped* and *receptance*: the same responses to rounding. *Transmission line*: to its discretisation, about
-        1 ppm of a natural frequency. *Hybrid*: the same axis with a screw that deforms as it will and not as under a
-        static load; the hybrid model's elastic mode lies higher, by up to 0.65 % with a free motor end, 0.15 % with a
-        clamped one and 3.4 % with a prescribed torque on the paper's axis.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the record is of no family with an extended drive.
+    *Lumped* and *receptance*: the same responses to rounding. *Transmission line*: to its discretisation, about 1 ppm
+    of a natural frequency. *Hybrid*: the same axis with a screw that deforms as it will and not as under a static load;
+    the hybrid model's elastic mode lies higher, by up to 0.65 % with a free motor end, 0.15 % with a clamped one and
+    3.4 % with a prescribed torque on the paper's axis. Other records raise ``OutsideValidityError``.
     """
     if not isinstance(parameters, BallScrew):
         raise OutsideValidityError(

@@ -59,18 +59,10 @@ class PreparedLines:
 
 
 def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
-    """Put the lines of many responses side by side.
+    """Put the lines of many responses side by side, in their order.
 
-    Parameters
-    ----------
-    cases : sequence of ResponseCase
-        The lines keep their order.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is no case, frequencies are not positive and rising, a torque does not go with the stated motor end, or
-        the angle of a clamped motor end is asked for.
+    ``OutsideValidityError`` if there is no case, frequencies are not positive and rising, a torque does not go with the
+    stated motor end, or the angle of a clamped motor end is asked for.
     """
     if not cases:
         raise OutsideValidityError("responses need at least one case; got none")

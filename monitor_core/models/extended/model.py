@@ -61,20 +61,10 @@ class ExtendedModel:
         excitation: ExcitationPoint,
         response: ResponsePoint,
     ) -> FrequencyResponse:
-        """Return the response per unit excitation, shape (n_frequencies,).
+        """Return the response per unit excitation at rising frequencies [Hz]; at the table as in the family's paper.
 
-        Parameters
-        ----------
-        frequency : ndarray, shape (n_frequencies,)
-            Above zero, rising. Friction and hardening of the nut see an excitation that is flat over these. [Hz]
-        conditions : DriveConditions
-        excitation, response : ExcitationPoint, ResponsePoint
-            A force at the table finds the motor end as in the family's paper.
-
-        Raises
-        ------
-        OutsideValidityError
-            If a frequency is not positive, the physics does not go with the conditions, or friction holds the table.
+        Friction and hardening of the nut see an excitation that is flat over these. ``OutsideValidityError`` also if
+        the physics does not go with the conditions, or friction holds the table.
         """
         frequency = require_frequencies(frequency)
         motor_end = motor_end_of(excitation, otherwise=paper_motor_end(self.parameters))
@@ -91,10 +81,7 @@ class ExtendedModel:
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
         """Return the undamped modes for small signals, each with the damping ratio of its pole.
 
-        Raises
-        ------
-        OutsideValidityError
-            If something is added that no mode of the drive holds: friction, hardening, delay, mounting, another mode.
+        What no mode of the drive holds (friction, hardening, delay, mounting, another mode) must not have been added.
         """
         excluded = [name for name in _NOT_IN_MODES if getattr(self.physics.added, name)]
         if excluded:

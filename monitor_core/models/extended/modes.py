@@ -50,24 +50,9 @@ def natural_frequencies(
 ) -> tuple[tuple[NaturalFrequency, ...], ...]:
     """Return the poles under each of the conditions in order of frequency, rigid-body mode first.
 
-    Parameters
-    ----------
-    physics : AxisPhysics
-    conditions : sequence of DriveConditions
-    motor_ends : sequence of MotorEnd
-        One for each.
-    highest_frequency : float
-        Modes are given whose undamped natural frequency is lower. [Hz]
-
-    Returns
-    -------
-    tuple of tuple of NaturalFrequency
-        For each of the conditions.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the physics does not go with a condition, or a mode is damped so strongly that it does not oscillate.
+    There is a motor end for each of the conditions, and poles are given whose undamped natural frequency is below
+    ``highest_frequency`` [Hz]. ``OutsideValidityError`` if the physics does not go with a condition, or a mode is
+    damped so strongly that it does not oscillate.
     """
     modes = drive_modes(physics, conditions, motor_ends, highest_frequency)
     return tuple(

@@ -5,7 +5,6 @@ its torsion gives. What none of them has stands in :class:`AddedPhysics` and is 
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 
 from monitor_core.errors import OutsideValidityError
@@ -145,16 +144,12 @@ class AxisPhysics:
 
 
 def _require_positive(record: object, *names: str) -> None:
-    for name, value in _values(record, names):
-        if not (math.isfinite(value) and value > 0.0):
+    for name in names:
+        if not (math.isfinite(value := getattr(record, name)) and value > 0.0):
             raise OutsideValidityError(f"{name} must be positive and finite; got {value}")
 
 
 def _require_not_negative(record: object, *names: str) -> None:
-    for name, value in _values(record, names):
-        if not (math.isfinite(value) and value >= 0.0):
+    for name in names:
+        if not (math.isfinite(value := getattr(record, name)) and value >= 0.0):
             raise OutsideValidityError(f"{name} must be finite and not negative; got {value}")
-
-
-def _values(record: object, names: Iterable[str]) -> Iterable[tuple[str, float]]:
-    return ((name, getattr(record, name)) for name in names)

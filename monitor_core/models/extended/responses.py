@@ -12,24 +12,10 @@ from monitor_core.models.extended.physics import AxisPhysics
 
 
 def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
-    """Return the response per unit excitation of every line.
+    """Return the response per unit excitation of every line, shape (n_lines,), in the unit of its case, as m/(N·m·s²).
 
-    Parameters
-    ----------
-    physics : AxisPhysics
-    lines : PreparedLines
-        From ``prepare_lines``.
-
-    Returns
-    -------
-    ndarray, shape (n_lines,)
-        In the unit that excitation and response of the line's case make, such as m/(N·m·s²).
-
-    Raises
-    ------
-    OutsideValidityError
-        If the physics does not go with a condition (position off the screw, preload and load rating, no mass left), or
-        friction holds the table.
+    ``OutsideValidityError`` if the physics does not go with a condition (position off the screw, preload and load
+    rating, no mass left), or friction holds the table.
     """
     states = axis_states(physics, lines.conditions)
     path = path_of(entire_parts(physics, lines.drive.omega, states.at(lines.drive.case), lines.drive.ends))

@@ -14,37 +14,19 @@ _LENGTHS = 2
 def acceleration_beyond_modes(
     model: DriveModel,
     conditions: DriveConditions,
-    excitation: ExcitationPoint,
+    excitation: ExcitationPoint,  # where the torque acts
     *,
-    modes: NormalModes,
-    torque: FloatArray,
-    sample_rate: float,
+    modes: NormalModes,  # that were advanced; of those above half the sampling rate there is no motion
+    torque: FloatArray,  # from rest to rest, shape (n_samples, n_windows) [N·m]
+    sample_rate: float,  # [Hz]
 ) -> FloatArray:
-    r"""Return what is missing from the acceleration of advanced modes for it to be the model's own response.
+    r"""Return what is missing from the acceleration of advanced modes for it to be the model's own, in m/s².
 
     .. math:: a(t) = \mathcal{F}^{-1}\left\{ \left[ H(f) + \sum_n \frac{\omega^2 \varphi_n \phi_n}
         {\omega_n^2 - \omega^2 + 2j \zeta_n \omega_n \omega} \right] T(f) \right\}
 
     with the model's torque accelerance H and the shapes φ where the torque acts and at the table. At rest both are the
-    motion of the rigid drive.
-
-    Parameters
-    ----------
-    model : DriveModel
-    conditions : DriveConditions
-    excitation : ExcitationPoint
-        Where the torque acts.
-    modes : NormalModes
-        That were advanced; of those above half the sampling rate there is no motion.
-    torque : ndarray, shape (n_samples, n_windows)
-        From rest to rest. [N·m]
-    sample_rate : float
-        [Hz]
-
-    Returns
-    -------
-    ndarray, shape (n_samples, n_windows)
-        [m/s²]
+    motion of the rigid drive. Shape as the torque.
     """
     n_samples = torque.shape[0]
     frequency = scipy.fft.rfftfreq(_LENGTHS * n_samples, 1.0 / sample_rate)

@@ -48,30 +48,10 @@ class Reference:
 
 
 def draw_reference(moves: RampMoves, time: FloatArray, duration: float, rng: np.random.Generator, n: int) -> Reference:
-    """Draw ``n`` windows: out and back, in either direction first, with different durations.
+    """Draw ``n`` windows of travel, speed and acceleration: out and back, in either direction first.
 
-    Parameters
-    ----------
-    moves : RampMoves
-        Bounds of what is drawn.
-    time : ndarray, shape (n_samples,)
-        From the beginning of the window. [s]
-    duration : float
-        Of the window. [s]
-    rng : numpy.random.Generator
-        Source of the durations and directions.
-    n : int
-        Number of windows.
-
-    Returns
-    -------
-    Reference
-        Travel, speed and acceleration, each shape (n_samples, n).
-
-    Raises
-    ------
-    OutsideValidityError
-        If the longest move does not fit between the starts within a window.
+    The time counts from the beginning of the window, shape (n_samples,), which lasts ``duration`` [s].
+    ``OutsideValidityError`` if the longest move does not fit between the starts within a window.
     """
     room = (STARTS[1][0] - STARTS[0][1]) * duration
     if moves.longest > room:

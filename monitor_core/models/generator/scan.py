@@ -47,23 +47,8 @@ class GuideFriction:
         .. math:: v = v_{free} + g F, \qquad F = -c v - \mathrm{clip}\left(\frac{F_C}{z_s}(z + h v), \pm F_C\right)
 
         has one solution, in closed form, since the force never rises with the speed. The spring's new deflection is
-        what its force says; where it slides it keeps :math:`z_s`.
-
-        Parameters
-        ----------
-        free_speed : ndarray, shape (...)
-            At the end of the step without friction. [m/s]
-        gain : ndarray, broadcasts with it
-            Speed at the end of a step per constant force g, positive. [m/(N·s)]
-        deflection : ndarray, shape (...)
-            Of the spring z before the step. [m]
-        step : float
-            Duration h. [s]
-
-        Returns
-        -------
-        tuple of ndarray, shape (...)
-            Speed of the table [m/s], force on it [N], deflection [m].
+        what its force says; where it slides it keeps :math:`z_s`. Speed and deflection z before are in m/s and m, the
+        gain g, positive, in m/(N·s), the step h in s; shape (...), and so are speed, force and deflection returned.
         """
         if self.coulomb == 0.0:
             speed = free_speed / (1.0 + gain * self.viscous)
@@ -89,11 +74,10 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Propagator:
-    """One step of the modes of all conditions; states are the modal displacements, then their rates.
+    """One step of the modes of all conditions; states are the modal displacements, then their rates."""
 
-    ``matrix`` takes [states, torque now, torque after] to [states after, table speed after, acceleration now, travel
-    now], all without friction; the next three say what a unit of friction adds to states, speed and acceleration.
-    """
+    #: Takes [states, torque now, torque after] to [states after, table speed after, acceleration now, travel now], all
+    #: without friction; the next three say what a unit of friction adds to states, speed and acceleration.
 
     matrix: FloatArray  # shape (n_conditions, n_states + 3, n_states + 2)
     states_per_friction: FloatArray  # shape (n_conditions, n_states, 1)
@@ -110,26 +94,8 @@ def advance_modes(modes: Sequence[NormalModes], reference: Reference, friction: 
     loop sees the rigid-body motion only: fed back from the flexible modes, with the delay of a sample, it could
     excite what it drives.
 
-    Parameters
-    ----------
-    modes : sequence of NormalModes, length n_conditions
-        Free to move, that is with a rigid-body mode.
-    reference : Reference, shape (n_samples + 1, n_conditions, n_windows)
-        Of the table.
-    friction : GuideFriction
-        At the table.
-    step : float
-        Between samples. [s]
-
-    Returns
-    -------
-    Motion
-        Of n_samples samples.
-
-    Raises
-    ------
-    OutsideValidityError
-        If modes do not contain the motion of the rigid drive.
+    References are of shape (n_samples + 1, n_conditions, n_windows), ``step`` apart [s]. ``OutsideValidityError`` if
+    modes do not contain the motion of the rigid drive.
     """
     propagator = _propagator(modes, step)
     n_states = propagator.states_per_friction.shape[1]

@@ -40,27 +40,11 @@ def cutoff_frequency(sample_rate: float) -> float:
 
 
 def kinematics_of(position: FloatArray, sample_rate: float) -> Kinematics:
-    """Differentiate a measured position.
+    """Differentiate a measured position, shape (n_samples,), in metres.
 
     A Butterworth filter of order 4 at :func:`cutoff_frequency`, forwards and backwards so that nothing is delayed, then
-    central differences.
-
-    Parameters
-    ----------
-    position : ndarray, shape (n_samples,)
-        [m]
-    sample_rate : float
-        [Hz]
-
-    Returns
-    -------
-    Kinematics
-        Its ends, about a tenth of a second, are those of the filter rather than of the axis.
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are too few samples for the filter.
+    central differences, as in [1]_. The ends, about a tenth of a second, are those of the filter rather than of the
+    axis. Too few samples for the filter raise ``OutsideValidityError``.
 
     References
     ----------

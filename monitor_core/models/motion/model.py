@@ -27,13 +27,7 @@ class MotionParameters(DriveParameters):
             raise OutsideValidityError("screw_lead_m must be positive and finite; got 0.0 m")
 
     def force_of_torque(self, torque: FloatArray) -> FloatArray:
-        r"""Return the axial force of a motor torque, :math:`F = 2 \pi T / p`, shape (n_samples,) [N].
-
-        Raises
-        ------
-        OutsideValidityError
-            If the lead of the screw is not stated.
-        """
+        """Return the axial force F = 2πT/p of a motor torque, shape (n_samples,) [N]; the lead has to be stated."""
         if self.screw_lead is None:
             raise OutsideValidityError(
                 "a motion record of torque needs screw_lead_m in the motion model to become a force; it is not stated"

@@ -38,7 +38,7 @@ class MotionPhysics:
 
 
 def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
-    r"""Predict the recorded motor force of a motion.
+    r"""Predict the recorded motor force of a motion in newtons, shape (n_samples,).
 
     .. math::
 
@@ -46,15 +46,7 @@ def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
 
     is the force that the motion needs: the model of [1]_ with friction that depends on the direction, and with Tustin's
     low-speed term, see [2]_. Recorded is :math:`(1 + \varepsilon) F(t + \tau) + F_0`, since a force that acts a
-    delay later is in the record before the motion it makes.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        At the end, a positive delay long, the last force is held. [N]
-
-    Notes
-    -----
+    delay later is in the record before the motion it makes; at the end, a positive delay long, the last force is held.
     At standstill friction balances whatever acts, which no function of the velocity gives.
 
     References

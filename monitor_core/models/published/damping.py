@@ -19,14 +19,8 @@ def complex_stiffness(stiffness: float, loss_factor: float) -> complex:
 
     .. math:: \hat k = k (1 + j \eta)
 
-    Section 3 of Sun et al. (2022), for positive frequencies.
-
-    Parameters
-    ----------
-    stiffness : float
-        k; infinite for a joint that does not give, and then does not lose energy either. [N/m] or [N·m/rad]
-    loss_factor : float
-        η. [-]
+    Section 3 of Sun et al. (2022), for positive frequencies; k in N/m or N·m/rad. A joint that does not give, of
+    infinite k, does not lose energy either.
     """
     return complex(math.inf, 0.0) if math.isinf(stiffness) else stiffness * complex(1.0, loss_factor)
 
@@ -36,17 +30,8 @@ def series_stiffness(*stiffnesses: complex) -> complex:
 
     .. math:: \hat k = \left[ \sum_i \frac{1}{\hat k_i} \right]^{-1} = k (1 + j \eta_e)
 
-    Eqs. (5) and (14) of Sun et al. (2022).
-
-    Parameters
-    ----------
-    *stiffnesses : complex
-        Infinite ones do not count. [N/m] or [N·m/rad]
-
-    Raises
-    ------
-    OutsideValidityError
-        If one of them is zero, or none is finite: the chain would be open, or rigid.
+    Eqs. (5) and (14) of Sun et al. (2022). Infinite ones do not count; ``OutsideValidityError`` if one of them is zero,
+    or none is finite: the chain would be open, or rigid.
 
     Examples
     --------

@@ -55,22 +55,8 @@ def equivalent_stiffness(
         + r_g^2 \left( \frac{1}{k_c (1 + j\eta)} + \frac{x_c}{G_s J_s} \right) \right]^{-1}
 
     Eq. (14) of Sun et al. (2022), which is Eq. (5) without loss factor; a bracket is one more joint in the chain.
-
-    Parameters
-    ----------
-    parameters : HybridParameters
-        Its own loss factor is not taken.
-    conditions : DriveConditions
-        Position x_c, and the preload if the nut follows it.
-    loss_factor : float
-        η. [-]
-    coupling : bool
-        Without it, where the torque at the screw's own end is given.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw, or preload and dynamic load rating do not go together.
+    The parameters' own loss factor is not taken; without ``coupling`` where the torque at the screw's own end is given.
+    ``OutsideValidityError`` if x_c is not on the screw, or preload and dynamic load rating do not go together.
     """
     p, x = parameters, require_position(conditions.position, parameters.screw_length)
     nut = nut_rigidity(p.nut_stiffness, conditions.preload, p.dynamic_load_rating)

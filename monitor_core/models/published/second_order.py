@@ -31,27 +31,12 @@ class SecondOrderSystem:
 
 
 def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
-    r"""Return all responses of a system to all excitations.
+    r"""Return all responses of a system to all excitations, row per unit of column, shape (n_frequencies, n, n).
 
     .. math:: \mathbf G(s) = (\mathbf M s^2 + \mathbf C s + \mathbf K)^{-1}
 
-    Eq. (13) of Sun et al. (2022).
-
-    Parameters
-    ----------
-    system : SecondOrderSystem
-    s : ndarray, shape (n_frequencies,)
-        jω for a frequency response. [rad/s]
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies, n, n)
-        Coordinate of the row per excitation of the column.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the stiffness is complex and an s is not in the upper half plane: k(1 + jη) stands for ω > 0 only.
+    Eq. (13) of Sun et al. (2022), at s = jω for a frequency response, shape (n_frequencies,) [rad/s]. With a complex
+    stiffness, which stands for ω > 0 only, an s beyond the upper half plane raises ``OutsideValidityError``.
     """
     s = np.asarray(s, dtype=np.complex128)
     if np.any(system.stiffness.imag) and not np.all(s.imag > 0.0):
@@ -63,12 +48,8 @@ def transfer_matrix(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray:
 def undamped_modes(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray]:
     """Return the modes that the system would have without damping, mass-normalised.
 
-    Returns
-    -------
-    omega : ndarray, shape (n_modes,)
-        Rising; 0 for a rigid-body mode. [rad/s]
-    shapes : ndarray, shape (n, n_modes)
-        Φ with Φᵀ M Φ = 1 and Φᵀ Re(K) Φ = diag(ω²).
+    They are ω, rising, 0 for a rigid-body mode, shape (n_modes,) [rad/s], and Φ with Φᵀ M Φ = 1 and Φᵀ Re(K) Φ =
+    diag(ω²), shape (n, n_modes).
     """
     omega_squared, shapes = scipy.linalg.eigh(system.stiffness.real, system.mass)
     # not by comparison with the highest mode, which may be far away: φᵀKφ against |φ|ᵀ|K||φ|
@@ -77,22 +58,11 @@ def undamped_modes(system: SecondOrderSystem) -> tuple[FloatArray, FloatArray]:
 
 
 def poles(system: SecondOrderSystem) -> ComplexArray:
-    """Return the pole of each mode that oscillates with ω > 0.
+    """Return the pole of each mode that oscillates with ω > 0, in order of magnitude, in rad/s.
 
-    Notes
-    -----
-    Eigenvalues of the state space. With a complex stiffness they are no conjugate pairs, and those with ω < 0 grow;
-    the root with a positive imaginary part is the one that the complex stiffness is made for.
-
-    Returns
-    -------
-    ndarray, shape (n_modes,)
-        In order of magnitude; 0 for a rigid-body mode, damped or not. [rad/s]
-
-    Raises
-    ------
-    OutsideValidityError
-        If an elastic mode is damped beyond critical.
+    Eigenvalues of the state space; 0 for a rigid-body mode, damped or not. With a complex stiffness they are no
+    conjugate pairs, and those with ω < 0 grow; the root with a positive imaginary part is the one that the complex
+    stiffness is made for. An elastic mode that is damped beyond critical raises ``OutsideValidityError``.
     """
     _, _, found = modes_and_poles(system)
     return found[np.argsort(np.abs(found), kind="stable")]

@@ -51,21 +51,10 @@ def drive_response(
     response: ResponsePoint,
     beyond: Callable[[ComplexArray], BeyondContacts] | None = None,
 ) -> FrequencyResponse:
-    """Return a frequency response of a drive, shape (n_frequencies,).
+    """Return a frequency response of a drive at frequencies above zero [Hz], shape (n_frequencies,).
 
-    Parameters
-    ----------
-    equations : DriveEquations
-    frequency : ndarray, shape (n_frequencies,)
-        Above zero. [Hz]
-    excitation, response : ExcitationPoint, ResponsePoint
-    beyond : callable, optional
-        What the contacts of the nut carry, from jω; without it the nut is one with the table.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a frequency is not positive, or the angle of a clamped motor end is asked for.
+    ``beyond`` tells from jω what the contacts of the nut carry; without it the nut is one with the table. The angle of
+    a clamped motor end raises ``OutsideValidityError``.
     """
     frequency = require_frequencies(frequency)
     if response is ResponsePoint.ANGLE_AT_MOTOR and not np.any(equations.angle_at_motor):

@@ -30,21 +30,9 @@ def feature_coefficients(parameters: LumpedParameters, payload_mass: float = 0.0
     with :math:`A = \pi d^2/4`, :math:`J = \pi d^4/32` of the minor diameter: Eqs. (1)–(6) of Nguyen et al. (2018)
     ordered as Eq. (8).
 
-    Parameters
-    ----------
-    parameters : LumpedParameters
-        The loss factor does not enter.
-    payload_mass : float
-        [kg]
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is no dynamic load rating: the nut then does not follow the preload.
-
-    Notes
-    -----
-    The "calculated" k of Table 3 do not follow from Table 1 so, see docs/reference/errata.md.
+    The loss factor does not enter; the payload is in kilograms. The "calculated" k of Table 3 do not follow from
+    Table 1 so, see docs/reference/errata.md. ``OutsideValidityError`` without a dynamic load rating: the nut then does
+    not follow the preload.
     """
     if parameters.dynamic_load_rating is None:
         raise OutsideValidityError(

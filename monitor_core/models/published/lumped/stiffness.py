@@ -17,11 +17,7 @@ def shaft_axial_stiffness(parameters: LumpedParameters, position: float) -> floa
 
     .. math:: k_{shaft,ax} = \frac{\pi}{4 x} d_{minor}^2 E
 
-    Eq. (2) of Nguyen et al. (2018).
-
-    Notes
-    -----
-    The paper calls d_minor a radius; its equation and Table 1 make it the diameter.
+    Eq. (2) of Nguyen et al. (2018), which calls d_minor a radius; the equation and Table 1 make it the diameter.
     """
     x = require_position(position, parameters.screw_length)
     return math.pi * parameters.screw_minor_diameter**2 * parameters.youngs_modulus / (4.0 * x)
@@ -34,8 +30,6 @@ def shaft_torsional_stiffness(parameters: LumpedParameters, position: float) -> 
 
     Eq. (3) of Nguyen et al. (2018), with the equals sign where it belongs.
 
-    Notes
-    -----
     As printed, the equals sign stands before d⁴G. Read so, it is a shaft held against rotation at *both* ends,
     GJ/x + GJ/(L − x), although the far end of a screw turns freely: the compliance is L/(L − x) times too low. On the
     paper's axis torsion of the shaft is about 1 % of the whole compliance; at 750 mm f_ax comes out 1.1 % too high.
@@ -50,14 +44,8 @@ def rotational_stiffness(parameters: LumpedParameters, position: float, *, coupl
 
     .. math:: \frac{1}{k_{rot}} = \frac{1}{k_{shaft,rot}} + \frac{1}{k_{coupling}}
 
-    Eq. (5) of Nguyen et al. (2018), with the loss factor on the coupling.
-
-    Parameters
-    ----------
-    parameters, position
-        As above.
-    coupling : bool
-        Without it, where the torque at the screw's own end is given.
+    Eq. (5) of Nguyen et al. (2018), with the loss factor on the coupling; without ``coupling`` where the torque at the
+    screw's own end is given.
     """
     spring = complex_stiffness(parameters.coupling_stiffness if coupling else math.inf, parameters.loss_factor)
     return series_stiffness(shaft_torsional_stiffness(parameters, position), spring)
@@ -71,20 +59,8 @@ def axial_stiffness(parameters: LumpedParameters, conditions: DriveConditions, *
         \frac{1}{k_{ax}} = \frac{1}{k_{shaft,ax}} + \frac{1}{k_{bearing}} + \frac{1}{k_{bracket}} + \frac{1}{k_{nut}}
         + \frac{i^2}{k_{rot}}
 
-    Eq. (4) of Nguyen et al. (2018) with the nut of Eq. (1), and with the loss factor on each of the joints.
-
-    Parameters
-    ----------
-    parameters : LumpedParameters
-    conditions : DriveConditions
-        Position and preload.
-    coupling : bool
-        Without it, where the torque at the screw's own end is given.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw, or preload and dynamic load rating do not go together.
+    Eq. (4) of Nguyen et al. (2018) with the nut of Eq. (1), and with the loss factor on each of the joints; the
+    coupling as above. Preload and dynamic load rating that do not go together raise ``OutsideValidityError``.
     """
     nut = nut_rigidity(parameters.nut_stiffness, conditions.preload, parameters.dynamic_load_rating)
     joints = (parameters.bearing_stiffness, parameters.bracket_stiffness, nut)

@@ -67,25 +67,13 @@ class _Parts:
 
 
 def table_receptance(terms: PositionTerms, joints: JointParameters) -> ComplexArray:
-    """Return the receptance of the table, h_all-6a6a of Eq. (24) of Tian et al., in closed form.
-
-    Parameters
-    ----------
-    terms : PositionTerms
-        Frequencies, position, screw and masses.
-    joints : JointParameters
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        [m/N]
-    """
+    """Return the receptance of the table, h_all-6a6a of Eq. (24) of Tian et al., shape (n_frequencies,), in m/N."""
     parts = _parts(terms, joints)
     return parts.table_per_force / parts.denominator
 
 
 def table_receptance_gradient(terms: PositionTerms, joints: JointParameters) -> tuple[ComplexArray, ComplexArray]:
-    r"""Return the receptance of the table and its derivatives with respect to the eight joint parameters.
+    r"""Return the receptance of the table in m/N, and its derivatives with respect to the eight joint parameters.
 
     A joint of dynamic stiffness κ that is deformed by t per unit force at the table changes the receptance by
 
@@ -93,20 +81,8 @@ def table_receptance_gradient(terms: PositionTerms, joints: JointParameters) -> 
 
         \frac{\partial H}{\partial \kappa} = -t^2, \qquad \kappa = k (1 + j \eta) + j \omega c
 
-    (reciprocity); t follows from the closed form.
-
-    Parameters
-    ----------
-    terms : PositionTerms
-        Frequencies, position, screw and masses.
-    joints : JointParameters
-
-    Returns
-    -------
-    receptance : ndarray, shape (n_frequencies,)
-        [m/N]
-    gradient : ndarray, shape (8, n_frequencies)
-        Per unit of each parameter, in the order of ``JOINT_NAMES``.
+    (reciprocity); t follows from the closed form. The derivatives are per unit of each parameter, in the order of
+    ``JOINT_NAMES``, shape (8, n_frequencies).
     """
     parts = _parts(terms, joints)
     reciprocal = 1.0 / parts.denominator
@@ -126,14 +102,7 @@ def table_receptance_gradient(terms: PositionTerms, joints: JointParameters) -> 
 
 
 def entire_responses(terms: PositionTerms, joints: JointParameters) -> EntireResponses:
-    """Return numerators and denominator of the receptances between table and motor end.
-
-    Parameters
-    ----------
-    terms : PositionTerms
-        Frequencies, position, screw and masses; ω may be complex.
-    joints : JointParameters
-    """
+    """Return numerators and denominator of the receptances between table and motor end; ω may be complex."""
     parts = _parts(terms, joints)
     nut_axial = parts.nut * parts.axial
     # nut, axial stiffness and table in series, as the torsion feels them behind i_b
@@ -152,12 +121,7 @@ def receptance_between(
 ) -> ComplexArray:
     """Return the displacement or, at the motor, the angle per unit excitation, shape (n_frequencies,).
 
-    Parameters
-    ----------
-    terms : PositionTerms
-        Of a motor end that goes with the excitation.
-    joints : JointParameters
-    excitation, response : ExcitationPoint, ResponsePoint
+    The terms are those of a motor end that goes with the excitation.
     """
     responses = entire_responses(terms, joints)
     by_force = excitation is ExcitationPoint.FORCE_AT_TABLE

@@ -72,13 +72,7 @@ def joint_response(
     excitation: ExcitationPoint,
     response: ResponsePoint,
 ) -> JointResponse:
-    """Prepare the lines of a response, shape (n_frequencies,) [Hz]; the joints of the parameters are not used.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw.
-    """
+    """Prepare a response at frequencies [Hz], shape (n_frequencies,); the joints of the parameters are not used."""
     omega = 2.0 * np.pi * frequency
     scale = np.asarray(-(omega**2) if response.is_acceleration else np.ones_like(omega), dtype=np.complex128)
     terms = position_terms(parameters, omega, conditions, motor_end_of(excitation, MotorEnd.FREE))
@@ -86,13 +80,7 @@ def joint_response(
 
 
 def joints_of(parameters: DriveParameters, conditions: DriveConditions) -> JointParameters:
-    """Return the joints of an axis of this family under the conditions.
-
-    Raises
-    ------
-    OutsideValidityError
-        If it is of another family.
-    """
+    """Return the joints of an axis under the conditions; OutsideValidityError if it is of another family."""
     if not isinstance(parameters, ReceptanceParameters):
         raise OutsideValidityError(f"expected parameters of a receptance model; got {type(parameters).__name__}")
     return parameters.joints(conditions)

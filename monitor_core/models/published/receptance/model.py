@@ -33,10 +33,6 @@ class ReceptanceModel:
     The responses are the closed form of Eqs. (1)-(24), with the misprints of the paper put right
     (docs/reference/errata.md).
 
-    References
-    ----------
-    F. Tian et al., Multi-Position Identification of Joint Parameters in Ball Screw Feed System Based on Response
-    Coupling.
     """
 
     parameters: ReceptanceParameters
@@ -61,13 +57,7 @@ class ReceptanceModel:
     def joint_response(
         self, frequency: FloatArray, conditions: DriveConditions, excitation: ExcitationPoint, response: ResponsePoint
     ) -> JointResponse:
-        """Prepare the lines of a response as a function of the joints, with its gradient, shape (n_frequencies,) [Hz].
-
-        Raises
-        ------
-        OutsideValidityError
-            If a frequency is not positive or the position is not on the screw.
-        """
+        """Prepare the lines of a response as a function of the joints, with its gradient; frequencies in hertz."""
         return joint_response(self.parameters, require_frequencies(frequency), conditions, excitation, response)
 
     def natural_frequencies(

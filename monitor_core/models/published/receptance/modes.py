@@ -28,17 +28,9 @@ _DAMPING_STEPS = 40
 def natural_frequencies(
     parameters: ReceptanceParameters, conditions: DriveConditions, motor_end: MotorEnd
 ) -> tuple[NaturalFrequency, ...]:
-    """Return the first poles of the exact drive in order of frequency; those that do not oscillate are left out.
+    """Return the first eight poles of the exact drive in order of frequency, rigid-body mode first.
 
-    Returns
-    -------
-    tuple of NaturalFrequency
-        Eight, fewer where some do not oscillate; rigid-body mode first where the motor end is not clamped.
-
-    Raises
-    ------
-    OutsideValidityError
-        If poles cannot be told apart.
+    They are fewer where some do not oscillate. Poles that cannot be told apart raise ``OutsideValidityError``.
     """
     drive = discretise(parameters, conditions, motor_end)
     n_elastic = N_MODES - drive.free
@@ -62,12 +54,8 @@ def normal_modes(parameters: ReceptanceParameters, conditions: DriveConditions, 
 
         \phi_a \phi_b = -2 \omega_n \frac{N_{ab}(\omega_n)}{\Delta'(\omega_n)}
 
-    The signs are such that the motor end turns forward.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a mode is damped so strongly that it does not oscillate.
+    The signs are such that the motor end turns forward. ``OutsideValidityError`` if a mode is damped so strongly that
+    it does not oscillate.
     """
     undamped = scaled_damping(parameters, 0.0)
     drive = discretise(undamped, conditions, motor_end)

@@ -52,22 +52,10 @@ def position_terms(
     conditions: DriveConditions,
     motor_end: MotorEnd = MotorEnd.FREE,
 ) -> PositionTerms:
-    """Compute what does not depend on the joints: trigonometry and inertia.
+    """Compute what does not depend on the joints: trigonometry and inertia at ω, not zero, in rad/s.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-        Of which the joints' values are not used.
-    omega : ndarray, shape (n_frequencies,)
-        Not zero; complex where poles are sought. [rad/s]
-    conditions : DriveConditions
-        Position and payload are used.
-    motor_end : MotorEnd
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw.
+    ω is complex where poles are sought. Of the conditions position and payload count; ``OutsideValidityError`` if the
+    position is not on the screw.
     """
     position = require_position(conditions.position, parameters.screw_length)
     rest = parameters.screw_length - position

@@ -78,29 +78,9 @@ def synchronised_grid(parameters: TransmissionLineParameters, time_step: float, 
     Eqs. (40), (41), (44), (50) and (51) of Moreno-Castaneda et al. (2005). Torsional values are held during the axial
     steps.
 
-    Parameters
-    ----------
-    parameters : TransmissionLineParameters
-        The axis.
-    time_step : float
-        :math:`t_t`. [s]
-    n_a, n_t : int
-        Ratio of the speeds :math:`u_a/u_t`; 8/5 is the smallest that steel allows. [-]
-
-    Returns
-    -------
-    LineGrid
-        For ``simulate_drive``.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a line would have too few sections, or the time step is not positive.
-
-    Notes
-    -----
     Eqs. (42) and (56) print :math:`t_a = (n_t/n_a) t_t`. That is the time of an axial wave over a *torsional* section;
-    an axial section is n_t times shorter.
+    an axial section is n_t times shorter. ``time_step`` is :math:`t_t` [s], n_a/n_t the ratio of the speeds
+    :math:`u_a/u_t`; 8/5 is the smallest that steel allows. Too few sections in a line raise ``OutsideValidityError``.
 
     Examples
     --------

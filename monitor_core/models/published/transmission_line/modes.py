@@ -113,10 +113,7 @@ def damped_poles(drive: DiscreteDrive, omega: FloatArray, beyond: FloatArray) ->
 
 
 def _nearest(s: ComplexArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Return the distance of each pole to the nearest other one, and which; itself where that is its conjugate.
-
-    The distance is not positive where a pole no longer oscillates.
-    """
+    """Return the distance of each pole to the nearest other, and which; with itself, to its conjugate, 0 once real."""
     distance = np.abs(s[:, None] - s[None, :])
     np.fill_diagonal(distance, 2.0 * s.imag)
     return distance.min(axis=1), distance.argmin(axis=1)

@@ -61,8 +61,6 @@ def simulate_drive(
 
     Parameters
     ----------
-    parameters : TransmissionLineParameters
-        The axis.
     grid : LineGrid
         Sections and time step, from ``common_step_grid`` or ``synchronised_grid``.
     conditions : DriveConditions
@@ -77,11 +75,6 @@ def simulate_drive(
         Where the nut is at each step, instead of the position of the conditions. [m]
     friction : StribeckFriction
         Dry friction of the guides.
-
-    Returns
-    -------
-    DriveMotion
-        Acceleration and displacement of the table and angle of the motor at each step.
 
     Raises
     ------
