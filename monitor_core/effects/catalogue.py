@@ -4,32 +4,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from monitor_core.effects.damping_friction import GUIDE_FRICTION, LOSS_FACTOR
+from monitor_core.effects import (
+    damping_friction,
+    inertia,
+    preload,
+    rigid_axis,
+    sensing,
+    stiffness,
+    structure,
+    thermal,
+)
 from monitor_core.effects.effect import Effect
-from monitor_core.effects.inertia import ADDED_MASS, PAYLOAD_MASS, SCREW_DISTRIBUTED_MASS
-from monitor_core.effects.preload import PERIODIC_PRELOAD, PRELOAD_EXPONENT
-from monitor_core.effects.rigid_axis import (
-    COULOMB_FRICTION,
-    DIRECTION_DEPENDENT_FRICTION,
-    FORCE_DELAY,
-    FORCE_OFFSET,
-    FORCE_SCALE,
-    STRIBECK_FRICTION,
-    VISCOUS_FRICTION,
-)
-from monitor_core.effects.sensing import POSITION_OFFSET, SENSOR_MOUNTING_RESONANCE, TORQUE_DELAY
-from monitor_core.effects.stiffness import (
-    CUBIC_STIFFNESS,
-    FAR_BEARING_STIFFNESS,
-    GUIDE_STIFFNESS,
-    SCREW_AXIAL_STIFFNESS,
-    SERIES_COMPLIANCE,
-    SERVO_STIFFNESS,
-    TORSIONAL_FLEXIBILITY,
-    TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA,
-)
-from monitor_core.effects.structure import BASE_COMPLIANCE, SECOND_MODE
-from monitor_core.effects.thermal import THERMAL_PRELOAD, THERMAL_STIFFNESS
 from monitor_core.effects.wrong_parameter import PREFIX, wrong_motion_parameter, wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics, ExtendedModel
@@ -40,39 +25,39 @@ Model = TypeVar("Model", ExtendedModel, MotionModel)
 
 #: Keys as in FORMATS, section 6. Two entries share one: which of them an axis can have depends on its inertia.
 DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
-    ADDED_MASS,
-    PAYLOAD_MASS,
-    SERIES_COMPLIANCE,
-    FAR_BEARING_STIFFNESS,
-    SCREW_AXIAL_STIFFNESS,
-    SCREW_DISTRIBUTED_MASS,
-    TORSIONAL_FLEXIBILITY,
-    TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA,
-    LOSS_FACTOR,
-    GUIDE_FRICTION,
-    GUIDE_STIFFNESS,
-    PRELOAD_EXPONENT,
-    THERMAL_PRELOAD,
-    THERMAL_STIFFNESS,
-    POSITION_OFFSET,
-    TORQUE_DELAY,
-    SENSOR_MOUNTING_RESONANCE,
-    BASE_COMPLIANCE,
-    SERVO_STIFFNESS,
-    PERIODIC_PRELOAD,
-    CUBIC_STIFFNESS,
-    SECOND_MODE,
+    inertia.ADDED_MASS,
+    inertia.PAYLOAD_MASS,
+    stiffness.SERIES_COMPLIANCE,
+    stiffness.FAR_BEARING_STIFFNESS,
+    stiffness.SCREW_AXIAL_STIFFNESS,
+    inertia.SCREW_DISTRIBUTED_MASS,
+    stiffness.TORSIONAL_FLEXIBILITY,
+    stiffness.TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA,
+    damping_friction.LOSS_FACTOR,
+    damping_friction.GUIDE_FRICTION,
+    stiffness.GUIDE_STIFFNESS,
+    preload.PRELOAD_EXPONENT,
+    thermal.THERMAL_PRELOAD,
+    thermal.THERMAL_STIFFNESS,
+    sensing.POSITION_OFFSET,
+    sensing.TORQUE_DELAY,
+    sensing.SENSOR_MOUNTING_RESONANCE,
+    structure.BASE_COMPLIANCE,
+    stiffness.SERVO_STIFFNESS,
+    preload.PERIODIC_PRELOAD,
+    stiffness.CUBIC_STIFFNESS,
+    structure.SECOND_MODE,
 )
 
 #: Keys as in FORMATS, section 6, and viscous friction for models that state none.
 MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
-    COULOMB_FRICTION,
-    FORCE_OFFSET,
-    DIRECTION_DEPENDENT_FRICTION,
-    STRIBECK_FRICTION,
-    FORCE_DELAY,
-    FORCE_SCALE,
-    VISCOUS_FRICTION,
+    rigid_axis.COULOMB_FRICTION,
+    rigid_axis.FORCE_OFFSET,
+    rigid_axis.DIRECTION_DEPENDENT_FRICTION,
+    rigid_axis.STRIBECK_FRICTION,
+    rigid_axis.FORCE_DELAY,
+    rigid_axis.FORCE_SCALE,
+    rigid_axis.VISCOUS_FRICTION,
 )
 
 

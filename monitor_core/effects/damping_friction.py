@@ -12,7 +12,7 @@ LOSS_FACTOR = Effect(
     ),
     source="Sun et al. (2022), section 3: k (1 + jη); Kjartansson (1979) for what causality adds",
     parameters=(EffectParameter("loss_factor", "-", lower=0.0, upper=0.5, scale=0.02),),
-    add=increasing("joints", "causal_loss_factor", by="loss_factor"),
+    add=increasing("joints", causal_loss_factor="loss_factor"),
     form_share=0.05,
 )
 
@@ -25,7 +25,7 @@ GUIDE_FRICTION = Effect(
     ),
     source="Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5",
     parameters=(EffectParameter("friction_n", "N", lower=0.0, upper=500.0, scale=5.0),),
-    add=increasing("added", "guide_friction", by="friction_n"),
+    add=increasing("added", guide_friction="friction_n"),
     form_share=0.03,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
 )

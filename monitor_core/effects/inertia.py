@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed_screw, increasing
+from monitor_core.effects.changes import changed, increasing
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.models.extended import AxisPhysics
 
@@ -15,7 +15,7 @@ ADDED_MASS = Effect(
     ),
     source="no source: a rigid body in translation",
     parameters=(EffectParameter("mass_kg", "kg", lower=0.0, upper=200.0, scale=0.5),),
-    add=increasing("added", "table_mass", by="mass_kg"),
+    add=increasing("added", table_mass="mass_kg"),
 )
 
 PAYLOAD_MASS = Effect(
@@ -27,14 +27,14 @@ PAYLOAD_MASS = Effect(
     ),
     source="no source: a rigid body in translation",
     parameters=(EffectParameter("mass_kg", "kg", lower=-5.0, upper=50.0, scale=0.5),),
-    add=increasing("added", "payload_error", by="mass_kg"),
+    add=increasing("added", payload_error="mass_kg"),
     needs=frozenset({ConditionAxis.PAYLOAD}),
 )
 
 
 def _add_screw_distributed_mass(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     share = axis.screw.axial_mass_share
-    return changed_screw(axis, axial_mass_share=share + values["share"] * (1.0 - share))
+    return changed(axis, "screw", axial_mass_share=share + values["share"] * (1.0 - share))
 
 
 def _may_have_screw_distributed_mass(axis: AxisPhysics) -> bool:

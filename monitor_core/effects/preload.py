@@ -1,15 +1,7 @@
 """How the rigidity of the nut follows its preload, and what the preload really is."""
 
-from collections.abc import Mapping
-
-from monitor_core.effects.changes import changed_added, increasing
+from monitor_core.effects.changes import having, increasing
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
-from monitor_core.models.extended import AxisPhysics
-
-
-def _may_have_preload_exponent(axis: AxisPhysics) -> bool:
-    return axis.joints.dynamic_load_rating is not None
-
 
 PRELOAD_EXPONENT = Effect(
     key="preload-exponent",
@@ -20,18 +12,10 @@ PRELOAD_EXPONENT = Effect(
     ),
     source="Nguyen et al. (2018), Eq. (1)",
     parameters=(EffectParameter("exponent_change", "-", lower=-1.0 / 3.0, upper=2.0 / 3.0, scale=0.1),),
-    add=increasing("added", "preload_exponent_change", by="exponent_change"),
+    add=increasing("added", preload_exponent_change="exponent_change"),
     needs=frozenset({ConditionAxis.PRELOAD}),
-    applies=_may_have_preload_exponent,
+    applies=having("joints", "dynamic_load_rating"),
 )
-
-
-def _add_periodic_preload(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_added(
-        axis,
-        periodic_preload_cosine=axis.added.periodic_preload_cosine + values["cosine_amplitude"],
-        periodic_preload_sine=axis.added.periodic_preload_sine + values["sine_amplitude"],
-    )
 
 
 PERIODIC_PRELOAD = Effect(
@@ -46,13 +30,9 @@ PERIODIC_PRELOAD = Effect(
         EffectParameter("cosine_amplitude", "-", lower=-0.5, upper=0.5, scale=0.1, beyond=False),
         EffectParameter("sine_amplitude", "-", lower=-0.5, upper=0.5, scale=0.1, beyond=False),
     ),
-    add=_add_periodic_preload,
+    add=increasing("added", periodic_preload_cosine="cosine_amplitude", periodic_preload_sine="sine_amplitude"),
     needs=frozenset({ConditionAxis.POSITION}),
 )
-
-
-def _may_have_preload_change(axis: AxisPhysics) -> bool:
-    return axis.joints.dynamic_load_rating is not None
 
 
 PRELOAD_CHANGE = Effect(
@@ -65,6 +45,6 @@ PRELOAD_CHANGE = Effect(
     ),
     source="Nguyen et al. (2018), Eq. (1)",
     parameters=(EffectParameter("preload_n", "N", lower=-5000.0, upper=5000.0, scale=30.0),),
-    add=increasing("added", "preload_change", by="preload_n"),
-    applies=_may_have_preload_change,
+    add=increasing("added", preload_change="preload_n"),
+    applies=having("joints", "dynamic_load_rating"),
 )

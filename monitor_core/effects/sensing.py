@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed_added, increasing
+from monitor_core.effects.changes import changed, increasing, lacking
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.models.extended import AxisPhysics
 
@@ -16,7 +16,7 @@ POSITION_OFFSET = Effect(
     ),
     source="no source: kinematics",
     parameters=(EffectParameter("offset_m", "m", lower=-0.05, upper=0.05, scale=0.005),),
-    add=increasing("added", "position_offset", by="offset_m"),
+    add=increasing("added", position_offset="offset_m"),
     needs=frozenset({ConditionAxis.POSITION}),
 )
 
@@ -29,7 +29,7 @@ TORQUE_DELAY = Effect(
     ),
     source="no source: a shift in time, exp(−jωτ)",
     parameters=(EffectParameter("delay_s", "s", lower=-5e-3, upper=5e-3, scale=1e-4),),
-    add=increasing("added", "torque_delay", by="delay_s"),
+    add=increasing("added", torque_delay="delay_s"),
     needs=frozenset({ConditionAxis.FREQUENCY}),
 )
 
@@ -42,11 +42,7 @@ def _add_sensor_mounting_resonance(axis: AxisPhysics, values: Mapping[str, float
     """
     inverse_square = values["inverse_square_s2"]
     ratio = math.pi * values["bandwidth_hz"] * math.sqrt(max(inverse_square, 0.0))  # a negative one is refused below
-    return changed_added(axis, mounting_inverse_square=inverse_square, mounting_damping_ratio=ratio)
-
-
-def _may_have_sensor_mounting_resonance(axis: AxisPhysics) -> bool:
-    return not axis.added.mounting_inverse_square
+    return changed(axis, "added", mounting_inverse_square=inverse_square, mounting_damping_ratio=ratio)
 
 
 SENSOR_MOUNTING_RESONANCE = Effect(
@@ -63,5 +59,5 @@ SENSOR_MOUNTING_RESONANCE = Effect(
     ),
     add=_add_sensor_mounting_resonance,
     needs=frozenset({ConditionAxis.FREQUENCY}),
-    applies=_may_have_sensor_mounting_resonance,
+    applies=lacking("added", "mounting_inverse_square"),
 )

@@ -1,9 +1,8 @@
 """Springs of the force path that a model lacks, or has at another stiffness."""
 
-import math
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed_joints, changed_screw, increasing
+from monitor_core.effects.changes import changed, having, increasing, scaling
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.models.extended import AxisPhysics
 
@@ -16,7 +15,7 @@ SERIES_COMPLIANCE = Effect(
     ),
     source="Nguyen et al. (2018), Eq. (4): one more term of the sum",
     parameters=(EffectParameter("compliance_m_per_n", "m/N", lower=0.0, upper=1e-7, scale=2e-9),),
-    add=increasing("added", "series_compliance", by="compliance_m_per_n"),
+    add=increasing("added", series_compliance="compliance_m_per_n"),
 )
 
 FAR_BEARING_STIFFNESS = Effect(
@@ -28,12 +27,12 @@ FAR_BEARING_STIFFNESS = Effect(
     ),
     source="Tian et al., Eq. (8)",
     parameters=(EffectParameter("stiffness_n_per_m", "N/m", lower=0.0, upper=2e9, scale=3e7),),
-    add=increasing("joints", "far_bearing_stiffness", by="stiffness_n_per_m"),
+    add=increasing("joints", far_bearing_stiffness="stiffness_n_per_m"),
 )
 
 
 def _add_screw_axial_stiffness(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_screw(axis, axial_rigidity=axis.screw.axial_rigidity * (1.0 + values["relative_change"]))
+    return changed(axis, "screw", axial_rigidity=axis.screw.axial_rigidity * (1.0 + values["relative_change"]))
 
 
 SCREW_AXIAL_STIFFNESS = Effect(
@@ -61,7 +60,7 @@ def _add_torsion_and_inertia(axis: AxisPhysics, values: Mapping[str, float]) -> 
     spread = share + values["inertia_share"] * (1.0 - share)
     held = axis.screw.far_end_held_share * (1.0 - values["inertia_share"])
     torsion = axis.screw.torsion_share + values["compliance_share"]
-    return changed_screw(axis, torsion_share=torsion, torsional_inertia_share=spread, far_end_held_share=held)
+    return changed(axis, "screw", torsion_share=torsion, torsional_inertia_share=spread, far_end_held_share=held)
 
 
 def _has_spread_inertia(axis: AxisPhysics) -> bool:
@@ -81,7 +80,7 @@ TORSIONAL_FLEXIBILITY = Effect(
     ),
     source=_TORSION_SOURCE,
     parameters=(_COMPLIANCE,),
-    add=increasing("screw", "torsion_share", by="compliance_share"),
+    add=increasing("screw", torsion_share="compliance_share"),
     applies=_has_spread_inertia,
 )
 TORSIONAL_FLEXIBILITY_OF_LUMPED_INERTIA = Effect(
@@ -107,7 +106,7 @@ GUIDE_STIFFNESS = Effect(
     ),
     source="no source: a spring in parallel with the path of the force",
     parameters=(EffectParameter("stiffness_n_per_m", "N/m", lower=0.0, upper=1e9, scale=1e6),),
-    add=increasing("added", "guide_stiffness", by="stiffness_n_per_m"),
+    add=increasing("added", guide_stiffness="stiffness_n_per_m"),
 )
 
 SERVO_STIFFNESS = Effect(
@@ -119,7 +118,7 @@ SERVO_STIFFNESS = Effect(
     ),
     source="no source: a proportional position loop",
     parameters=(EffectParameter("stiffness_nm_per_rad", "N·m/rad", lower=0.0, upper=1e5, scale=10.0),),
-    add=increasing("added", "servo_stiffness", by="stiffness_nm_per_rad"),
+    add=increasing("added", servo_stiffness="stiffness_nm_per_rad"),
 )
 
 CUBIC_STIFFNESS = Effect(
@@ -134,7 +133,7 @@ CUBIC_STIFFNESS = Effect(
         "Dykman & Krivoglaz, Phys. Status Solidi B 48 (1971) 497"
     ),
     parameters=(EffectParameter("relative_stiffness_per_m2", "1/m²", lower=-1e12, upper=1e13, scale=1e9),),
-    add=increasing("added", "cubic_nut_stiffness", by="relative_stiffness_per_m2"),
+    add=increasing("added", cubic_nut_stiffness="relative_stiffness_per_m2"),
     # rms error of eleven simulated machines; docs/explanation/hidden-effects.md says what is known of it
     form_share=0.22,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),
@@ -144,25 +143,13 @@ _BEARING_SOURCE = "no source: the springs at the ends of the screw, Eqs. (9) and
 _BEARING_RATIO = EffectParameter("ln_ratio", "-", lower=-4.0, upper=2.0, scale=0.1)
 
 
-def _add_near(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_joints(axis, bearing_stiffness=axis.joints.bearing_stiffness * math.exp(values["ln_ratio"]))
-
-
-def _add_far(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_joints(axis, far_bearing_stiffness=axis.joints.far_bearing_stiffness * math.exp(values["ln_ratio"]))
-
-
-def _has_far_bearing(axis: AxisPhysics) -> bool:
-    return axis.joints.far_bearing_stiffness > 0.0
-
-
 BEARING_CHANGE = Effect(
     key="bearing-change",
     name="Change of the fixed bearing",
     physics="The fixed bearing has come loose or lost its preload: frequencies fall, most with the table near to it.",
     source=_BEARING_SOURCE,
     parameters=(_BEARING_RATIO,),
-    add=_add_near,
+    add=scaling("joints", bearing_stiffness="ln_ratio"),
 )
 
 FAR_BEARING_CHANGE = Effect(
@@ -171,6 +158,6 @@ FAR_BEARING_CHANGE = Effect(
     physics="The far bearing holds less than it did: frequencies fall, most with the table near to it.",
     source=_BEARING_SOURCE,
     parameters=(_BEARING_RATIO,),
-    add=_add_far,
-    applies=_has_far_bearing,
+    add=scaling("joints", far_bearing_stiffness="ln_ratio"),
+    applies=having("joints", "far_bearing_stiffness"),
 )

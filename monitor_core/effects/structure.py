@@ -1,24 +1,7 @@
 """Modes besides those of the drive: of the base, and of what stands on the table."""
 
-from collections.abc import Mapping
-
-from monitor_core.effects.changes import changed_added
+from monitor_core.effects.changes import lacking, setting
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
-from monitor_core.models.extended import AxisPhysics
-
-
-def _add_base_compliance(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_added(
-        axis,
-        base_compliance=values["compliance_m_per_n"],
-        base_frequency=values["frequency_hz"],
-        base_damping_ratio=values["damping_ratio"],
-    )
-
-
-def _may_have_base_compliance(axis: AxisPhysics) -> bool:
-    return not axis.added.base_compliance
-
 
 BASE_COMPLIANCE = Effect(
     key="base-compliance",
@@ -34,23 +17,15 @@ BASE_COMPLIANCE = Effect(
         EffectParameter("frequency_hz", "Hz", lower=5.0, upper=200.0, scale=20.0, null=60.0),
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
-    add=_add_base_compliance,
+    add=setting(
+        "added",
+        base_compliance="compliance_m_per_n",
+        base_frequency="frequency_hz",
+        base_damping_ratio="damping_ratio",
+    ),
     needs=frozenset({ConditionAxis.FREQUENCY}),
-    applies=_may_have_base_compliance,
+    applies=lacking("added", "base_compliance"),
 )
-
-
-def _add_second_mode(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-    return changed_added(
-        axis,
-        second_mode_residue=values["residue_per_kg"],
-        second_mode_frequency=values["frequency_hz"],
-        second_mode_damping_ratio=values["damping_ratio"],
-    )
-
-
-def _may_have_second_mode(axis: AxisPhysics) -> bool:
-    return not axis.added.second_mode_residue
 
 
 SECOND_MODE = Effect(
@@ -66,8 +41,13 @@ SECOND_MODE = Effect(
         EffectParameter("frequency_hz", "Hz", lower=5.0, upper=5000.0, scale=50.0, null=300.0),
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
-    add=_add_second_mode,
+    add=setting(
+        "added",
+        second_mode_residue="residue_per_kg",
+        second_mode_frequency="frequency_hz",
+        second_mode_damping_ratio="damping_ratio",
+    ),
     form_share=0.08,
     needs=frozenset({ConditionAxis.FREQUENCY}),
-    applies=_may_have_second_mode,
+    applies=lacking("added", "second_mode_residue"),
 )

@@ -3,15 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from monitor_core.effects.changes import increasing
+from monitor_core.effects.changes import having, increasing
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics
-
-
-def _may_have_thermal_preload(axis: AxisPhysics) -> bool:
-    return axis.joints.dynamic_load_rating is not None
-
 
 THERMAL_PRELOAD = Effect(
     key="thermal-preload",
@@ -22,9 +17,9 @@ THERMAL_PRELOAD = Effect(
     ),
     source="no source: linear thermal expansion",
     parameters=(EffectParameter("preload_n_per_k", "N/K", lower=-10.0, upper=10.0, scale=1.0),),
-    add=increasing("added", "thermal_preload", by="preload_n_per_k"),
+    add=increasing("added", thermal_preload="preload_n_per_k"),
     needs=frozenset({ConditionAxis.TEMPERATURE}),
-    applies=_may_have_thermal_preload,
+    applies=having("joints", "dynamic_load_rating"),
 )
 
 THERMAL_STIFFNESS = Effect(
@@ -36,7 +31,7 @@ THERMAL_STIFFNESS = Effect(
     ),
     source="Young's modulus of steels against temperature, ASME B31.3, Table C-6",
     parameters=(EffectParameter("relative_change_per_k", "1/K", lower=-1e-3, upper=1e-3, scale=-3e-4),),
-    add=increasing("added", "thermal_stiffness", by="relative_change_per_k"),
+    add=increasing("added", thermal_stiffness="relative_change_per_k"),
     needs=frozenset({ConditionAxis.TEMPERATURE}),
 )
 
@@ -51,22 +46,12 @@ def _add_warming(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     factor = 1.0 + MODULUS_PER_KELVIN * values["temperature_k"]
     if not factor > 0.0:
         raise OutsideValidityError(f"steel must keep some stiffness; got {values['temperature_k']:g} K of warming")
-    screw, joints = axis.screw, axis.joints
+    rigidities = ("axial_rigidity", "torsional_rigidity")
+    springs = [f"{joint}_stiffness" for joint in ("bearing", "far_bearing", "nut", "bracket", "coupling")]
     return replace(
         axis,
-        screw=replace(
-            screw,
-            axial_rigidity=factor * screw.axial_rigidity,
-            torsional_rigidity=factor * screw.torsional_rigidity,
-        ),
-        joints=replace(
-            joints,
-            bearing_stiffness=factor * joints.bearing_stiffness,
-            far_bearing_stiffness=factor * joints.far_bearing_stiffness,
-            nut_stiffness=factor * joints.nut_stiffness,
-            bracket_stiffness=factor * joints.bracket_stiffness,
-            coupling_stiffness=factor * joints.coupling_stiffness,
-        ),
+        screw=replace(axis.screw, **{name: factor * getattr(axis.screw, name) for name in rigidities}),
+        joints=replace(axis.joints, **{name: factor * getattr(axis.joints, name) for name in springs}),
     )
 
 
