@@ -45,36 +45,15 @@ class AveragedFit:
 
 
 def average_and_fit(
-    spectra: BandSpectra,
-    band: tuple[float, float],
+    spectra: BandSpectra,  # un-windowed lines over the search band and as far around it as a fit may reach
+    band: tuple[float, float],  # search band [Hz]
     gate: ModeGate,
     *,
-    lines: tuple[float, float],
-    quantity: str,
-    maximum_modes: int,
+    lines: tuple[float, float],  # what the taper and windows that do not belong at all are told by [Hz]
+    quantity: str,  # what the response is, e.g. "torque_accelerance"
+    maximum_modes: int,  # 1 or 2
 ) -> AveragedFit | Rejection:
-    """Average, choose the peak, fit; leave out windows that do not belong and take back those that do.
-
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Un-windowed lines over the search band and as far around it as a fit may reach.
-    band : tuple of float
-        Search band. [Hz]
-    lines : tuple of float
-        What the taper and windows that do not belong at all are told by. [Hz]
-    gate : ModeGate
-        Least number of averages, classes of coherence, largest share of outlying windows.
-    quantity : str
-        What the response is, e.g. ``"torque_accelerance"``.
-    maximum_modes : int
-        1 or 2.
-
-    Returns
-    -------
-    AveragedFit or Rejection
-        The fit, or why there is none.
-    """
+    """Average, choose the peak, fit; leave out windows that do not belong and take back those that do."""
     taper, gross, first_share = _first_look(spectra.within(*lines), gate)
     kept = ~gross
     for _ in range(_PASSES):
@@ -109,21 +88,10 @@ def average_and_fit(
 
 
 def outlying(residual: FloatArray, response: FloatArray, *, least_share: float = 0.0) -> BoolArray:
-    """Tell which windows leave far more unexplained than the others.
+    """Tell which windows leave far more unexplained than the others, shape (n_windows,): they are to be refused.
 
-    Parameters
-    ----------
-    residual : ndarray, shape (n_windows,)
-        What is left of each window, sum of squared moduli. [(m/s²)²]
-    response : ndarray, shape (n_windows,)
-        Its response, sum of squared moduli. [(m/s²)²]
-    least_share : float
-        Windows of which less than this share is left are never outlying. [-]
-
-    Returns
-    -------
-    ndarray of bool, shape (n_windows,)
-        True for a window to be refused.
+    ``residual`` and ``response`` are sums of squared moduli of what is left of each window and of its response
+    [(m/s²)²]. Windows of which less than ``least_share`` is left are never outlying.
     """
     share = residual / np.maximum(response, np.finfo(np.float64).tiny)
     least = max(_OUTLYING * float(np.median(share)), least_share)

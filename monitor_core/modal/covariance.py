@@ -9,15 +9,7 @@ from monitor_core.modal.variable_projection import Solution
 def formal_covariance(solution: Solution) -> FloatArray:
     r"""Return :math:`\tfrac12\sigma^2(\mathrm{Re}\,J^H J)^{-1}`, right if the whitened noise is white.
 
-    Parameters
-    ----------
-    solution : Solution
-        Fit of the whitened lines.
-
-    Returns
-    -------
-    ndarray, shape (n_nonlinear, n_nonlinear)
-        Covariance of natural frequency [Hz] and damping ratio [-] of each mode, and of the tone frequencies [Hz].
+    Of natural frequency [Hz] and damping ratio [-] of each mode, and of the tone frequencies [Hz].
     """
     covariance: FloatArray = 0.5 * solution.noise_variance * _inverse(solution)
     return covariance
@@ -29,17 +21,8 @@ def between_window_covariance(solution: Solution) -> FloatArray | None:
     .. math:: N^{-1}\Bigl(\tfrac{n}{n-1}\sum_s g_s g_s^T\Bigr) N^{-1},\qquad
         N = \mathrm{Re}\,J^H J,\quad g_s = \mathrm{Re}\,J_s^H R_s
 
-    It needs no law of the noise, only that one window's does not know the other's. ``None`` for one window.
-
-    Parameters
-    ----------
-    solution : Solution
-        Fit of the whitened lines.
-
-    Returns
-    -------
-    ndarray, shape (n_nonlinear, n_nonlinear), or None
-        Covariance, in the same order as :func:`formal_covariance`.
+    It needs no law of the noise, only that one window's does not know the other's. ``None`` for one window; else in the
+    order of :func:`formal_covariance`.
     """
     pulls = _pulls(solution)
     n_windows = pulls.shape[1]

@@ -46,25 +46,10 @@ def judge_fit(
     gate: ModeGate,
     phase: PhaseReference | None,
 ) -> Rejection | None:
-    """Return the first reason against a fit, or ``None``.
+    """Return the first reason against the first mode of a fit, or ``None``.
 
-    Parameters
-    ----------
-    fit : ModeFit
-        Fit whose first mode is meant.
-    coherence : float
-        Mean over the half-power band. [-]
-    band : tuple of float
-        Where the mode is expected. [Hz]
-    gate : ModeGate
-        What must be met.
-    phase : PhaseReference or None
-        Calibrated polarity and delay; without it the phase is not judged.
-
-    Returns
-    -------
-    Rejection or None
-        The refusal.
+    The coherence is its mean over the half-power band, ``band`` where the mode is expected [Hz]. Without a calibrated
+    polarity and delay the phase is not judged.
     """
     mode = fit.modes[0]
     frequency = mode.frequency

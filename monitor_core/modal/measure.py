@@ -148,12 +148,8 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
 
 
 def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines: tuple[float, float]) -> BandSpectra:
-    """Compute spectra over the search band and as far around it as the fit of a mode on its edge usually reaches.
-
-    And over all lines that are wanted.
-
-    A fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so.
-    """
+    """Compute spectra over all lines that are wanted, and around the band as far as a fit on its edge usually reaches."""
+    # a fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so
     margin = max(40.0, 0.25 * band[1])
     sample_rate = windows[0].sample_rate
     low, high = min(band[0] - margin, lines[0]), max(band[1] + margin, lines[1])

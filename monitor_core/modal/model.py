@@ -10,6 +10,10 @@ For window :math:`s`, with un-windowed DFT lines :math:`U_s, Y_s` at :math:`f_k`
 ``A`` and ``B`` belong to the axis, ``T`` to the window (the ringing that was there when it began, less what is left
 when it ends), ``D`` is the line shape of a sine that no excitation explains. Everything but the poles and the tone
 frequencies is linear and is eliminated by projection.
+
+The nonlinear ``parameters`` are, for each mode, natural frequency [Hz] and logarithm of the damping ratio; then the tone
+frequencies [Hz], shape (n_nonlinear,). ``FitLines`` are the whitened lines of the fit band, a ``ModelOrder`` the numbers
+of modes and tones: so in all modules of this package.
 """
 
 import math
@@ -84,22 +88,7 @@ def poles_of(parameters: FloatArray, order: ModelOrder) -> FloatArray:
 
 
 def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basis:
-    """Build the linear terms of the model.
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    parameters : ndarray, shape (n_nonlinear,)
-        For each mode natural frequency [Hz] and logarithm of the damping ratio [-]; then the tone frequencies. [Hz]
-    order : ModelOrder
-        Numbers of modes and tones.
-
-    Returns
-    -------
-    Basis
-        Terms of B, shapes of the tones, orthonormal basis of what belongs to each window.
-    """
+    """Build the linear terms of the model; ``parameters`` as in the module's text."""
     f = lines.frequency
     a = np.prod([pole_factor(f, *pole) for pole in poles_of(parameters, order)], axis=0)
     n_powers = max(order.n_response_terms, order.n_transient_terms)
@@ -119,20 +108,6 @@ def project(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Proje
     non-linear problem is Kaufman's: the projected derivative of the model at constant linear coefficients, and for a
     pole that derivative is :math:`-(\partial A/\partial\theta)/A` times what the fitted model says of forced response
     and transient.
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    parameters : ndarray, shape (n_nonlinear,)
-        As for :func:`basis_of`.
-    order : ModelOrder
-        Numbers of modes and tones.
-
-    Returns
-    -------
-    Projection
-        Residual, Jacobian of the residual and the coefficients of B.
     """
     basis = basis_of(lines, parameters, order)
     forced = _solve_response(lines, basis)
@@ -164,21 +139,7 @@ def overdispersion(lines: FitLines, parameters: FloatArray, plain: ModelOrder, r
 
     Friction acts at a moment, so its noise is alike at neighbouring lines, and a test that counts every line as a
     witness must be divided by this factor (quasi-likelihood). It is read from the scatter between windows of the very
-    terms that the richer model adds.
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    parameters : ndarray, shape (n_nonlinear,)
-        Poles and tones, common to both models.
-    plain, richer : ModelOrder
-        Models that differ in the degree of B.
-
-    Returns
-    -------
-    float
-        Variance of the windows' scores over that of white noise; 1 for a single window, which cannot tell. [-]
+    terms that the richer model adds, which has B of a higher degree. A single window cannot tell and gives 1.
     """
     if lines.n_windows < 2:
         return 1.0

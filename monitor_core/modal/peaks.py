@@ -33,22 +33,8 @@ def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[
     shared out among its lines) and whose magnitude stands out of its surroundings by more than 0.9 dB and by more than
     four times its own random error.
 
-    Parameters
-    ----------
-    frf : FrequencyResponse
-        With coherence, so from at least two averages.
-    band : tuple of float
-        Where to look. [Hz]
-
-    Returns
-    -------
-    tuple of Candidate
-        By falling magnitude; empty if there is none.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the response carries no coherence: one average must not be judged.
+    The response needs a coherence, so at least two averages: one average must not be judged, and raises
+    ``OutsideValidityError``.
     """
     if frf.coherence is None:
         raise OutsideValidityError("candidates need a coherence, so at least 2 averages; got a response without")
@@ -75,10 +61,7 @@ def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[
 
 
 def _half_power_damping(frf: FrequencyResponse, peak: int) -> float:
-    """Return the nearer distance to 1/√2 of the peak over its frequency; kept to what a machine can have.
-
-    The farther side may belong to a neighbouring mode.
-    """
+    """Return the nearer distance to 1/√2 of the peak over its frequency; the farther may be of a neighbouring mode."""
     below = np.flatnonzero(np.abs(frf.response) < np.abs(frf.response[peak]) / np.sqrt(2.0))
     left = below[below < peak].max(initial=0)
     right = below[below > peak].min(initial=frf.frequency.size - 1)

@@ -37,21 +37,10 @@ class ModeFit:
 
 
 def window_misfit(fit: ModeFit, spectra: BandSpectra) -> tuple[FloatArray, FloatArray]:
-    """Return what a fit leaves of windows, whether it was made from them or not.
+    """Return what a fit leaves of windows, whether it was made from them or not, and what they hold in its band.
 
-    Each window keeps its own transient and tone amplitudes; poles and B are those of the fit.
-
-    Parameters
-    ----------
-    fit : ModeFit
-        Modes of the axis.
-    spectra : BandSpectra
-        Un-windowed lines over at least the band of the fit.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n_windows,)
-        Sums of squared moduli, weighted as in the fit, of the residual and of the response in the band. [(m/s²)²]
+    Each window keeps its own transient and tone amplitudes; poles and B are those of the fit. Both are sums of squared
+    moduli, weighted as in the fit, shape (n_windows,) [(m/s²)²]. The lines must cover the band of the fit.
     """
     lines = FitLines.of(spectra, *fit.band, fit.weight)
     basis = basis_of(lines, fit.solution.parameters, fit.solution.order)

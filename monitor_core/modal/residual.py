@@ -21,7 +21,7 @@ _LEAST_RISE = 3.0
 
 
 def noise_weight(lines: FitLines, solution: Solution) -> FloatArray:
-    r"""Return one over the standard deviation of the noise at each line, up to a common factor.
+    r"""Return one over the standard deviation of the noise at each line, 1 at the least noisy, shape (n_frequencies,).
 
     .. math:: \sigma^2(f) = \sigma_0^2 + \sum_i \sigma_i^2\, \frac{\min |A_i|^2}{|A_i(f)|^2}
 
@@ -29,18 +29,6 @@ def noise_weight(lines: FitLines, solution: Solution) -> FloatArray:
     sensor through the mode, so their noise has its shape; on an axis with friction they are nearly all of it. Fitted to
     the residual's mean power over windows, whose standard deviation is proportional to itself (maximum likelihood of
     the gamma distribution by repeated non-negative least squares).
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    solution : Solution
-        Fit whose residual tells the noise.
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        Weights, 1 at the least noisy line.
     """
     power = np.mean(np.abs(solution.projection.residual) ** 2, axis=0) / lines.weight**2
     floor = _FLOOR * float(power.mean())
@@ -58,7 +46,7 @@ def noise_weight(lines: FitLines, solution: Solution) -> FloatArray:
 
 
 def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
-    r"""Return the frequency of the strongest sine that the fit leaves, or ``None`` if none is significant.
+    r"""Return the frequency in hertz of the strongest sine that the fit leaves, or ``None`` if none is significant.
 
     A sine of unknown amplitude and phase in each window, of one frequency in all, stands out on its line, or, halfway
     between two, in their difference (the line shape changes sign there):
@@ -70,18 +58,6 @@ def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
     of places, on the lines and between them. A line and a half on either side of a mode are left out: there a sine
     cannot be told from ringing that the model does not quite meet. What stands no higher than its neighbourhood is
     noise of another colour than supposed, and no sine either.
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    solution : Solution
-        Fit whose residual is searched.
-
-    Returns
-    -------
-    float or None
-        Frequency in hertz.
     """
     f, residual = lines.frequency, solution.projection.residual
     power = np.sum(np.abs(residual) ** 2, axis=0)

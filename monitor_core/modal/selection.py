@@ -22,23 +22,9 @@ _STRONG_EVIDENCE = 30.0
 def likeliest_model(
     lines: FitLines, frequency: float, damping_ratio: float, maximum_modes: int
 ) -> tuple[FitLines, Solution] | None:
-    """Choose between one and two modes, each with the noise and the tones it needs.
+    """Choose between one and two modes, each with the noise and the tones it needs, from a start [Hz], [-].
 
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band, not yet weighted.
-    frequency : float
-        Where to start. [Hz]
-    damping_ratio : float
-        Where to start. [-]
-    maximum_modes : int
-        1 or 2.
-
-    Returns
-    -------
-    tuple of FitLines and Solution, or None
-        The lines as weighted in the end, and the fit to them; ``None`` if there is no optimum near the start.
+    Returned are the lines as weighted in the end, and the fit to them; ``None`` if there is no optimum near the start.
     """
     if degrees_of_freedom(lines, ModelOrder(1)) <= 0:
         return None

@@ -23,20 +23,7 @@ def start_one_mode(lines: FitLines, frequency: float, damping_ratio: float) -> F
 
 
 def start_two_modes(lines: FitLines, one_mode: FloatArray) -> list[FloatArray]:
-    """Return the two likeliest places of two modes: a rational fit, or a second mode near the first.
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    one_mode : ndarray, shape (2,)
-        Frequency [Hz] and ln ζ of the fit with one mode.
-
-    Returns
-    -------
-    list of ndarray, shape (4,)
-        Starts, the likelier first.
-    """
+    """Return the two likeliest starts of two modes, the likelier first: a rational fit, or a second near the first."""
     order = ModelOrder(2)
     places = np.linspace(lines.frequency[0], lines.frequency[-1], _PLACES)
     # Two modes that were fitted with one gave it too much damping.
@@ -58,21 +45,8 @@ def rational_poles(frequency: FloatArray, response: ComplexArray, weight: FloatA
     with ``A`` of degree ``n_modes`` and ``B`` one higher in the normalised frequency: the poles at negative frequency
     are far away (Sanathanan and Koerner [1]_).
 
-    Parameters
-    ----------
-    frequency : ndarray, shape (n_frequencies,)
-        Lines. [Hz]
-    response : ndarray, shape (n_frequencies,)
-        Measured response H.
-    weight : ndarray, shape (n_frequencies,)
-        Inverse variance of H, up to a factor.
-    n_modes : int
-        Number of poles.
-
-    Returns
-    -------
-    ndarray, shape (n_stable, 2)
-        Natural frequency [Hz] and damping ratio [-] of the stable poles, by rising frequency.
+    H is weighted by its inverse variance, up to a factor. Returned are natural frequency [Hz] and damping ratio [-] of
+    the stable poles, by rising frequency, shape (n_stable, 2).
 
     References
     ----------

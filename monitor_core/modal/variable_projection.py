@@ -55,22 +55,7 @@ def degrees_of_freedom(lines: FitLines, order: ModelOrder) -> int:
 
 
 def minimise(lines: FitLines, start: FloatArray, order: ModelOrder) -> Solution | None:
-    """Find the local maximum of the likelihood near a start.
-
-    Parameters
-    ----------
-    lines : FitLines
-        Lines of the fit band.
-    start : ndarray, shape (n_nonlinear,)
-        Natural frequency [Hz] and ln ζ of each mode, then tone frequencies [Hz].
-    order : ModelOrder
-        Numbers of modes and tones.
-
-    Returns
-    -------
-    Solution or None
-        ``None`` if there is too little data for so many parameters, or no convergence.
-    """
+    """Find the local maximum of the likelihood near a start; ``None`` without convergence or with too little data."""
     dof = degrees_of_freedom(lines, order)
     if dof <= 0:
         return None

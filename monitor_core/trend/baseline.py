@@ -88,23 +88,11 @@ class Baseline:
 
 
 def learn_baseline(observations: Sequence[Observation]) -> Baseline | None:
-    """Take mean and scatter of healthy measurements.
+    """Take mean and scatter of healthy measurements, in time order and any unit.
 
-    Parameters
-    ----------
-    observations : sequence of Observation, shape (n_observations,)
-        In time order; any unit. [-]
-
-    Returns
-    -------
-    Baseline or None
-        ``None`` as long as the scatter is not known: fewer than two measurements, or all of one value without any
-        stated uncertainty.
-
-    Notes
-    -----
-    The scatter is the standard deviation between measurements, but not less than the root mean square of the stated
-    uncertainties. The stated ones alone would not do: on real records the scatter is up to 24 times larger.
+    ``None`` as long as the scatter is not known: fewer than two measurements, or all of one value without any stated
+    uncertainty. The scatter is the standard deviation between measurements, but not less than the root mean square of
+    the stated uncertainties. The stated ones alone would not do: on real records it is up to 24 times larger.
     """
     if len(observations) < 2:
         return None

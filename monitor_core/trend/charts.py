@@ -8,29 +8,14 @@ import math
 
 
 def cusum_step(previous: float, residual: float, reference: float, largest_increment: float = math.inf) -> float:
-    r"""Advance a one-sided cumulative sum by one measurement.
+    r"""Advance a one-sided cumulative sum, 0 at the start, by one measurement.
 
     .. math::
 
         S_i = \max(0,\; S_{i-1} + \min(z_i - k,\; c))
 
-    Eq. (3) of [1]_; the winsorising constant c is that of [2]_: an outlier may push the sum by c at most.
-
-    Parameters
-    ----------
-    previous : float
-        S of the measurement before, 0 at the start. [-]
-    residual : float
-        Standardised residual z, positive towards the change that is looked for. [-]
-    reference : float
-        k: half the step, in standard deviations, for which the chart is tuned. [-]
-    largest_increment : float
-        c; infinite for the plain chart. [-]
-
-    Returns
-    -------
-    float
-        The new sum, not negative. [-]
+    Eq. (3) of [1]_ with the reference k, half the step, in standard deviations, for which the chart is tuned; the
+    winsorising constant c is that of [2]_: an outlier may push the sum by c at most.
 
     References
     ----------
@@ -41,27 +26,14 @@ def cusum_step(previous: float, residual: float, reference: float, largest_incre
 
 
 def ewma_step(previous: float, residual: float, weight: float) -> float:
-    r"""Advance a two-sided exponentially weighted moving average by one measurement.
+    r"""Advance a two-sided exponentially weighted moving average, 0 at the start, by one measurement.
 
     .. math::
 
         v_i = (1 - \lambda)\, v_{i-1} + \lambda z_i
 
-    Eq. (1) of [1]_. In the long run it scatters with standard deviation :math:`\sqrt{\lambda / (2 - \lambda)}`.
-
-    Parameters
-    ----------
-    previous : float
-        v of the measurement before, 0 at the start. [-]
-    residual : float
-        Standardised residual z. [-]
-    weight : float
-        λ, the weight of the newest measurement. [-]
-
-    Returns
-    -------
-    float
-        The new average. [-]
+    Eq. (1) of [1]_, with the weight λ of the newest measurement. In the long run it scatters with standard deviation
+    :math:`\sqrt{\lambda / (2 - \lambda)}`.
 
     References
     ----------
@@ -71,18 +43,5 @@ def ewma_step(previous: float, residual: float, weight: float) -> float:
 
 
 def winsorise(residual: float, largest: float) -> float:
-    """Limit the magnitude of a residual, so that one outlier cannot fill a chart.
-
-    Parameters
-    ----------
-    residual : float
-        Standardised residual. [-]
-    largest : float
-        Magnitude above which it counts as this much. [-]
-
-    Returns
-    -------
-    float
-        The residual, or ± the largest. [-]
-    """
+    """Limit the magnitude of a residual, so that one outlier cannot fill a chart."""
     return max(-largest, min(residual, largest))

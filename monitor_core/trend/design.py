@@ -89,19 +89,8 @@ def baseline_errors(baseline_size: int, n_mean: int = 15, n_scatter: int = 15) -
     r"""Return nodes and weights over the sampling distribution of the baseline's mean and scatter.
 
     The mean errs by :math:`\delta \sim N(0, 1/m)` and the scatter by the factor :math:`\sqrt{\chi^2_{m-1}/(m-1)}`,
-    independently; the residual divided by :math:`s\sqrt{1+1/m}` is then normal with the shift and scale returned.
-
-    Parameters
-    ----------
-    baseline_size : int
-        m. [-]
-    n_mean, n_scatter : int
-        Nodes for mean and scatter, both Gauss–Hermite: the scatter by way of its normal score. [-]
-
-    Returns
-    -------
-    BaselineErrors
-        ``n_mean * n_scatter`` nodes.
+    independently; the residual divided by :math:`s\sqrt{1+1/m}` is then normal with the shift and scale returned. Nodes
+    are those of Gauss–Hermite: for the scatter by way of its normal score.
     """
     mean, mean_weight = special.roots_hermitenorm(n_mean)
     score, score_weight = special.roots_hermitenorm(n_scatter)
@@ -121,19 +110,8 @@ def expected_false_alarms(run_length: FloatArray, weight: FloatArray, n_measurem
     on the same baseline would be dominated by a few misjudged baselines that alarm every other week, and no owner puts
     up with that.)
 
-    Parameters
-    ----------
-    run_length : ndarray, shape (n_nodes,)
-        Average run length on each baseline. [-]
-    weight : ndarray, shape (n_nodes,)
-        Probability of each baseline. [-]
-    n_measurements : int
-        Measurements on a learned baseline. [-]
-
-    Returns
-    -------
-    float
-        Expected number. [-]
+    Given are the average run length on each baseline and the probability of each, shape (n_nodes,), and the number of
+    measurements on a learned baseline.
 
     Examples
     --------
@@ -153,27 +131,15 @@ def expected_false_alarms(run_length: FloatArray, weight: FloatArray, n_measurem
 
 
 def cusum_reference(false_alarms_per_year: float, baseline_size: int) -> float:
-    r"""Choose the reference value of the CUSUM.
+    r"""Choose the reference value of the CUSUM, in standard deviations.
 
     .. math::
 
         k = \frac14 + \frac{\max(0, z_{1-a})}{\sqrt m}
 
-    A quarter finds slow wear soonest. But a baseline whose mean errs by more than k lets the sum drift into an alarm
-    on a healthy axis: where alarms are to be rarer than one a year (a < ½), k also covers that error of the baseline,
-    so that its remaining probability is about a.
-
-    Parameters
-    ----------
-    false_alarms_per_year : float
-        a. [-]
-    baseline_size : int
-        m. [-]
-
-    Returns
-    -------
-    float
-        k, in standard deviations. [-]
+    A quarter finds slow wear soonest. But a baseline of m measurements whose mean errs by more than k lets the sum
+    drift into an alarm on a healthy axis: where alarms are to be rarer than a = one a year (a < ½), k also covers that
+    error of the baseline, so that its remaining probability is about a.
     """
     z = -float(special.ndtri(min(false_alarms_per_year, 0.5)))
     return 0.25 + z / math.sqrt(baseline_size)
@@ -186,20 +152,7 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
     which alone would cause :data:`SHEWHART_SHARE` of the rate. Alert: the EWMA beyond its limit on either side, because
     a rise of preload is no loss but tells that something has changed.
 
-    Parameters
-    ----------
-    settings : DetectorSettings
-        Wanted rates, measurements per year and size of the baseline.
-
-    Returns
-    -------
-    DetectorDesign
-        The limits.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the wanted number of false alarms is so large that no limit gives it.
+    ``OutsideValidityError`` if the wanted number of false alarms is so large that no limit gives it.
     """
     errors = baseline_errors(settings.baseline_size)
     shift, scale = errors.shift, errors.scale

@@ -22,31 +22,11 @@ FULL_CHART = 2.0
 
 
 def step(state: DetectorState, observation: Observation, design: DetectorDesign) -> DetectorState:
-    """Judge one more accepted measurement.
+    """Judge one more accepted measurement, later than all before it and in the same unit.
 
-    Parameters
-    ----------
-    state : DetectorState
-        After the measurement before; ``DetectorState()`` at the start.
-    observation : Observation
-        Later than all before it; any unit, the same for the whole life of the state. [-]
-    design : DetectorDesign
-        From :func:`monitor_core.trend.design.design_detector`.
-
-    Returns
-    -------
-    DetectorState
-        The new state.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the observation is not later than the last one.
-
-    Notes
-    -----
-    On-delay: an alarm takes two measurements at least. One alone can fill half of a CUSUM that was at rest, and the
-    Shewhart rule waits for confirmation. Off-delay: see :data:`RELEASE_FRACTION` and :data:`RELEASE_COUNT`.
+    A life begins with ``DetectorState()``. On-delay: an alarm takes two measurements at least. One alone can fill half
+    of a CUSUM that was at rest, and the Shewhart rule waits for confirmation. Off-delay: see :data:`RELEASE_FRACTION`
+    and :data:`RELEASE_COUNT`. An observation that is not later than the last raises ``OutsideValidityError``.
     """
     if state.last_at is not None and observation.at <= state.last_at:
         raise OutsideValidityError(

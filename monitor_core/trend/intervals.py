@@ -23,22 +23,8 @@ def confidence_interval_of_mean(readings: Sequence[float] | FloatArray, level: f
 
         \bar x \pm t^* \, s / \sqrt n
 
-    Eq. (10) of Nguyen et al. (2018).
-
-    Parameters
-    ----------
-    level : float
-        How often the interval covers the mean. [-]
-
-    Returns
-    -------
-    Interval
-        Of kind ``CONFIDENCE``.
-
-    Notes
-    -----
-    For n = 20 the paper takes t* = 2.086, which belongs to 20 degrees of freedom. The n − 1 = 19 that its own text asks
-    for give 2.093.
+    Eq. (10) of Nguyen et al. (2018). For n = 20 the paper takes t* = 2.086, which belongs to 20 degrees of freedom. The
+    n − 1 = 19 that its own text asks for give 2.093.
 
     Examples
     --------
@@ -62,16 +48,6 @@ def prediction_interval_of_next(readings: Sequence[float] | FloatArray, level: f
 
     Eq. (4.1) of [1]_. A single new reading is to be judged with this one, never with the interval of the mean.
 
-    Parameters
-    ----------
-    level : float
-        How often the interval covers the next reading. [-]
-
-    Returns
-    -------
-    Interval
-        Of kind ``PREDICTION``.
-
     References
     ----------
     .. [1] W. Q. Meeker, G. J. Hahn, L. A. Escobar, Statistical Intervals, 2nd ed., Wiley, 2017.
@@ -88,20 +64,7 @@ def prediction_interval(mean: float, scatter: float, n_readings: int, level: flo
 def tolerance_interval_of_population(
     readings: Sequence[float] | FloatArray, share: float = 0.95, level: float = 0.95
 ) -> Interval:
-    """Return an interval that holds a stated share of a normal population, with a stated confidence.
-
-    Parameters
-    ----------
-    share : float
-        Share of the population that is to lie inside. [-]
-    level : float
-        How often the interval holds that share. [-]
-
-    Returns
-    -------
-    Interval
-        Of kind ``TOLERANCE``; its level is the confidence.
-    """
+    """Return an interval that holds a stated share of a normal population, with a stated confidence: its level."""
     mean, scatter, n = _moments(readings)
     half = tolerance_factor(n, share, level) * scatter
     return Interval(mean - half, mean + half, IntervalKind.TOLERANCE, level)
@@ -116,26 +79,9 @@ def tolerance_factor(n_readings: int, share: float = 0.95, level: float = 0.95) 
 
         \int P\!\left(\chi^2_{n-1} > \frac{(n-1)\,\chi^2_{1;p}(z^2/n)}{k^2}\right) \varphi(z)\,dz = \gamma
 
-    Eq. (2.3.4) of [1]_, with :math:`p` the share and :math:`\gamma` the confidence.
-
-    Parameters
-    ----------
-    n_readings : int
-        Size of the sample. [-]
-    share : float
-        Share p of the population. [-]
-    level : float
-        Confidence γ. [-]
-
-    Returns
-    -------
-    float
-        Half-width of the interval in sample standard deviations. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If there are fewer than two readings, or share or level do not lie between 0 and 1.
+    Eq. (2.3.4) of [1]_, with :math:`p` the share and :math:`\gamma` the confidence: half of the interval in sample
+    standard deviations. ``OutsideValidityError`` for fewer than two readings, or if share or level do not lie between 0
+    and 1.
 
     Examples
     --------
@@ -185,24 +131,9 @@ def paper_rule(
 ) -> PaperRule:
     """Tell two preload levels apart as the paper does: their 95 % intervals of the mean must not overlap.
 
-    Section 4 and Fig. 8 of Nguyen et al. (2018), with n = 20 readings in each group.
-
-    Parameters
-    ----------
-    baseline_readings, current_readings : sequence of float, shape (n_readings,)
-        Readings of the two groups, in the same unit. [-]
-    level : float
-        Level of both intervals. [-]
-
-    Returns
-    -------
-    PaperRule
-        Both intervals, and whether they tell the groups apart.
-
-    Notes
-    -----
-    This is what people see, not an alarm: the readings of a session share the scatter from day to day, so that groups
-    of one and the same preload are told apart far more often than in 5 % of all cases.
+    Section 4 and Fig. 8 of Nguyen et al. (2018), with n = 20 readings in each group. This is what people see, not an
+    alarm: the readings of a session share the scatter from day to day, so that groups of one and the same preload are
+    told apart far more often than in 5 % of all cases.
     """
     return PaperRule(
         confidence_interval_of_mean(baseline_readings, level), confidence_interval_of_mean(current_readings, level)

@@ -80,19 +80,7 @@ class DetectorState:
 def state_at(state: DetectorState, at: datetime, maximum_age: timedelta) -> TrendStatus:
     """Tell what is known at some time: silence makes a state unknown, but does not end an alarm.
 
-    Parameters
-    ----------
-    state : DetectorState
-        After the latest measurement.
-    at : datetime
-        The time that is asked for.
-    maximum_age : timedelta
-        How old the latest accepted measurement may be.
-
-    Returns
-    -------
-    TrendStatus
-        ``UNKNOWN`` if nothing was accepted, or not recently; an alarm stays an alarm.
+    Silence is a latest accepted measurement older than ``maximum_age``, or none.
     """
     if state.last_at is None:
         return TrendStatus.UNKNOWN
