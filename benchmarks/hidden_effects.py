@@ -38,7 +38,7 @@ from tests.hidden_effects.truth import finite_elements, transmission_line
 
 PLANTS = {"finite elements": finite_elements.respond, "transmission line": transmission_line.respond}
 #: Thresholds were set, and the form error is learnt, on cases of seeds below the scored ones.
-FIRST_SCORED_SEED = 27000
+FIRST_SCORED_SEED = 29000
 HEALTHY_SEEDS = (900, 901, 902)
 _NO_GAP = {when: {"fit": math.nan, "held_out": math.nan} for when in ("before", "after")}
 

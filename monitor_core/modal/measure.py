@@ -148,7 +148,7 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
 
 
 def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines: tuple[float, float]) -> BandSpectra:
-    """Compute spectra over all lines that are wanted, and around the band as far as a fit on its edge usually reaches."""
+    """Compute spectra over all lines that are wanted, and around the band as far as a fit on its edge often reaches."""
     # a fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so
     margin = max(40.0, 0.25 * band[1])
     sample_rate = windows[0].sample_rate

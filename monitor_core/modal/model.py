@@ -11,9 +11,9 @@ For window :math:`s`, with un-windowed DFT lines :math:`U_s, Y_s` at :math:`f_k`
 when it ends), ``D`` is the line shape of a sine that no excitation explains. Everything but the poles and the tone
 frequencies is linear and is eliminated by projection.
 
-The nonlinear ``parameters`` are, for each mode, natural frequency [Hz] and logarithm of the damping ratio; then the tone
-frequencies [Hz], shape (n_nonlinear,). ``FitLines`` are the whitened lines of the fit band, a ``ModelOrder`` the numbers
-of modes and tones: so in all modules of this package.
+The nonlinear ``parameters`` are, for each mode, natural frequency [Hz] and logarithm of the damping ratio; then the
+frequencies of the tones [Hz], shape (n_nonlinear,). ``FitLines`` are the whitened lines of the fit band, a
+``ModelOrder`` the numbers of modes and tones: so in all modules of this package.
 """
 
 import math
