@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.priors import relative_priors
+from monitor_core.fitting.free_parameter import FreeParameter, positive_parameter, stated_priors
 from monitor_core.fitting.problem import Bounds
 from monitor_core.models.families import build_model, family_named
 from monitor_core.models.parameters import DriveParameters, fields_by_name
@@ -52,7 +52,8 @@ class FreeParameters:
     free: tuple[str, ...]  # of the parameters, in the order of the coordinates
     uncertain: Mapping[str, float] = field(default_factory=dict)  # relative prior standard deviation of free ones [-]
     stated: DriveParameters = field(init=False)  # the record of the family
-    _fields: tuple[str, ...] = field(init=False)  # of that record, for each free parameter
+    coordinates: tuple[FreeParameter, ...] = field(init=False)  # what the fit moves, in order
+    _fields: tuple[str, ...] = field(init=False)  # of the record, for each of them
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", dict(self.parameters))
@@ -73,11 +74,15 @@ class FreeParameters:
                 raise OutsideValidityError(f"a prior uncertainty must be of a free parameter; {name} is not free")
             if not (math.isfinite(share) and share > 0.0):
                 raise OutsideValidityError(f"the relative prior uncertainty of {name} must be positive; got {share}")
+        moved = (
+            positive_parameter(name, self.parameters[name], self.uncertain.get(name, math.inf)) for name in self.free
+        )
+        object.__setattr__(self, "coordinates", tuple(moved))
 
     @property
     def start(self) -> FloatArray:
         """Coordinates of the drive as stated, shape (n_parameters,)."""
-        return np.asarray(np.log10([self.parameters[name] for name in self.free]))
+        return np.array([parameter.prior.estimate for parameter in self.coordinates])
 
     def values(self, coordinates: FloatArray) -> dict[str, float]:
         """Return all parameters with the free ones at the coordinates, as a model file states them."""
@@ -104,7 +109,7 @@ class FreeParameters:
     @property
     def priors(self) -> FloatArray | None:
         """What is known beforehand, for :func:`monitor_core.fitting.priors.with_priors`."""
-        return relative_priors(self.free, self.parameters, self.uncertain)
+        return stated_priors(self.coordinates) if self.uncertain else None
 
     def unseen(self, jacobian: FloatArray) -> tuple[str, ...]:
         """Return the free parameters that no datum moves with, by the Jacobian at the drive as stated."""
@@ -133,7 +138,8 @@ class FreeParameters:
             raise OutsideValidityError(
                 f"coordinates must have shape ({len(self.free)},), one per free parameter; got {np.shape(coordinates)}"
             )
-        return {name: 10.0 ** float(x) for name, x in zip(self.free, coordinates, strict=True)}
+        moved = zip(self.coordinates, coordinates.tolist(), strict=True)
+        return {parameter.name: parameter.transform.value(x) for parameter, x in moved}
 
     def _default_limits(self, name: str) -> tuple[float, float]:
         stated = self.parameters[name]

@@ -11,6 +11,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.free_parameter import FreeParameter, Linear, Prior, stated_priors
 
 #: How far beyond its plausible range the size of an effect is sought, in widths of that range: an effect
 #: that is found there is a stand-in for something else, which is worth knowing.
@@ -35,8 +36,20 @@ class Hypothesis(Generic[Physics]):
         return tuple(name for name in self.axis.uncertain if name not in wrong)
 
     @cached_property
-    def _deviations(self) -> FloatArray:
-        return np.array([self.axis.uncertain[name] for name in self.uncertain])
+    def coordinates(self) -> tuple[FreeParameter, ...]:
+        """What the fit moves: ln-ratios of the uncertain parameters, then the parameters of the effects."""
+        return (
+            *(FreeParameter(name, Linear(0.0, self.axis.uncertain[name]), Prior(0.0, 1.0)) for name in self.uncertain),
+            *(
+                FreeParameter(f"{effect.key} {parameter.name}", Linear(parameter.null, parameter.scale))
+                for effect, parameter in self.unknowns
+            ),
+        )
+
+    @cached_property
+    def priors(self) -> FloatArray:
+        """Estimates and standard uncertainties of the coordinates, shape (2, n_coordinates)."""
+        return stated_priors(self.coordinates)
 
     @cached_property
     def unknowns(self) -> tuple[tuple[Effect[Physics], EffectParameter], ...]:
@@ -73,14 +86,15 @@ class Hypothesis(Generic[Physics]):
 
     def ln_ratios(self, coordinates: FloatArray) -> dict[str, float]:
         """Return ln(moved/stated) of the uncertain parameters by name."""
-        moved = coordinates[: self.n_uncertain] * self._deviations
-        return dict(zip(self.uncertain, moved.tolist(), strict=True))
+        return dict(zip(self.uncertain, self._values(coordinates)[: self.n_uncertain], strict=True))
 
     def values(self, coordinates: FloatArray) -> dict[str, dict[str, float]]:
         """Return the values of the effects' parameters by key and name."""
         found: dict[str, dict[str, float]] = {effect.key: {} for effect in self.effects}
-        for (effect, parameter), at in zip(self.unknowns, coordinates[self.n_uncertain :].tolist(), strict=True):
-            found[effect.key][parameter.name] = parameter.null + parameter.scale * at
+        for (effect, parameter), value in zip(
+            self.unknowns, self._values(coordinates)[self.n_uncertain :], strict=True
+        ):
+            found[effect.key][parameter.name] = value
         return found
 
     def physics(self, coordinates: FloatArray) -> Physics:
@@ -93,11 +107,9 @@ class Hypothesis(Generic[Physics]):
 
     def at_textbook_values(self, uncertain: FloatArray) -> FloatArray:
         """Return coordinates with all effects at their textbook values, those of uncertain parameters as given."""
-        tail = [
-            ((effect.textbook or {})[parameter.name] - parameter.null) / parameter.scale
-            for effect, parameter in self.unknowns
-        ]
-        return np.concatenate([uncertain[: self.n_uncertain], tail])
+        tail = zip(self.coordinates[self.n_uncertain :], self.unknowns, strict=True)
+        textbook = [free.transform.coordinate((effect.textbook or {})[known.name]) for free, (effect, known) in tail]
+        return np.concatenate([uncertain[: self.n_uncertain], textbook])
 
     def with_effect(self, effect: Effect[Physics]) -> "Hypothesis[Physics]":
         """Return the hypothesis with one more effect."""
@@ -126,6 +138,10 @@ class Hypothesis(Generic[Physics]):
             [uncertain.get(name, 0.0) for name in self.uncertain]
             + [effects.get((effect.key, parameter.name), 0.0) for effect, parameter in self.unknowns]
         )
+
+    def _values(self, coordinates: FloatArray) -> list[float]:
+        at = zip(self.coordinates, coordinates.tolist(), strict=True)
+        return [parameter.transform.value(x) for parameter, x in at]
 
 
 def is_size(parameter: EffectParameter) -> bool:

@@ -1,7 +1,5 @@
-"""What is known of joints before anything is measured, as further data of a problem."""
+"""What is known of coordinates before anything is measured, as further data of a fit."""
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +7,21 @@ import numpy as np
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.problem import Problem
+
+
+def prior_residuals(priors: FloatArray, coordinates: FloatArray) -> FloatArray:
+    """Return (x − x₀)/u of each coordinate that something is known of.
+
+    ``priors`` are estimates x₀ and standard uncertainties u, infinite where nothing is known, shape (2, n_parameters).
+    """
+    estimate, standard_uncertainty = priors
+    known = np.isfinite(standard_uncertainty)
+    return np.asarray((coordinates - estimate)[known] / standard_uncertainty[known])
+
+
+def prior_jacobian(priors: FloatArray) -> FloatArray:
+    """Return the derivatives of :func:`prior_residuals`, shape (n_known, n_parameters)."""
+    return np.asarray(np.diag(1.0 / priors[1])[np.isfinite(priors[1])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,36 +47,24 @@ class WithPriors:
             )
 
     @property
+    def priors(self) -> FloatArray:
+        """Estimates and standard uncertainties, shape (2, n_parameters)."""
+        return np.array([self.estimate, self.standard_uncertainty])
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
         return self.problem.names
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         """Return the residuals of the data, then those of the priors."""
-        known = np.isfinite(self.standard_uncertainty)
-        of_prior = (coordinates - self.estimate)[known] / self.standard_uncertainty[known]
-        return np.concatenate([self.problem.residuals(coordinates), of_prior])
+        return np.concatenate([self.problem.residuals(coordinates), prior_residuals(self.priors, coordinates)])
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Return their derivatives, shape (n_residuals, n_parameters)."""
-        known = np.isfinite(self.standard_uncertainty)
-        of_prior = np.diag(1.0 / self.standard_uncertainty)[known]
-        return np.concatenate([self.problem.jacobian(coordinates), of_prior])
+        return np.concatenate([self.problem.jacobian(coordinates), prior_jacobian(self.priors)])
 
 
 def with_priors(problem: Problem, priors: FloatArray | None) -> Problem:
-    """Return the problem with its priors, from :func:`relative_priors`, or as it is without any."""
+    """Return the problem with its priors, of shape (2, n_parameters), or as it is without any."""
     return problem if priors is None else WithPriors(problem, priors[0], priors[1])
-
-
-def relative_priors(
-    names: tuple[str, ...], values: Mapping[str, float], relative: Mapping[str, float]
-) -> FloatArray | None:
-    """Return estimates and standard uncertainties of decimal logarithms, shape (2, n_parameters); none without a prior.
-
-    A relative standard deviation r is that of the natural logarithm, Gaussian in ln p, so that u = r/ln 10.
-    """
-    if not relative:
-        return None
-    uncertainty = [relative.get(name, math.inf) / math.log(10.0) for name in names]
-    return np.array([np.log10([values[name] for name in names]), uncertainty])

@@ -10,7 +10,7 @@ import pytest
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.priors import WithPriors, relative_priors, with_priors
+from monitor_core.fitting.priors import WithPriors, with_priors
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
 from monitor_core.fitting.residuals.peak_search import find_peaks
@@ -355,8 +355,7 @@ def test_prior_of_one_joint_sharpens_its_partner(responses: tuple[FrequencyRespo
     # the bearings are known as a sum: who knows one within 0.1 % knows the other as if it alone were free
     two = tian.free(AXIS, "bearing_stiffness", "far_bearing_stiffness")
     bounds = two.bounds(tian.LIMITS)
-    values = {name: two.parameters[name] for name in two.free}
-    priors = relative_priors(two.free, values, {"bearing_stiffness_n_per_m": 1e-3})
+    priors = replace(two, uncertain={"bearing_stiffness_n_per_m": 1e-3}).priors
     settings = JointFitSettings(search=replace(ONE_START, n_random_starts=3))
     free = fit_joints(ResponseCase(two, responses), bounds, settings).fit
     held = fit_joints(ResponseCase(two, responses, priors), bounds, settings).fit

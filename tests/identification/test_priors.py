@@ -7,7 +7,8 @@ import pytest
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.priors import WithPriors, relative_priors, with_priors
+from monitor_core.fitting.free_parameter import positive_parameter, stated_priors
+from monitor_core.fitting.priors import WithPriors, with_priors
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.solver.least_squares import fit_local
 
@@ -105,14 +106,16 @@ def test_a_coordinate_that_nothing_is_known_of_adds_no_residual() -> None:
 
 
 def test_relative_prior_is_the_scatter_of_a_lognormal_joint() -> None:
-    values = {"nut_stiffness": 7e8, "bearing_stiffness": 4e7}
-    estimate, u = relative_priors(("bearing_stiffness", "nut_stiffness"), values, {"nut_stiffness": 0.2})
+    parameters = positive_parameter("bearing_stiffness", 4e7), positive_parameter("nut_stiffness", 7e8, 0.2)
+    estimate, u = stated_priors(parameters)
     np.testing.assert_allclose(10.0**estimate, [4e7, 7e8], rtol=1e-12)
     assert np.isinf(u[0])
     drawn = 7e8 * np.exp(0.2 * np.random.default_rng(3).standard_normal(200_000))
     # standard error of a standard deviation from 200 000 draws is 0.16 %
     assert u[1] == pytest.approx(np.std(np.log10(drawn)), rel=6e-3)
-    assert relative_priors(("nut_stiffness",), values, {}) is None
+    assert [parameter.transform.value(x) for parameter, x in zip(parameters, estimate, strict=True)] == pytest.approx(
+        [4e7, 7e8]
+    )
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import Effect, Physics
+from monitor_core.fitting.priors import prior_jacobian, prior_residuals
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 
@@ -20,9 +21,9 @@ class Projection:
         left_out = None if without is None else without.key
         unknowns = [effect.key != left_out for effect, _ in fitted.hypothesis.unknowns]
         kept = np.array([True] * fitted.hypothesis.n_uncertain + unknowns, dtype=np.bool_)
-        self._prior_residuals = fitted.coordinates[: fitted.hypothesis.n_uncertain]
-        prior = np.eye(self._prior_residuals.size, self.n_coordinates)
-        stacked = np.vstack([fitted.jacobian[self._chosen], prior]) * kept
+        priors = fitted.hypothesis.priors
+        self._prior_residuals = prior_residuals(priors, fitted.coordinates)
+        stacked = np.vstack([fitted.jacobian[self._chosen], prior_jacobian(priors)]) * kept
         left, singular, right = np.linalg.svd(stacked, full_matrices=False)
         seen = singular > 1e-9 * np.max(singular, initial=0.0)
         self._basis = left[:, seen]

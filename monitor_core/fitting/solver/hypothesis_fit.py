@@ -24,6 +24,7 @@ from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.priors import prior_jacobian, prior_residuals
 from monitor_core.fitting.solver.jacobian import one_sided_derivative, residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors
 
@@ -102,7 +103,7 @@ class Fitted(Generic[Physics]):
     @property
     def prior_cost(self) -> float:
         """Sum of squares of the uncertain parameters in their standard deviations."""
-        return float(np.sum(self.coordinates[: self.hypothesis.n_uncertain] ** 2))
+        return float(np.sum(prior_residuals(self.hypothesis.priors, self.coordinates) ** 2))
 
     @cached_property
     def cost(self) -> float:
@@ -119,9 +120,8 @@ class Fitted(Generic[Physics]):
         ``factor`` f is what a residual counts for.
         """
         jacobian = self.jacobian[self.fitted]
-        precision = factor * jacobian.T @ jacobian
-        precision[np.diag_indices(self.hypothesis.n_uncertain)] += 1.0
-        return np.asarray(precision)
+        of_prior = prior_jacobian(self.hypothesis.priors)
+        return np.asarray(factor * jacobian.T @ jacobian + of_prior.T @ of_prior)
 
     def physics(self) -> Physics:
         """Return the axis as fitted."""
@@ -206,9 +206,8 @@ def _least_squares(
     most_evaluations: int,
 ) -> FloatArray:
     """Return the coordinates of the minimum next to a start, of residuals linearised anew at each step."""
-    n_uncertain = hypothesis.n_uncertain
-    prior = np.eye(n_uncertain, hypothesis.n_coordinates)
-    n_residuals = int(np.count_nonzero(chosen)) + n_uncertain
+    of_prior = prior_jacobian(hypothesis.priors)
+    n_residuals = int(np.count_nonzero(chosen)) + len(of_prior)
     at_last = lru_cache(maxsize=1)(lambda key: around(np.frombuffer(key)))
 
     def residuals(coordinates: FloatArray) -> FloatArray:
@@ -219,11 +218,11 @@ def _least_squares(
         whitened = around_here.whitened_by(around_here.here)[chosen]
         if not np.max(np.abs(whitened)) < _LARGEST:
             return np.full(n_residuals, np.inf)
-        return np.concatenate([whitened, coordinates[:n_uncertain]])
+        return np.concatenate([whitened, prior_residuals(hypothesis.priors, coordinates)])
 
     def jacobian(coordinates: FloatArray) -> FloatArray:
         around_here = at_last(coordinates.tobytes())
-        return np.vstack([residual_jacobian(around_here, hypothesis, coordinates)[chosen], prior])
+        return np.vstack([residual_jacobian(around_here, hypothesis, coordinates)[chosen], of_prior])
 
     if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
         return start

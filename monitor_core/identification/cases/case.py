@@ -47,7 +47,7 @@ class Case(Protocol):
 
     @property
     def priors(self) -> FloatArray | None:
-        """What is known of the coordinates beforehand, from :func:`monitor_core.fitting.priors.relative_priors`."""
+        """Estimates and standard uncertainties of the coordinates beforehand, shape (2, n_parameters)."""
         ...
 
     def with_priors(self, priors: FloatArray) -> "Case":

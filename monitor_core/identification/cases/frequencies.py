@@ -27,7 +27,7 @@ class FrequencyCase:
 
     drive: FreeParameters
     peaks: tuple[AssignedPeak, ...]
-    priors: FloatArray | None = None  # of the coordinates, from :func:`monitor_core.fitting.priors.relative_priors`
+    priors: FloatArray | None = None  # of the coordinates, shape (2, n_parameters)
 
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:

@@ -45,7 +45,7 @@ class PeakCase:
     assignment: ModeAssignment
     bands: Mapping[int, Band]
     weighting: Weighting = Weighting.UNCERTAINTY
-    priors: FloatArray | None = None  # of the coordinates, from :func:`monitor_core.fitting.priors.relative_priors`
+    priors: FloatArray | None = None  # of the coordinates, shape (2, n_parameters)
 
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:

@@ -21,7 +21,7 @@ class ResponseCase:
 
     drive: FreeParameters
     observations: tuple[FrequencyResponseObservation, ...]
-    priors: FloatArray | None = None  # of the coordinates, from :func:`monitor_core.fitting.priors.relative_priors`
+    priors: FloatArray | None = None  # of the coordinates, shape (2, n_parameters)
 
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:
