@@ -8,9 +8,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from service.clock import now
+from service.json_types import JsonObject
 from service.store import axes, jobs
 from service.store.database import Database
 from service.store.tables import JobRow
@@ -32,10 +32,10 @@ class JobHandle:
 
     job_id: str
     axis_id: str
-    arguments: dict[str, Any]
+    arguments: JsonObject
     done: int  # as last reported: 0, or how far the job had come when it was interrupted
-    result: dict[str, Any] | None  # as last reported
-    report: Callable[[int, int | None, dict[str, Any]], None]  # done, total where it is known, result so far
+    result: JsonObject | None  # as last reported
+    report: Callable[[int, int | None, JsonObject], None]  # done, total where it is known, result so far
     sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
 
 
@@ -62,7 +62,7 @@ class JobRunner:
         for job_id in unfinished:
             self._pool.submit(self._run, job_id)
 
-    def submit(self, kind: str, axis_id: str, arguments: dict[str, Any]) -> JobRow:
+    def submit(self, kind: str, axis_id: str, arguments: JsonObject) -> JobRow:
         """Store a new job and queue it."""
         at = now()
         row = JobRow(
@@ -123,7 +123,7 @@ class JobRunner:
         else:
             self._finish(job_id, jobs.DONE, None)
 
-    def _report(self, job_id: str, done: int, total: int | None, result: dict[str, Any]) -> None:
+    def _report(self, job_id: str, done: int, total: int | None, result: JsonObject) -> None:
         if self._stopping.is_set():
             raise JobCancelledError
         with self._database.write() as session:

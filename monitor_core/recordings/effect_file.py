@@ -49,7 +49,7 @@ def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
         own: one sentence names the file.
     """
     text = read_text(path)
-    namespace: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    namespace: dict[str, object] = {"__name__": path.stem, "__file__": str(path)}
     with naming(path.name), refusing(path.name, "a Python file of effects"):
         exec(compile(text, path.name, "exec"), namespace)  # noqa: S102 what the user gives is the user's own program
     if "EFFECTS" not in namespace:

@@ -1,7 +1,7 @@
 """``/v1/alarms``: what was raised, on what evidence, and what was done about it."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -10,6 +10,7 @@ from service.api.fields import AxisName, RequestModel, RowId, Text
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.change import NotExamined
+from service.json_types import JsonObject
 from service.operations.monitoring.alarms import AlarmView
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
@@ -83,7 +84,7 @@ class AlarmOut(BaseModel):
     kind: str
     raised_at: datetime
     status: AlarmStatus
-    evidence: dict[str, Any]
+    evidence: JsonObject
     explanation: Annotated[ExaminedOut | NotExaminedOut, Field(discriminator="examined")]
     events: list[AlarmEventOut]
 

@@ -1,13 +1,14 @@
 """``/v1/axes``: registration, configuration, and how each axis stands."""
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict
 
 from service.api.fields import AxisId, Label, RequestModel
 from service.api.services import Services, services
+from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.trend import AxisStatus
 
@@ -47,7 +48,7 @@ class AxisOut(BaseModel):
     active_calibration: int | None
     state: str
     state_since: datetime | None
-    last_measurement: dict[str, Any] | None
+    last_measurement: JsonObject | None
     refused_windows: dict[str, int]
     open_alarms: int
 

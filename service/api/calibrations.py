@@ -1,7 +1,7 @@
 """``/v1/axes/{axis}/calibrations``: fit or bring one, review it, activate it, see what was in force when."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Depends, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -11,6 +11,7 @@ from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from service.api.fields import AxisId, RequestModel, RowId, Text
 from service.api.services import Services, services
+from service.json_types import JsonObject
 from service.operations.analysis_arguments import MeasurementRange
 from service.operations.fields import Number
 from service.operations.monitoring.calibrations import CalibrationOverview
@@ -49,8 +50,8 @@ class CalibrationIn(RequestModel):
 
     measurements: MeasurementRange | None = None
     readings: Annotated[list[ReadingIn] | None, Field(min_length=1, max_length=10_000)] = None
-    document: dict[str, Any] | None = Field(default=None, description="the JSON that `preload calibrate` wrote")
-    prior: dict[str, Any] | None = Field(
+    document: JsonObject | None = Field(default=None, description="the JSON that `preload calibrate` wrote")
+    prior: JsonObject | None = Field(
         default=None, description="a calibration document whose k1…k4 were known before: fewer measurements will do"
     )
     weighting: Literal["std", "none"] | None = Field(
@@ -76,7 +77,7 @@ class CalibrationOut(BaseModel):
     created_at: datetime
     comment: str
     active: bool
-    document: dict[str, Any]
+    document: JsonObject
 
 
 class ActivationOut(BaseModel):

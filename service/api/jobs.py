@@ -1,28 +1,18 @@
 """``/v1/jobs``: long work with its progress, and ``/v1/axes/{axis}/replays`` that starts one kind of it."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from service.api.fields import AxisId, AxisName, JobId, RequestModel
 from service.api.services import Services, services
-from service.operations.fields import Number
+from service.json_types import JsonObject
+from service.operations.monitoring.replay import ReplayIn
 from service.store.tables import JobRow
 
 router = APIRouter(prefix="/v1", tags=["jobs"])
-
-
-class ReplayIn(RequestModel):
-    """Which recorded session to replay, and how fast."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [{"session": "slow-wear", "speed": None}]})
-
-    session: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$", description="one of GET /v1/sessions")]
-    speed: Annotated[Number, Field(gt=0)] | None = Field(
-        default=None, description="times real time; null is as fast as possible"
-    )
 
 
 class JobOut(BaseModel):
@@ -31,11 +21,11 @@ class JobOut(BaseModel):
     id: str
     kind: str
     axis: str
-    arguments: dict[str, Any]
+    arguments: JsonObject
     status: Literal["queued", "running", "done", "failed", "cancelled"]
     done: int
     total: int | None
-    result: dict[str, Any] | None
+    result: JsonObject | None
     error: str | None
     created_at: datetime
     updated_at: datetime

@@ -2,13 +2,14 @@
 
 import hashlib
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from service.api.fields import AxisId, RequestModel, RowId
 from service.api.services import Services, services
+from service.json_types import JsonObject
 from service.operations.fields import Moment
 from service.operations.monitoring.trend import thin_out
 from service.store.tables import MeasurementRow
@@ -55,9 +56,9 @@ class MeasurementOut(BaseModel):
     measurement: str
     at: datetime
     status: str
-    outcome: dict[str, Any] | None
+    outcome: JsonObject | None
     windows: list[WindowEntry]
-    response: dict[str, Any] | None
+    response: JsonObject | None
 
 
 class TrendQuery(RequestModel):

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
@@ -14,6 +14,7 @@ from monitor_core.recordings.elements.units import metres
 from service.api.fields import AxisId, Label, RequestModel
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
 from service.api.services import Services, services
+from service.json_types import JsonObject
 from service.operations.fields import Moment, Number
 from service.operations.monitoring.ingest import IngestReceipt, WindowStatus
 
@@ -104,7 +105,7 @@ class WindowsOut(BaseModel):
     already_there: int
     windows: list[WindowOut]
     measurements: Annotated[
-        list[dict[str, Any]],
+        list[JsonObject],
         Field(description="outcomes of the measurements judged with these windows, now or when they were first sent"),
     ]
 

@@ -1,8 +1,11 @@
 """Write what an alarm says of its cause: the change that explains it, or why none was looked for."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
+
+from pydantic import TypeAdapter
 
 from monitor_core.change import ChangeAttribution, TriedChange
 from service.documents.measurement import finite_or_null
@@ -45,7 +48,7 @@ def examined_document(
     found: ChangeAttribution, at: datetime, reference: Sequence[MeasurementRow], recent: Sequence[MeasurementRow]
 ) -> JsonObject:
     """Return what an alarm says of its cause, with all that was tried and what it rests on."""
-    document: JsonObject = finite_or_null({
+    return finite_or_null({
         "examined": True,
         "at": at.isoformat(),
         "outcome": str(found.outcome),
@@ -59,7 +62,29 @@ def examined_document(
         "reference": _measured(reference),
         "recent": _measured(recent),
     })  # fmt: skip
-    return document
+
+
+@dataclass(frozen=True, slots=True)
+class _RecentSide:
+    n_measurements: int
+    first_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class StatedCause:
+    """What is read again of what an alarm says of its cause."""
+
+    examined: bool
+    sentence: str
+    recent: _RecentSide | None
+
+
+_CAUSE = TypeAdapter(StatedCause)
+
+
+def read_cause(document: JsonObject) -> StatedCause:
+    """Return what an alarm says of its cause, as it is stored."""
+    return _CAUSE.validate_python(document)
 
 
 def _change(change: TriedChange) -> JsonObject:

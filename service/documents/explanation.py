@@ -1,8 +1,5 @@
 """Write an explanation as JSON: the answer of ``preload explain``."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from monitor_core.discrepancy import (
     Candidate,
     Explanation,
@@ -26,7 +23,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         The augmented drive model, as TOML.
     """
     gap = explanation.gap
-    document: Mapping[str, Any] = finite_or_null({
+    return finite_or_null({
         "outcome": str(explanation.outcome),
         "effects": [_effect(found) for found in explanation.effects],
         "localisation": [_misfit(misfit) for misfit in explanation.localisation],
@@ -55,7 +52,6 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "next_measurement": explanation.next_measurement,
         "model": model_text,
     })  # fmt: skip
-    return dict(document)
 
 
 def _effect(effect: FoundEffect) -> JsonObject:

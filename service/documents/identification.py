@@ -19,7 +19,7 @@ from service.json_types import JsonObject
 
 def identification_document(found: IdentifiedJoints) -> JsonObject:
     """Lay out joints, verdicts and advice; a number that is not known is ``null``."""
-    document: JsonObject = finite_or_null({
+    return finite_or_null({
         "parameters": {name: _parameter(joint) for name, joint in found.joints.items()},
         "identifiable": {name: joint.identifiable for name, joint in found.joints.items()},
         "not_identifiable": list(found.not_identifiable),
@@ -34,7 +34,6 @@ def identification_document(found: IdentifiedJoints) -> JsonObject:
         "calibration": None if found.calibration is None else calibration_document(found.calibration),
         "model": model_file_text(found.model),
     })  # fmt: skip
-    return document
 
 
 def _parameter(joint: IdentifiedJoint) -> JsonObject:

@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from datetime import datetime
+from typing import overload
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import ModalMeasurement
@@ -13,21 +16,27 @@ from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, prelo
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart
-from service.json_types import JsonObject
+from service.json_types import Json, JsonObject
 from service.store.intake import MeasurementRecord
 
 
-def finite_or_null(value: Any) -> Any:  # noqa: ANN401 - any JSON value
-    """Replace infinities and NaN by null, at any depth."""
+@overload
+def finite_or_null(value: Mapping[str, object]) -> JsonObject: ...
+@overload
+def finite_or_null(value: float) -> float | None: ...
+@overload
+def finite_or_null(value: object) -> Json: ...
+def finite_or_null(value: object) -> Json:
+    """Replace infinities and NaN by null, at any depth; raises TypeError if it is no JSON value."""
     if isinstance(value, Mapping):
         return {key: finite_or_null(item) for key, item in value.items()}
-    if isinstance(value, str):
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):
         return value
     if isinstance(value, Sequence):
         return [finite_or_null(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    raise TypeError(f"expected a JSON value; got {type(value).__name__}")
 
 
 def modal_document(modal: ModalMeasurement) -> JsonObject:
@@ -107,8 +116,7 @@ def measurement_document(
     baseline = state.detector.baseline
     if baseline is not None and calibration is not None:
         document["baseline_preload_n"] = preload_from_feature(baseline.mean, calibration.coefficients)
-    stored: JsonObject = finite_or_null(document)
-    return stored
+    return finite_or_null(document)
 
 
 def response_document(outcome: MeasurementOutcome) -> JsonObject | None:
@@ -149,7 +157,7 @@ def alarm_evidence(
     estimate = estimate_document(outcome.preload)
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
     lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
-    evidence: JsonObject = finite_or_null({
+    return finite_or_null({
         "at": row.started_at.isoformat(),
         "measurement": row.name,
         "preload_n": estimate["preload_n"],
@@ -171,7 +179,28 @@ def alarm_evidence(
         ),
         "check_next": "measure again at another position; compare the drag torque; check nut and bearing mounting",
     })  # fmt: skip
-    return evidence
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEvidence:
+    """What is read again of the evidence of an alarm."""
+
+    at: datetime
+    onset: datetime
+    preload_n: float | None
+    interval: tuple[float | None, float | None]
+    preload_loss_n: float | None
+    baseline_preload_n: float | None
+    baseline_started_at: datetime | None = None  # older versions did not say when the baseline was learnt
+    baseline_ended_at: datetime | None = None
+
+
+_EVIDENCE = TypeAdapter(AlarmEvidence)
+
+
+def read_evidence(document: JsonObject) -> AlarmEvidence:
+    """Return the stored evidence of an alarm."""
+    return _EVIDENCE.validate_python(document)
 
 
 def baseline_document(state: AxisState, calibration: Calibration) -> JsonObject | None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -32,6 +32,9 @@ _ENVIRONMENT: Final = Environment(
 
 def explanation_page(explanation: Explanation, model_text: str, subject: str) -> str:
     """Return the page, with the augmented model as TOML; its title says what was compared with what, the subject."""
+    gap = explanation.gap
+    both = [("before", gap.before), ("after", gap.after)]
+    ladder = [("nothing added", gap.before), *((f"+ {step.effect}", step.gap) for step in explanation.steps)]
     return _ENVIRONMENT.get_template("explanation.html").render(
         explanation=explanation,
         content=report_content(explanation),
@@ -41,18 +44,9 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         models=_models(explanation),
         nothing_held_out=nothing_held_out(explanation),
         number=_number,
-        **_pictures(explanation),
-    )
-
-
-def _pictures(explanation: Explanation) -> dict[str, Any]:
-    gap = explanation.gap
-    both = [("before", gap.before), ("after", gap.after)]
-    ladder = [("nothing added", gap.before), *((f"+ {step.effect}", step.gap) for step in explanation.steps)]
-    return {
-        "gap_picture": gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
-        "ladder": gap_chart("ladder", "Gap after each step", ladder, gap.noise_floor, gap.unit),
-        "maps": [
+        gap_picture=gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
+        ladder=gap_chart("ladder", "Gap after each step", ladder, gap.noise_floor, gap.unit),
+        maps=[
             (
                 shown.title,
                 misfit_map_chart(f"map-{i}-before", f"{shown.title}, before", shown, shown.before),
@@ -60,11 +54,9 @@ def _pictures(explanation: Explanation) -> dict[str, Any]:
             )
             for i, shown in enumerate(explanation.maps)
         ],
-        "panels": [
-            (panel, panel_chart(f"panel-{i}", panel)) for i, panel in enumerate(_worst_first(explanation.panels))
-        ],
-        "pull_picture": pull_chart("pulls", explanation.pulls) if explanation.pulls else None,
-    }
+        panels=[(panel, panel_chart(f"panel-{i}", panel)) for i, panel in enumerate(_worst_first(explanation.panels))],
+        pull_picture=pull_chart("pulls", explanation.pulls) if explanation.pulls else None,
+    )
 
 
 def _worst_first(panels: Sequence[Panel]) -> list[Panel]:

@@ -1,12 +1,13 @@
 """Define the tables. Every column that holds a quantity carries its unit in its name."""
 
 from datetime import UTC, datetime
-from typing import Any
 
 from sqlalchemy import JSON, BigInteger, DateTime, Float, ForeignKey, Index, Integer, MetaData, String, UniqueConstraint
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
+
+from service.json_types import JsonObject
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -46,7 +47,7 @@ class Base(DeclarativeBase):
             "pk": "pk_%(table_name)s",
         }
     )
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: NullableJson, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
+    type_annotation_map = {datetime: UtcDateTime, JsonObject: NullableJson, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
 
 
 class AxisRow(Base):
@@ -56,11 +57,11 @@ class AxisRow(Base):
 
     id: Mapped[str] = mapped_column(String(64), primary_key=True)
     name: Mapped[str] = mapped_column(String(200))
-    configuration: Mapped[dict[str, Any]]
+    configuration: Mapped[JsonObject]
     created_at: Mapped[datetime]
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
-    detector_design: Mapped[dict[str, Any]]  # limits of the charts, as solved for the configuration
-    monitor_state: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)  # of the charts now
+    detector_design: Mapped[JsonObject]  # limits of the charts, as solved for the configuration
+    monitor_state: Mapped[JsonObject | None]  # of the charts now
     revision: Mapped[int] = mapped_column()
 
     # A writer who read the row before another process changed it is refused: what it computed rests on what is no more.
@@ -74,7 +75,7 @@ class CalibrationRow(Base):
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
-    document: Mapped[dict[str, Any]]
+    document: Mapped[JsonObject]
     comment: Mapped[str] = mapped_column(String(1000))
     created_at: Mapped[datetime]
 
@@ -116,8 +117,8 @@ class MeasurementRow(Base):
     interval_upper_n: Mapped[float | None]
     monitor_state: Mapped[str | None] = mapped_column(String(16))  # of the axis, after this measurement
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
-    outcome: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)  # the whole answer, as the API gives it
-    response: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)  # FRF in the band, for "why this value"
+    outcome: Mapped[JsonObject | None]  # the whole answer, as the API gives it
+    response: Mapped[JsonObject | None]  # FRF in the band, for "why this value"
     revision: Mapped[int] = mapped_column()
 
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - as for an axis
@@ -153,8 +154,8 @@ class AlarmRow(Base):
     kind: Mapped[str] = mapped_column(String(40))
     raised_at: Mapped[datetime]
     status: Mapped[str] = mapped_column(String(16))  # active | acknowledged | cleared
-    evidence: Mapped[dict[str, Any]]
-    explanation: Mapped[dict[str, Any]]  # which change of the axis explains it, or why that was not examined
+    evidence: Mapped[JsonObject]
+    explanation: Mapped[JsonObject]  # which change of the axis explains it, or why that was not examined
 
 
 class AlarmEventRow(Base):
@@ -178,11 +179,11 @@ class JobRow(Base):
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     kind: Mapped[str] = mapped_column(String(20))
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
-    arguments: Mapped[dict[str, Any]]
+    arguments: Mapped[JsonObject]
     status: Mapped[str] = mapped_column(String(16))  # queued | running | done | failed | cancelled
     done: Mapped[int]
     total: Mapped[int | None]
-    result: Mapped[dict[str, Any] | None] = mapped_column(NullableJson)
+    result: Mapped[JsonObject | None]
     error: Mapped[str | None] = mapped_column(String(1000))
     created_at: Mapped[datetime]
     updated_at: Mapped[datetime]

@@ -6,9 +6,10 @@ identification line of their data set; where these lines are empty or not distin
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
+import numpy.typing as npt
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
@@ -20,6 +21,23 @@ _FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cro
 #: Start or end of a data set: "    -1" alone on its line, or directly behind binary samples.
 _DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")
 _SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8; time is in seconds by definition
+
+
+class _Header(TypedDict):
+    """What pyuff reads from the header of a data set 58, as far as it is used."""
+
+    id1: str
+    func_type: int
+    ord_data_type: int
+    num_pts: int
+    abscissa_spacing: int
+    abscissa_inc: float
+    abscissa_axis_units_lab: str
+    ordinate_axis_units_lab: str
+
+
+class _DataSet(_Header):
+    data: npt.NDArray[np.generic]
 
 
 def read_channels(path: Path) -> Channels:
@@ -71,7 +89,7 @@ def read_channels(path: Path) -> Channels:
         return Channels(path.name, tuple(channels))
 
 
-def _got(kinds: list[int], headers: dict[int, dict[str, Any]]) -> str:
+def _got(kinds: list[int], headers: dict[int, _Header]) -> str:
     if not headers:
         return f"data sets {', '.join(str(kind) for kind in kinds)}"
     functions = dict.fromkeys(header["func_type"] for header in headers.values())
@@ -83,7 +101,7 @@ def _names(labels: list[str]) -> list[str]:
     return labels if distinct else [str(number) for number in range(1, len(labels) + 1)]
 
 
-def _require_time_base(header: dict[str, Any], where: str) -> None:
+def _require_time_base(header: _Header, where: str) -> None:
     unit = header["abscissa_axis_units_lab"].strip()
     if header["abscissa_spacing"] != 1:
         raise RecordingFormatError(f"{where}: expected even spacing in time; got an uneven abscissa")
@@ -97,7 +115,7 @@ def _require_time_base(header: dict[str, Any], where: str) -> None:
     require_plausible_length(header["num_pts"], where)
 
 
-def _channel(data_set: dict[str, Any], name: str, where: str) -> Channel:
+def _channel(data_set: _DataSet, name: str, where: str) -> Channel:
     samples = data_set["data"]
     if samples.size != data_set["num_pts"]:
         raise RecordingFormatError(

@@ -1,17 +1,16 @@
 """Describe the API: FastAPI's own schema, with the models of bodies that a route reads by itself."""
 
-from typing import Any
-
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
 from service.api.http.problems import Problem
 from service.api.windows import WindowIn, WindowsIn
+from service.json_types import JsonObject
 
 _COMPONENT = "#/components/schemas/{model}"
 
 
-def describe(app: FastAPI) -> dict[str, Any]:
+def describe(app: FastAPI) -> JsonObject:
     """Return the OpenAPI document, made once."""
     if app.openapi_schema is None:
         document = FastAPI.openapi(app)

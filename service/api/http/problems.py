@@ -1,17 +1,18 @@
 """Answer every error as ``application/problem+json`` (RFC 9457) with a stable type."""
 
 from http import HTTPStatus
-from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import ErrorDetails
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
 from service.errors import ServiceError, status_of
+from service.json_types import Json, JsonObject
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:preload-monitor:problem:"
@@ -51,7 +52,7 @@ class Problem(BaseModel):
 
 
 #: For the description of the API: every route may answer so.
-PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
+PROBLEM_RESPONSES: dict[int | str, JsonObject] = {
     status: {
         "description": description,
         "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
@@ -60,7 +61,9 @@ PROBLEM_RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 
 
-def problem(status: int, name: str, detail: str, headers: dict[str, str] | None = None, **members: Any) -> JSONResponse:  # noqa: ANN401 - free members of RFC 9457
+def problem(
+    status: int, name: str, detail: str, headers: dict[str, str] | None = None, **members: Json
+) -> JSONResponse:
     """Return one problem document."""
     headers = dict(headers or {})
     if status == HTTPStatus.SERVICE_UNAVAILABLE:
@@ -112,12 +115,12 @@ def _allowed_methods(app: FastAPI, path: str) -> str:
     return ", ".join(sorted({method.upper() for item in items for method in item}))
 
 
-def _pointer(location: tuple[Any, ...]) -> str:
+def _pointer(location: tuple[int | str, ...]) -> str:
     parts = [str(part) for part in location if part != "body"]
     return "".join("/" + part.replace("~", "~0").replace("/", "~1") for part in parts)
 
 
-def _sentence(item: dict[str, Any]) -> str:
+def _sentence(item: ErrorDetails) -> str:
     """Return what was expected and, where it is short enough to be shown, what was got."""
     message = str(item["msg"]).removeprefix("Value error, ")
     if item["type"] == "json_invalid":

@@ -12,6 +12,7 @@ from datetime import datetime, timedelta
 from functools import partial
 
 import numpy as np
+from pydantic import BaseModel
 
 from monitor_core.change import FEWEST_POSITIONS, ChangeAttribution, attribute_change, positions_of
 from monitor_core.errors import MonitorCoreError, NotIdentifiableError
@@ -20,7 +21,8 @@ from monitor_core.measured_responses import measured_responses
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recordings.elements.units import metres
 from service.clock import now
-from service.documents.change import examined_document, refused_document
+from service.documents.change import examined_document, read_cause, refused_document
+from service.documents.measurement import AlarmEvidence, read_evidence
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.operations.axis_drive import axis_drive
@@ -44,11 +46,18 @@ MOST_RECENT = 8
 MOST_REFERENCE = 30
 
 
+class _Arguments(BaseModel):
+    """What a job is to explain."""
+
+    alarm: int
+
+
 @dataclass(frozen=True, slots=True)
 class _Case:
     """An alarm with what its explanation rests on."""
 
     alarm: AlarmRow
+    evidence: AlarmEvidence
     configuration: AxisConfiguration
     reference: list[MeasurementRow]
     recent: list[MeasurementRow]
@@ -62,12 +71,8 @@ class _Case:
     @property
     def settled(self) -> bool:
         """Whether the last explanation rests on measurements after the alarm alone."""
-        recent = self.alarm.explanation["recent"]
-        return (
-            recent is not None
-            and recent["n_measurements"] >= MOST_RECENT
-            and (datetime.fromisoformat(recent["first_at"]) > datetime.fromisoformat(self.alarm.evidence["at"]))
-        )
+        recent = read_cause(self.alarm.explanation).recent
+        return recent is not None and recent.n_measurements >= MOST_RECENT and recent.first_at > self.evidence.at
 
 
 class AlarmExplanations:
@@ -95,7 +100,7 @@ class AlarmExplanations:
                 return
             case = self._case(newest[0].id)
             if case.n_places >= FEWEST_POSITIONS and not case.settled:
-                self._jobs.submit(KIND, axis_id, {"alarm": case.alarm.id})
+                self._jobs.submit(KIND, axis_id, _Arguments(alarm=case.alarm.id).model_dump())
         except (ServiceError, MonitorCoreError) as error:
             log.warning("the alarm of axis '%s' waits for its explanation: %s", axis_id, error)
 
@@ -109,14 +114,14 @@ class AlarmExplanations:
         axis_drive(_model(case.configuration))
         if case.n_places < FEWEST_POSITIONS:
             raise NotIdentifiableError(
-                f"expected measurements at {FEWEST_POSITIONS} places or more since {case.alarm.evidence['onset']}; got "
-                f"{case.n_places}"
+                f"expected measurements at {FEWEST_POSITIONS} places or more since {case.evidence.onset.isoformat()}; "
+                f"got {case.n_places}"
             )
-        return self._jobs.submit(KIND, case.alarm.axis_id, {"alarm": alarm_id})
+        return self._jobs.submit(KIND, case.alarm.axis_id, _Arguments(alarm=alarm_id).model_dump())
 
     def run(self, job: JobHandle) -> None:
         """Explain and store it with the alarm; begun anew if it was interrupted."""
-        case = self._case(job.arguments["alarm"])
+        case = self._case(_Arguments.model_validate(job.arguments).alarm)
         try:
             document = examined_document(self._explained(case, job), now(), case.reference, case.recent)
         except MonitorCoreError as refusal:  # an answer, too: the alarm says why
@@ -131,24 +136,24 @@ class AlarmExplanations:
             if alarm.status == alarms.CLEARED:
                 raise ConflictError(f"only an alarm that is open can be explained; alarm {alarm_id} is cleared")
             configuration = AxisConfiguration.model_validate(get_axis(session, alarm.axis_id).configuration)
-            start, end = _baseline(alarm)
-            onset = datetime.fromisoformat(alarm.evidence["onset"])
+            evidence = read_evidence(alarm.evidence)
+            start, end = _baseline(alarm.id, evidence)
             return _Case(
                 alarm,
+                evidence,
                 configuration,
                 newest_monitored(session, alarm.axis_id, start, end, MOST_REFERENCE),
-                newest_monitored(session, alarm.axis_id, onset, None, MOST_RECENT),
+                newest_monitored(session, alarm.axis_id, evidence.onset, None, MOST_RECENT),
             )
 
     def _explained(self, case: _Case, job: JobHandle) -> ChangeAttribution:
         job.report(0, 2, {"progress": "measuring the responses"})
         reference, recent = self._responses(case)
-        preload = case.alarm.evidence["baseline_preload_n"]
 
         def report(progress: Progress) -> None:
             job.report(progress.done, progress.total, {"progress": progress.sentence})
 
-        work = partial(_explain, _model(case.configuration), reference, recent, preload)
+        work = partial(_explain, _model(case.configuration), reference, recent, case.evidence.baseline_preload_n)
         return in_own_process(work, report, Progress(1, 2, "reading what was measured"))
 
     def _responses(self, case: _Case) -> tuple[Sequence[FrequencyResponseObservation], ...]:
@@ -166,15 +171,14 @@ class AlarmExplanations:
         return tuple(measured_responses(side, usual_temperature=usual) for side in (reference, recent))
 
 
-def _baseline(alarm: AlarmRow) -> tuple[datetime, datetime]:
+def _baseline(alarm_id: int, evidence: AlarmEvidence) -> tuple[datetime, datetime]:
     """Return from when until when the baseline was learnt that an alarm rests on, its last measurement included."""
-    if "baseline_started_at" not in alarm.evidence:
+    if evidence.baseline_started_at is None or evidence.baseline_ended_at is None:
         raise NotIdentifiableError(
-            f"expected the time in which the baseline of alarm {alarm.id} was learnt; got none: an older version "
+            f"expected the time in which the baseline of alarm {alarm_id} was learnt; got none: an older version "
             "raised it"
         )
-    start, end = (datetime.fromisoformat(alarm.evidence[f"baseline_{edge}_at"]) for edge in ("started", "ended"))
-    return start, end + timedelta(microseconds=1)
+    return evidence.baseline_started_at, evidence.baseline_ended_at + timedelta(microseconds=1)
 
 
 def _usual_temperature(reference: Sequence[ModalMeasurement], recent: Sequence[ModalMeasurement]) -> float | None:
@@ -196,7 +200,7 @@ def _explain(
     model: str,
     reference: Sequence[FrequencyResponseObservation],
     recent: Sequence[FrequencyResponseObservation],
-    preload: float,
+    preload: float | None,
     report: Report,
 ) -> ChangeAttribution:
     """Work in the process of its own."""

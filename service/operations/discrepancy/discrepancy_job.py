@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.discrepancy import ExplainOptions, explain, require_explainable
 from monitor_core.fitting.description import AxisDescription
@@ -107,7 +107,17 @@ def finished_discrepancies(database: Database, axis_id: str) -> list[FinishedDis
     return [_in_short(row) for row in rows]
 
 
+class _FoundEffect(BaseModel):
+    key: str
+
+
+class _Found(BaseModel):
+    """What a list shows of an answer."""
+
+    outcome: str
+    effects: list[_FoundEffect]
+
+
 def _in_short(row: JobRow) -> FinishedDiscrepancy:
-    result = row.result or {}
-    effects = tuple(effect["key"] for effect in result["effects"])
-    return FinishedDiscrepancy(row.id, row.updated_at, result["outcome"], effects)
+    found = _Found.model_validate(row.result)
+    return FinishedDiscrepancy(row.id, row.updated_at, found.outcome, tuple(effect.key for effect in found.effects))

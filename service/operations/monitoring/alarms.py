@@ -1,13 +1,14 @@
 """Alarms: raised by a measurement, acknowledged and cleared by people; every change is kept."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from service.clock import now
+from service.documents.change import read_cause
 from service.errors import ConflictError
+from service.json_types import JsonObject
 from service.operations.monitoring.lanes import Lanes
 from service.operations.monitoring.monitor_state import begin_new_baseline
 from service.store import alarms
@@ -33,8 +34,8 @@ def raise_alarm(
     measurement_id: int | None,
     kind: str,
     *,
-    evidence: dict[str, Any],
-    explanation: dict[str, Any],
+    evidence: JsonObject,
+    explanation: JsonObject,
 ) -> None:
     """Store a new alarm in the transaction that stores the measurement it rests on."""
     at = now()
@@ -50,10 +51,11 @@ def raise_alarm(
         session.commit()  # hands both to the connection
 
 
-def store_explanation(session: Session, row: AlarmRow, explanation: dict[str, Any]) -> None:
+def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
     """Keep the latest answer with the alarm, and each answer of another sentence in its history."""
-    if explanation["sentence"] != row.explanation["sentence"]:
-        answer = f"explained: {explanation['sentence']}" if explanation["examined"] else explanation["sentence"]
+    cause = read_cause(explanation)
+    if cause.sentence != read_cause(row.explanation).sentence:
+        answer = f"explained: {cause.sentence}" if cause.examined else cause.sentence
         _change(session, row, row.status, answer[:LONGEST_REASON])
     row.explanation = explanation
 

@@ -3,15 +3,22 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.pipeline import calibrate_from_measurements
-from monitor_core.preload import CoefficientPrior, ModalReading, Weighting, calibrate, prior_from_calibration
+from monitor_core.preload import (
+    Calibration,
+    CoefficientPrior,
+    ModalReading,
+    Weighting,
+    calibrate,
+    prior_from_calibration,
+)
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
 from service.errors import PreconditionError
+from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.lanes import Lanes
 from service.operations.monitoring.measured_modes import measured_modes
@@ -46,7 +53,7 @@ class Calibrations:
         weighting: str | None,
         comment: str,
         *,
-        prior: dict[str, Any] | None = None,
+        prior: JsonObject | None = None,
     ) -> CalibrationRow:
         """Fit to stored measurements whose preload was set on purpose, from their waveforms.
 
@@ -66,7 +73,7 @@ class Calibrations:
         fitted = calibrate_from_measurements(
             measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
         )
-        return self._store(axis_id, calibration_document(fitted), comment)
+        return self._store(axis_id, fitted, comment)
 
     def fit_readings(
         self,
@@ -75,7 +82,7 @@ class Calibrations:
         weighting: str | None,
         comment: str,
         *,
-        prior: dict[str, Any] | None = None,
+        prior: JsonObject | None = None,
     ) -> CalibrationRow:
         """Fit to the rows of a modal table; they are taken to be of the excitation source that the axis states."""
         with self._database.read() as session:
@@ -88,11 +95,11 @@ class Calibrations:
             moving_mass=core_settings(configuration).moving_mass,
             prior=_prior(prior),
         )
-        return self._store(axis_id, calibration_document(fitted), comment)
+        return self._store(axis_id, fitted, comment)
 
-    def bring(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
+    def bring(self, axis_id: str, document: JsonObject, comment: str) -> CalibrationRow:
         """Store a calibration that ``preload calibrate`` wrote."""
-        return self._store(axis_id, calibration_document(calibration_from_document(document)), comment)
+        return self._store(axis_id, calibration_from_document(document), comment)
 
     def activate(self, axis_id: str, calibration_id: int, reason: str, *, expected_active: str | None) -> None:
         """Put a calibration in force; the charts begin with a new baseline, since they watch another number now.
@@ -129,7 +136,8 @@ class Calibrations:
             row = calibrations.get_calibration(session, axis_id, calibration_id)
             return row, get_axis(session, axis_id).active_calibration_id
 
-    def _store(self, axis_id: str, document: dict[str, Any], comment: str) -> CalibrationRow:
+    def _store(self, axis_id: str, calibration: Calibration, comment: str) -> CalibrationRow:
+        document = calibration_document(calibration)
         row = CalibrationRow(axis_id=axis_id, document=document, comment=comment, created_at=now())
         with self._database.write() as session:
             get_axis(session, axis_id)
@@ -137,7 +145,7 @@ class Calibrations:
         return row
 
 
-def _prior(document: dict[str, Any] | None) -> CoefficientPrior | None:
+def _prior(document: JsonObject | None) -> CoefficientPrior | None:
     return None if document is None else prior_from_calibration(calibration_from_document(document), "a calibration")
 
 

@@ -3,12 +3,17 @@
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from monitor_core.recordings.session_hdf5 import open_session
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle
+from service.operations.fields import Number
 from service.operations.monitoring.ingest import Ingest, WindowStatus
 
 SUFFIX = ".session.h5"
@@ -33,6 +38,38 @@ class Pace:
         self._sleep(max(0.0, due - time.monotonic()))
 
 
+class ReplayIn(BaseModel):
+    """Which recorded session to replay, and how fast."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, json_schema_extra={"examples": [{"session": "slow-wear", "speed": None}]}
+    )
+
+    session: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$", description="one of GET /v1/sessions")]
+    speed: Annotated[Number, Field(gt=0)] | None = Field(
+        default=None, description="times real time; null is as fast as possible"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class WindowCounts:
+    """What became of the windows of a session."""
+
+    windows_posted: int = 0  # those that were not there yet
+    windows_refused: int = 0
+    windows_already_there: int = 0
+
+    def __add__(self, other: Self) -> "WindowCounts":
+        return WindowCounts(
+            self.windows_posted + other.windows_posted,
+            self.windows_refused + other.windows_refused,
+            self.windows_already_there + other.windows_already_there,
+        )
+
+
+_COUNTS = TypeAdapter(WindowCounts)
+
+
 class Replays:
     """Offers the sessions of one folder and replays them; the work of a job of kind ``replay``."""
 
@@ -54,12 +91,13 @@ class Replays:
 
     def run(self, job: JobHandle) -> None:
         """Replay one session from where the job was interrupted; windows that are stored already are passed over."""
-        pace = Pace(job.arguments["speed"], job.sleep)
-        counts = job.result or {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
-        with open_session(self._folder / (job.arguments["session"] + SUFFIX)) as session:
+        arguments = ReplayIn.model_validate(job.arguments)
+        pace = Pace(arguments.speed, job.sleep)
+        counts = _COUNTS.validate_python(job.result or {})
+        with open_session(self._folder / (arguments.session + SUFFIX)) as session:
             sizes = Counter(session.measurement_of.values())
             total, done = sum(sizes.values()), 0
-            job.report(job.done, total, counts)
+            job.report(job.done, total, asdict(counts))
             for measurement in session.measurements:
                 done += sizes[measurement]
                 if done <= job.done:
@@ -68,11 +106,7 @@ class Replays:
                 pace.wait_for(windows[0].started_at)
                 receipt = self._ingest.ingest(job.axis_id, windows, complete=True)
                 statuses = Counter(item.status for item in receipt.windows)
-                counts = {
-                    "windows_posted": counts["windows_posted"]
-                    + statuses[WindowStatus.ACCEPTED]
-                    + statuses[WindowStatus.REFUSED],
-                    "windows_refused": counts["windows_refused"] + statuses[WindowStatus.REFUSED],
-                    "windows_already_there": counts["windows_already_there"] + statuses[WindowStatus.ALREADY_THERE],
-                }
-                job.report(done, total, counts)
+                refused = statuses[WindowStatus.REFUSED]
+                posted = statuses[WindowStatus.ACCEPTED] + refused
+                counts += WindowCounts(posted, refused, statuses[WindowStatus.ALREADY_THERE])
+                job.report(done, total, asdict(counts))
