@@ -203,16 +203,34 @@ def advance_estimate(
     design: DetectorDesign,
 ) -> AxisState:
     """Carry the state over one estimate, however its frequency was obtained."""
+    # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
+    feature = Estimate(estimate.feature.value, estimate.feature_own_uncertainty)
+    return advance_feature(state, feature, conditions, at, calibration=calibration, design=design)
+
+
+def advance_feature(
+    state: AxisState,
+    feature: Estimate,
+    conditions: Conditions,
+    at: datetime,
+    *,
+    calibration: Calibration,
+    design: DetectorDesign,
+) -> AxisState:
+    """Carry the state over one preload feature with its own standard uncertainty, as measured or as stored.
+
+    A state is the fold of this function over the measurements in the order of their time: what arrives late is put in
+    by folding again from there.
+    """
     if conditions.preload is not None:
         return state
     learning = state.detector.baseline is None
     systematic = (
         0.0
         if learning
-        else systematic_uncertainty_between(estimate.feature.value, conditions, state.baseline_conditions, calibration)
+        else systematic_uncertainty_between(feature.value, conditions, state.baseline_conditions, calibration)
     )
-    # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
-    observation = Observation(at, estimate.feature.value, estimate.feature_own_uncertainty, systematic)
+    observation = Observation(at, feature.value, feature.standard_uncertainty, systematic)
     return AxisState(
         detector=step(state.detector, observation, design),
         baseline_conditions=(*state.baseline_conditions, conditions) if learning else state.baseline_conditions,

@@ -49,7 +49,8 @@ class RejectionReason(StrEnum):
     LITTLE_EXCITATION = "little-excitation"
     OUTLYING_WINDOW = "outlying-window"
     POSITION_MISMATCH = "position-mismatch"
-    MEASUREMENT_CLOSED = "measurement-closed"
+    CLOCK_AHEAD = "clock-ahead"
+    TOO_LATE = "too-late"
     # of one measurement
     TOO_FEW_AVERAGES = "too-few-averages"
     NO_PEAK_IN_BAND = "no-peak-in-band"

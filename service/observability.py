@@ -19,6 +19,10 @@ class Metrics:
         self.measurements = Counter(
             "preload_measurements_total", "Measurements judged, by outcome.", ["outcome"], registry=self.registry
         )
+        self.uncharted = Counter(
+            "preload_uncharted_measurements_total", "Accepted measurements that moved no chart, by reason.", ["reason"],
+            registry=self.registry,
+        )  # fmt: skip
         self.alarms = Counter("preload_alarms_total", "Alarms raised, by kind.", ["kind"], registry=self.registry)
         self.judging = Histogram("preload_judging_seconds", "Time to judge one measurement.", registry=self.registry)
         self.requests = Histogram(

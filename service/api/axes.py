@@ -50,6 +50,7 @@ class AxisOut(BaseModel):
     state_since: datetime | None
     last_measurement: JsonObject | None
     refused_windows: dict[str, int]
+    uncharted: dict[str, int]
     open_alarms: int
 
 
@@ -71,7 +72,8 @@ def axis_out(status: AxisStatus) -> AxisOut:
         state=status.state,
         state_since=status.since,
         last_measurement=status.last_measurement,
-        refused_windows=status.refused_windows,
+        refused_windows=row.refused_windows,
+        uncharted=row.uncharted,
         open_alarms=status.open_alarms,
     )
 
@@ -87,7 +89,7 @@ def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Servi
 @router.get("/axes", response_model=AxesOut)
 def list_axes(on: Annotated[Services, Depends(services)]) -> AxesOut:
     """List the axes and how each stands."""
-    return AxesOut(axes=[axis_out(on.trend.status(row.id)) for row in on.axes.list()])
+    return AxesOut(axes=[axis_out(status) for status in on.trend.fleet()])
 
 
 @router.get("/axes/{axis}", response_model=AxisOut)

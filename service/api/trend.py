@@ -2,6 +2,7 @@
 
 import hashlib
 from datetime import datetime
+from importlib.metadata import version
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -11,13 +12,13 @@ from service.api.fields import AxisId, RequestModel, RowId
 from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.fields import Moment
-from service.operations.monitoring.trend import thin_out
-from service.store.tables import MeasurementRow
+from service.operations.monitoring.resolution import thin_out
+from service.store.trend.points import Span, TrendPoint
 
 router = APIRouter(prefix="/v1", tags=["trend"])
 
 
-class TrendPoint(BaseModel):
+class TrendPointOut(BaseModel):
     """One measurement: a preload with its 95 % coverage interval, or the reason why there is none."""
 
     measurement_id: int
@@ -31,13 +32,14 @@ class TrendPoint(BaseModel):
     drag_torque_nm: Annotated[float | None, Field(description="the second, independent indicator")]
     state: str | None
     refusal_reason: str | None
+    uncharted: Annotated[str | None, Field(description="why an accepted measurement moved no chart")]
 
 
 class TrendOut(BaseModel):
     """Measurements in time order; `next_cursor` fetches the following page."""
 
     axis: str
-    points: list[TrendPoint]
+    points: list[TrendPointOut]
     next_cursor: str | None
 
 
@@ -69,24 +71,31 @@ class TrendQuery(RequestModel):
     max_points: Annotated[int, Field(ge=2, le=10_000)] | None = Field(
         default=None, description="resolution: of each stretch of a page the lowest and the highest preload are kept"
     )
+    resolution: Annotated[int, Field(ge=2, le=10_000)] | None = Field(
+        default=None,
+        description="so many points at most over the whole span, however long: the extremes of each stretch of it",
+    )
+    order: Literal["oldest-first", "newest-first"] = "oldest-first"
     cursor: Annotated[str, Field(max_length=200)] | None = Field(default=None, description="next_cursor of a page")
     limit: Annotated[int, Field(ge=1, le=10_000)] = 1000
 
 
-def trend_point(row: MeasurementRow) -> TrendPoint:
-    """Return a measurement as a point of the trend."""
-    return TrendPoint(
-        measurement_id=row.id,
-        measurement=row.name,
-        at=row.started_at,
-        position_mm=row.position_mm,
-        status=row.status,
-        frequency_hz=row.frequency_hz,
-        preload_n=row.preload_n,
-        interval_95_n=None if row.preload_n is None else (row.interval_lower_n, row.interval_upper_n),
-        drag_torque_nm=(row.outcome or {}).get("drag_torque_nm"),
-        state=row.monitor_state,
-        refusal_reason=row.refusal_reason,
+def point_out(point: TrendPoint) -> TrendPointOut:
+    """Return a measurement as a point of the trend on the wire."""
+    interval = None if point.preload_n is None else (point.interval_lower_n, point.interval_upper_n)
+    return TrendPointOut(
+        measurement_id=point.measurement_id,
+        measurement=point.name,
+        at=point.at,
+        position_mm=point.position_mm,
+        status="judged" if point.refusal_reason is None else "refused",
+        frequency_hz=point.frequency_hz,
+        preload_n=point.preload_n,
+        interval_95_n=interval,
+        drag_torque_nm=point.drag_torque_nm,
+        state=point.state,
+        refusal_reason=point.refusal_reason,
+        uncharted=point.uncharted,
     )
 
 
@@ -95,14 +104,27 @@ def get_trend(
     axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
     """Return the trend of an axis, refused measurements included."""
-    page = on.trend.page(axis, start=query.start, end=query.end, cursor=query.cursor, limit=query.limit)
-    rows = page.measurements if query.max_points is None else thin_out(page.measurements, query.max_points)
-    out = TrendOut(axis=axis, points=[trend_point(row) for row in rows], next_cursor=page.next_cursor)
-    content = out.model_dump_json().encode()
-    etag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
+    etag = _etag(query, on.trend.revision(axis))  # before the trend is read: it is of this revision or a later one
     if etag in _etags(request.headers.get("if-none-match", "")):
         return Response(status_code=304, headers={"ETag": etag})
-    return Response(content, media_type="application/json", headers={"ETag": etag})
+    out = _trend(axis, query, on)
+    return Response(out.model_dump_json(), media_type="application/json", headers={"ETag": etag})
+
+
+def _trend(axis: str, query: TrendQuery, on: Services) -> TrendOut:
+    span, newest_first = Span(query.start, query.end), query.order == "newest-first"
+    if query.resolution is not None:
+        page = on.trend.at_resolution(axis, span, query.resolution)
+        points = page.points[::-1] if newest_first else page.points
+    else:
+        page = on.trend.page(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
+        points = page.points if query.max_points is None else thin_out(page.points, query.max_points)
+    return TrendOut(axis=axis, points=[point_out(point) for point in points], next_cursor=page.next_cursor)
+
+
+def _etag(query: TrendQuery, revision: int) -> str:
+    asked = hashlib.sha256(f"{version('preload-monitor')} {query.model_dump_json()}".encode()).hexdigest()[:16]
+    return f'"{revision}-{asked}"'
 
 
 def _etags(header: str) -> list[str]:
@@ -112,16 +134,17 @@ def _etags(header: str) -> list[str]:
 @router.get("/axes/{axis}/measurements/{measurement}", response_model=MeasurementOut)
 def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
-    row, windows = on.trend.measurement(axis, measurement)
+    view = on.trend.measurement(axis, measurement)
+    row = view.row
     return MeasurementOut(
         measurement_id=row.id,
         measurement=row.name,
         at=row.started_at,
         status=row.status,
-        outcome=row.outcome,
+        outcome=view.outcome,
         windows=[
             WindowEntry(started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail)
-            for w in windows
+            for w in view.windows
         ],
-        response=row.response,
+        response=view.response,
     )

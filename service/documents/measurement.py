@@ -18,6 +18,7 @@ from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart
 from service.json_types import Json, JsonObject
 from service.store.intake import MeasurementRecord
+from service.store.trend.points import TrendPoint
 
 
 @overload
@@ -87,10 +88,8 @@ def refusal_document(rejection: Rejection) -> JsonObject:
     return {"refused": True, "reason": str(rejection.reason), "detail": rejection.detail}
 
 
-def measurement_document(
-    row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration | None
-) -> JsonObject:
-    """Lay out everything that is said about one measurement; what could not be said is ``null``."""
+def measurement_document(row: MeasurementRecord, outcome: MeasurementOutcome) -> JsonObject:
+    """Lay out everything that is said about one measurement by itself; what could not be said is ``null``."""
     refusal = outcome.refusal
     document: JsonObject = {
         "measurement_id": row.id,
@@ -101,7 +100,6 @@ def measurement_document(
         "preload_n": None,
         "interval_95_n": None,
         "calibration": row.calibration_id,
-        "state": str(state.detector.status),
         "refused": False,
     }
     if isinstance(outcome.modal, ModalMeasurement):
@@ -113,10 +111,18 @@ def measurement_document(
     if isinstance(outcome.drag_torque, DragTorque):
         drag = outcome.drag_torque.drag
         document |= {"drag_torque_nm": drag.value, "drag_torque_standard_uncertainty_nm": drag.standard_uncertainty}
-    baseline = state.detector.baseline
-    if baseline is not None and calibration is not None:
-        document["baseline_preload_n"] = preload_from_feature(baseline.mean, calibration.coefficients)
     return finite_or_null(document)
+
+
+def with_trend(document: JsonObject, point: TrendPoint) -> JsonObject:
+    """Add what the measurement did to the charts, which later arrivals may change."""
+    baseline = {} if point.baseline_preload_n is None else {"baseline_preload_n": point.baseline_preload_n}
+    return document | {"state": point.state, "charted": charted(point), "uncharted": point.uncharted} | baseline
+
+
+def charted(point: TrendPoint) -> bool:
+    """Tell whether a measurement moved the charts: not if it was refused, nor for the reason that it names."""
+    return point.refusal_reason is None and point.uncharted is None
 
 
 def response_document(outcome: MeasurementOutcome) -> JsonObject | None:
@@ -147,24 +153,21 @@ _CHART = {
 }
 
 
-def alarm_evidence(
-    row: MeasurementRecord, outcome: MeasurementOutcome, state: AxisState, calibration: Calibration
-) -> JsonObject:
+def alarm_evidence(point: TrendPoint, state: AxisState, calibration: Calibration) -> JsonObject:
     """Lay out why an alarm was raised: the measurement, the chart, and since when."""
     alarm, baseline = state.detector.alarm, state.detector.baseline
-    if alarm is None or baseline is None or not isinstance(outcome.preload, PreloadEstimate):
+    if alarm is None or baseline is None or point.preload_n is None:
         raise AssertionError("an alarm has evidence, a baseline and an estimate behind it")
-    estimate = estimate_document(outcome.preload)
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
     lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
     return finite_or_null({
-        "at": row.started_at.isoformat(),
-        "measurement": row.name,
-        "preload_n": estimate["preload_n"],
-        "interval": estimate["interval_95_n"],
+        "at": point.at.isoformat(),
+        "measurement": point.name,
+        "preload_n": point.preload_n,
+        "interval": [point.interval_lower_n, point.interval_upper_n],
         "interval_kind": "95 % coverage",
         "baseline_preload_n": healthy,
-        "preload_loss_n": healthy - outcome.preload.preload,
+        "preload_loss_n": healthy - point.preload_n,
         "chart": str(alarm.chart),
         "chart_value": alarm.value,
         "chart_limit": alarm.limit,

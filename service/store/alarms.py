@@ -1,6 +1,7 @@
 """Query alarms and their changes."""
 
 from collections.abc import Sequence
+from datetime import datetime
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -9,6 +10,9 @@ from service.errors import UnknownResourceError
 from service.store.tables import AlarmEventRow, AlarmRow
 
 ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
+#: Raised by charts that a late measurement changed: with it they raise no alarm. Listed where it is asked for.
+WITHDRAWN = "withdrawn"
+OPEN = (ACTIVE, ACKNOWLEDGED)
 
 
 def get_alarm(session: Session, alarm_id: int) -> AlarmRow:
@@ -26,7 +30,9 @@ def list_alarms(
     query = select(AlarmRow)
     if axis_id is not None:
         query = query.where(AlarmRow.axis_id == axis_id)
-    if status is not None:
+    if status is None:
+        query = query.where(AlarmRow.status != WITHDRAWN)
+    else:
         query = query.where(AlarmRow.status == status)
     if before_id is not None:
         query = query.where(AlarmRow.id < before_id)
@@ -35,8 +41,22 @@ def list_alarms(
 
 def count_open(session: Session, axis_id: str) -> int:
     """Count the alarms of an axis that are not cleared."""
-    query = select(func.count()).where(AlarmRow.axis_id == axis_id, AlarmRow.status != CLEARED)
+    query = select(func.count()).where(AlarmRow.axis_id == axis_id, AlarmRow.status.in_(OPEN))
     return int(session.scalar(query) or 0)
+
+
+def open_by_axis(session: Session) -> dict[str, int]:
+    """Count the open alarms of every axis that has any."""
+    query = select(AlarmRow.axis_id, func.count()).where(AlarmRow.status.in_(OPEN)).group_by(AlarmRow.axis_id)
+    return {axis_id: count for axis_id, count in session.execute(query)}
+
+
+def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | None) -> list[AlarmRow]:
+    """Return the alarms that the charts of one epoch raised by measurements later than a moment, in time order."""
+    query = select(AlarmRow).where(AlarmRow.axis_id == axis_id, AlarmRow.epoch == epoch, AlarmRow.status != WITHDRAWN)
+    if after is not None:
+        query = query.where(AlarmRow.measured_at > after)
+    return list(session.scalars(query.order_by(AlarmRow.measured_at, AlarmRow.id)))
 
 
 def events_of(session: Session, alarm_ids: Sequence[int]) -> dict[int, list[AlarmEventRow]]:

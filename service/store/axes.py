@@ -1,8 +1,11 @@
 """Query axes."""
 
-from sqlalchemy import bindparam, select
+from datetime import datetime
+
+from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
+from monitor_core.trend import TrendStatus
 from service.errors import UnknownResourceError
 from service.store.tables import AxisRow
 
@@ -17,6 +20,24 @@ def get_axis(session: Session, axis_id: str) -> AxisRow:
     return row
 
 
+def new_axis(session: Session, axis_id: str, at: datetime) -> AxisRow:
+    """Return the row of an axis that nothing is known of, not yet stored: name and configuration are still to be set."""
+    number = session.scalar(select(func.coalesce(func.max(AxisRow.number), 0) + 1))
+    return AxisRow(
+        id=axis_id, number=number, created_at=at, active_calibration_id=None, monitor_state=None, epoch=0,
+        epoch_after=None, epoch_from=None, since_checkpoint=0, state=str(TrendStatus.UNKNOWN), state_since=None, last_charted_at=None,
+        last_measurement_id=None, last_measured_at=None, refused_windows={}, uncharted={},
+    )  # fmt: skip
+
+
 def list_axes(session: Session) -> list[AxisRow]:
     """Return all axes in order of name."""
     return list(session.scalars(select(AxisRow).order_by(AxisRow.id)))
+
+
+def revision_of(session: Session, axis_id: str) -> int:
+    """Return how often the row of an axis was changed: with every measurement that was judged, for one."""
+    revision = session.scalar(select(AxisRow.revision).where(AxisRow.id == axis_id))
+    if revision is None:
+        raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
+    return revision

@@ -4,20 +4,23 @@ The other repositories work with mapped rows. Here, where every window passes, l
 several times as long as the statements themselves. What a single window needs is prepared as well.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, and_, bindparam, func, insert, select, update
+from sqlalchemy import Connection, bindparam, delete, func, insert, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
+from monitor_core.recording import Rejection
 from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.prepared import PreparedChange, PreparedSelect
-from service.store.tables import AxisRow, MeasurementRow, WindowRow
+from service.store.tables import AxisRow, CountsByReason, MeasurementDocumentRow, MeasurementRow, WindowRow
 
 #: Life of a measurement: windows arrive → looked at.
 OPEN, JUDGED, REFUSED = "open", "judged", "refused"
+#: Of a refusal, as it fits into a row.
+LONGEST_DETAIL = 500
 
 
 @dataclass(slots=True)
@@ -25,6 +28,7 @@ class AxisRecord:
     """An axis as far as its windows need it."""
 
     id: str
+    number: int
     configuration: JsonObject
     active_calibration_id: int | None
     revision: int
@@ -33,10 +37,20 @@ class AxisRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChartsRecord:
-    """The charts of an axis: their limits, and where they stand. Wanted only where a measurement is judged."""
+    """Where the charts of an axis stand, and what is counted of it. Wanted only where something of it changes."""
 
     detector_design: JsonObject
     monitor_state: JsonObject | None
+    epoch: int
+    epoch_after: datetime | None
+    last_charted_at: datetime | None
+    since_checkpoint: int
+    state: str
+    state_since: datetime | None
+    last_measurement_id: int | None
+    last_measured_at: datetime | None
+    refused_windows: CountsByReason
+    uncharted: CountsByReason
 
 
 @dataclass(slots=True)
@@ -48,29 +62,12 @@ class MeasurementRecord:
     started_at: datetime
     position_mm: float
     set_preload_n: float | None
+    closes_at: datetime | None
     status: str = OPEN
     n_accepted: int = 0
     calibration_id: int | None = None
-    outcome: JsonObject | None = None
     revision: int = 1
     id: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class JudgedRecord:
-    """What came of a measurement."""
-
-    status: str
-    refusal_reason: str | None
-    judged_at: datetime
-    calibration_id: int | None
-    monitor_state: str
-    outcome: JsonObject
-    response: JsonObject | None
-    frequency_hz: float | None
-    preload_n: float | None
-    interval_lower_n: float | None
-    interval_upper_n: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,22 +86,25 @@ class WindowRecord:
     refusal_detail: str | None
 
 
-_AXES, _MEASUREMENTS, _WINDOWS = (
-    mapped.metadata.tables[mapped.__tablename__] for mapped in (AxisRow, MeasurementRow, WindowRow)
+_AXES, _MEASUREMENTS, _WINDOWS, _DOCUMENTS = (
+    mapped.metadata.tables[mapped.__tablename__]
+    for mapped in (AxisRow, MeasurementRow, WindowRow, MeasurementDocumentRow)
 )
 # Statements are built once: to build one takes longer than to run it.
 _CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
-_AXIS = (_AXES.c.id, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
-_MEASUREMENT = tuple(_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__)
-_AXIS_AND_OPEN_MEASUREMENTS = PreparedSelect(
-    select(*_AXIS, *_MEASUREMENT)
-    .select_from(_AXES)
-    .outerjoin(_MEASUREMENTS, and_(_MEASUREMENTS.c.axis_id == _AXES.c.id, _MEASUREMENTS.c.status == OPEN))
+_AXIS = PreparedSelect(
+    select(_AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
     .where(_AXES.c.id == bindparam("axis_id"))
+)  # fmt: skip
+_MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
+_NAMED_MEASUREMENT = PreparedSelect(
+    select(*_MEASUREMENT).where(
+        _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name == bindparam("name")
+    )
 )
-_NAMED_MEASUREMENTS = select(*_MEASUREMENT).where(
-    _MEASUREMENTS.c.axis_id == bindparam("axis_id"), _MEASUREMENTS.c.name.in_(bindparam("names", expanding=True))
+_OVERDUE = select(_MEASUREMENTS.c.axis_id, _MEASUREMENTS.c.name).where(
+    _MEASUREMENTS.c.status == OPEN, _MEASUREMENTS.c.closes_at <= bindparam("at", type_=_MEASUREMENTS.c.closes_at.type)
 )
 _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
@@ -115,27 +115,27 @@ _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
     for table in (_AXES, _MEASUREMENTS)
 )
-_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, ["started_at", "n_accepted", "revision"])
+_CHANGED = ("started_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id")
+_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_CHANGED, "revision"])
 
 
-def read_axis(
-    connection: Connection, axis_id: str, names: Iterable[str]
-) -> tuple[AxisRecord, dict[str, MeasurementRecord]]:
-    """Return an axis with its open measurements and those of these names in whatever status, by name.
-
-    Raises UnknownResourceError if there is no axis of that name.
-    """
-    rows = _AXIS_AND_OPEN_MEASUREMENTS.rows(connection, {"axis_id": axis_id})
+def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
+    """Return an axis; raises UnknownResourceError if there is none of that name."""
+    rows = _AXIS.rows(connection, {"axis_id": axis_id})
     if not rows:
         raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
-    n_of_axis = len(_AXIS)
-    found = [MeasurementRecord(*row[n_of_axis:]) for row in rows]
-    measurements = {row.name: row for row in found if row.id is not None}
-    others = [name for name in names if name not in measurements]
-    if others:  # new ones, and those that are closed: seldom, when windows come one by one
-        for row in connection.execute(_NAMED_MEASUREMENTS, {"axis_id": axis_id, "names": others}):
-            measurements[row.name] = MeasurementRecord(*row)
-    return AxisRecord(*rows[0][:n_of_axis]), measurements
+    return AxisRecord(*rows[0])
+
+
+def read_measurements(connection: Connection, axis_id: str, names: Iterable[str]) -> dict[str, MeasurementRecord]:
+    """Return the measurements of an axis that have these names, by name."""
+    found = (_NAMED_MEASUREMENT.rows(connection, {"axis_id": axis_id, "name": name}) for name in names)
+    return {row[1]: MeasurementRecord(*row) for rows in found for row in rows}
+
+
+def overdue(connection: Connection, at: datetime) -> list[tuple[str, str]]:
+    """Return axis and name of the open measurements that no window came for until they were to close."""
+    return [(axis_id, name) for axis_id, name in connection.execute(_OVERDUE, {"at": at})]
 
 
 def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
@@ -145,10 +145,18 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
 
 def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:
     """Return the hashes of the stored windows of an axis that started at these moments, by their start."""
-    if axis.newest_window_at is None or min(starts) > axis.newest_window_at:
+    if axis.newest_window_at is None or not starts or min(starts) > axis.newest_window_at:
         return {}  # as it should be: windows arrive in order
     rows = connection.execute(_CONTENTS, {"axis_id": axis.id, "starts": list(starts)})
     return {row.started_at: row.content_sha256 for row in rows}
+
+
+def outcomes_of(connection: Connection, measurement_ids: Collection[int]) -> dict[int, JsonObject]:
+    """Return what was said about measurements, by their number."""
+    query = select(_DOCUMENTS.c.measurement_id, _DOCUMENTS.c.outcome).where(
+        _DOCUMENTS.c.measurement_id.in_(measurement_ids)
+    )
+    return {row.measurement_id: row.outcome for row in connection.execute(query)}
 
 
 def add_windows(connection: Connection, windows: Iterable[WindowRecord]) -> None:
@@ -157,34 +165,50 @@ def add_windows(connection: Connection, windows: Iterable[WindowRecord]) -> None
         _NEW_WINDOW.run(connection, _columns(window))
 
 
-def save_admitted(connection: Connection, measurement: MeasurementRecord) -> None:
-    """Store a new measurement, which gets its ``id``, or what new windows change of an open one.
+def refuse_windows(connection: Connection, measurement_id: int, refusals: Mapping[datetime, Rejection | None]) -> None:
+    """Store why windows of a measurement are refused, by their start; None: they are accepted."""
+    for started_at, refusal in refusals.items():
+        reason, detail = (None, None) if refusal is None else (str(refusal.reason), refusal.detail[:LONGEST_DETAIL])
+        connection.execute(
+            update(_WINDOWS)
+            .where(_WINDOWS.c.measurement_id == measurement_id, _WINDOWS.c.started_at == started_at)
+            .values(refusal_reason=reason, refusal_detail=detail)
+        )
+
+
+def save_measurement(connection: Connection, measurement: MeasurementRecord, judged_at: datetime | None = None) -> None:
+    """Store a new measurement, which gets its ``id``, or what changed of one.
 
     Here and below StaleDataError is raised if the row was changed since it was read: what is to be written is out of
     date.
     """
+    columns = {name: getattr(measurement, name) for name in _CHANGED}
     if measurement.id is None:
-        columns = _columns(measurement)
-        del columns["id"]
-        measurement.id = connection.execute(_NEW_MEASUREMENT, columns).scalar_one()
+        new = columns | {"axis_id": measurement.axis_id, "name": measurement.name, "revision": measurement.revision}
+        measurement.id = connection.execute(_NEW_MEASUREMENT, new).scalar_one()
+    elif judged_at is None:
+        _expect_one(measurement, _CHANGE_ADMITTED.run(connection, _next_revision(measurement, **columns)))
     else:
-        changed = _next_revision(measurement, started_at=measurement.started_at, n_accepted=measurement.n_accepted)
-        _expect_one(measurement, _CHANGE_ADMITTED.run(connection, changed))
+        changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, judged_at=judged_at, **columns))
+        _expect_one(measurement, changed.rowcount)
 
 
-def save_judged(connection: Connection, measurement: MeasurementRecord, judged: JudgedRecord) -> None:
-    """Store what came of a measurement."""
-    changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, **_columns(judged)))
-    _expect_one(measurement, changed.rowcount)
+def save_document(
+    connection: Connection, measurement_id: int, outcome: JsonObject, response: JsonObject | None
+) -> None:
+    """Store what is said about a measurement, in place of what was said before."""
+    connection.execute(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == measurement_id))
+    connection.execute(insert(_DOCUMENTS), {"measurement_id": measurement_id, "outcome": outcome, "response": response})
 
 
-def save_state(connection: Connection, axis: AxisRecord, monitor_state: JsonObject) -> None:
-    """Store where the charts of an axis stand."""
-    changed = connection.execute(_CHANGE_AXIS, _next_revision(axis, monitor_state=monitor_state))
-    _expect_one(axis, changed.rowcount)
+def save_charts(connection: Connection, axis: AxisRecord, before: ChartsRecord, after: ChartsRecord) -> None:
+    """Store what changed of where the charts of an axis stand and of what is counted."""
+    names = [name for name in ChartsRecord.__slots__ if getattr(before, name) != getattr(after, name)]
+    columns = {name: getattr(after, name) for name in names}
+    _expect_one(axis, connection.execute(_CHANGE_AXIS, _next_revision(axis, **columns)).rowcount)
 
 
-def _columns(record: MeasurementRecord | JudgedRecord | WindowRecord) -> dict[str, object]:
+def _columns(record: WindowRecord) -> dict[str, object]:
     return {name: getattr(record, name) for name in record.__slots__}
 
 

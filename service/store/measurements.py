@@ -2,9 +2,10 @@
 
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, and_, func, or_, select
+from sqlalchemy import Connection, Select, or_, select
 from sqlalchemy.orm import Session
 
+from monitor_core.recording import RejectionReason
 from service.errors import UnknownResourceError
 from service.store.intake import JUDGED, REFUSED
 from service.store.tables import MeasurementRow, WindowRow
@@ -27,28 +28,25 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
 
 def accepted_places(connection: Session | Connection, measurement_id: int) -> list[WaveformPlace]:
     """Tell where the accepted windows of a measurement lie, in time order."""
+    return [place for place, accepted in member_places(connection, measurement_id) if accepted]
+
+
+def member_places(connection: Session | Connection, measurement_id: int) -> list[tuple[WaveformPlace, bool]]:
+    """Tell where the windows of a measurement lie that are accepted, or would be if it stood elsewhere; and which are.
+
+    In time order.
+    """
+    columns = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
+    reason = WindowRow.refusal_reason
     query = (
-        select(WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
-        .where(WindowRow.measurement_id == measurement_id, WindowRow.refusal_reason.is_(None))
+        select(*columns, reason.is_(None))
+        .where(
+            WindowRow.measurement_id == measurement_id,
+            or_(reason.is_(None), reason == str(RejectionReason.POSITION_MISMATCH)),
+        )
         .order_by(WindowRow.started_at)
     )
-    return [WaveformPlace(*row) for row in connection.execute(query)]
-
-
-def refused_windows(session: Session, axis_id: str) -> dict[str, int]:
-    """Count the refused windows of an axis by reason."""
-    query = (
-        select(WindowRow.refusal_reason, func.count())
-        .where(WindowRow.axis_id == axis_id, WindowRow.refusal_reason.is_not(None))
-        .group_by(WindowRow.refusal_reason)
-    )
-    return {reason: count for reason, count in session.execute(query) if reason is not None}
-
-
-def last_looked_at(session: Session, axis_id: str) -> MeasurementRow | None:
-    """Return the newest measurement that was judged or refused."""
-    query = _looked_at(axis_id).order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(1)
-    return session.scalars(query).first()
+    return [(WaveformPlace(*place), bool(accepted)) for *place, accepted in connection.execute(query)]
 
 
 def calibration_measurements(
@@ -76,42 +74,6 @@ def newest_monitored(
     )
     newest_first = query.order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(limit)
     return list(session.scalars(newest_first))[::-1]
-
-
-def preloads_under(session: Session, axis_id: str, calibration_id: int | None) -> list[float]:
-    """Return the preloads judged under one calibration, in time order."""
-    query = (
-        select(MeasurementRow.preload_n)
-        .where(
-            MeasurementRow.axis_id == axis_id,
-            MeasurementRow.calibration_id == calibration_id,
-            MeasurementRow.preload_n.is_not(None),
-        )
-        .order_by(MeasurementRow.started_at, MeasurementRow.id)
-    )
-    return [preload for preload in session.scalars(query) if preload is not None]
-
-
-def trend_page(
-    session: Session,
-    axis_id: str,
-    *,
-    start: datetime | None,
-    end: datetime | None,
-    after: tuple[datetime, int] | None,
-    limit: int,
-) -> list[MeasurementRow]:
-    """Return measurements that were looked at, in time order, after a cursor."""
-    query = _looked_at(axis_id, start, end)
-    if after is not None:
-        moment, identity = after
-        query = query.where(
-            or_(
-                MeasurementRow.started_at > moment,
-                and_(MeasurementRow.started_at == moment, MeasurementRow.id > identity),
-            )
-        )
-    return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id).limit(limit)))
 
 
 def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None = None) -> Select[MeasurementRow]:

@@ -1,8 +1,21 @@
 """Define the tables. Every column that holds a quantity carries its unit in its name."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
-from sqlalchemy import JSON, BigInteger, DateTime, Float, ForeignKey, Index, Integer, MetaData, String, UniqueConstraint
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    TextClause,
+    UniqueConstraint,
+    text,
+)
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
@@ -29,10 +42,34 @@ class UtcDateTime(TypeDecorator[datetime]):
         return None if value is None else value.replace(tzinfo=UTC)
 
 
+class UtcMicroseconds(TypeDecorator[datetime]):
+    """A moment in UTC as microseconds since 1970: a third of the room, where a table is as long as the history."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> int | None:
+        """Count the microseconds."""
+        return None if value is None else (value - _EPOCH) // timedelta(microseconds=1)
+
+    def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
+        """Return the moment."""
+        return None if value is None else _EPOCH + timedelta(microseconds=value)
+
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 #: Nothing is stored as NULL, not as the text "null".
 NullableJson = JSON(none_as_null=True)
 #: SQLite only counts up an INTEGER primary key.
 Identity = BigInteger().with_variant(Integer, "sqlite")
+
+
+#: How often something happened, by its named reason.
+CountsByReason = dict[str, int]
+
+
+def _where(condition: str) -> dict[str, TextClause]:
+    return {"sqlite_where": text(condition), "postgresql_where": text(condition)}
 
 
 class Base(DeclarativeBase):
@@ -47,7 +84,7 @@ class Base(DeclarativeBase):
             "pk": "pk_%(table_name)s",
         }
     )
-    type_annotation_map = {datetime: UtcDateTime, JsonObject: NullableJson, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
+    type_annotation_map = {datetime: UtcDateTime, JsonObject: NullableJson, CountsByReason: JSON, float: Float}  # noqa: RUF012 - SQLAlchemy's own hook
 
 
 class AxisRow(Base):
@@ -61,7 +98,20 @@ class AxisRow(Base):
     created_at: Mapped[datetime]
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
     detector_design: Mapped[JsonObject]  # limits of the charts, as solved for the configuration
+    number: Mapped[int] = mapped_column(unique=True)  # in the tables of the trend
     monitor_state: Mapped[JsonObject | None]  # of the charts now
+    epoch: Mapped[int]  # of the charts: each begins with a new baseline
+    epoch_after: Mapped[datetime | None]  # what was measured until then moves no chart any more
+    epoch_from: Mapped[datetime | None]  # the newest measurement when the epoch began
+    since_checkpoint: Mapped[int]  # measurements in the charts since the last row of chart_checkpoints
+    # what every page shows, kept with each measurement: to count the history each time costs more each time
+    state: Mapped[str] = mapped_column(String(16))  # of the charts; silence is not seen in it
+    state_since: Mapped[datetime | None]
+    last_charted_at: Mapped[datetime | None]
+    last_measurement_id: Mapped[int | None] = mapped_column(BigInteger)  # the newest that was judged
+    last_measured_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)  # as in the tables of the trend
+    refused_windows: Mapped[CountsByReason]
+    uncharted: Mapped[CountsByReason]  # measurements that moved no chart
     revision: Mapped[int] = mapped_column()
 
     # A writer who read the row before another process changed it is refused: what it computed rests on what is no more.
@@ -93,35 +143,42 @@ class ActivationRow(Base):
 
 
 class MeasurementRow(Base):
-    """Windows of one name at one position, averaged together, and their outcome."""
+    """Windows of one name at one position, averaged together. What was said about it is apart: see below."""
 
     __tablename__ = "measurements"
     __table_args__ = (
         UniqueConstraint("axis_id", "name"),
         Index("ix_measurements_axis_started", "axis_id", "started_at", "id"),
+        # partial: what is open, or was measured for a calibration, is found without passing all that was ever measured
+        Index("ix_measurements_open", "axis_id", **_where("status = 'open'")),
+        Index("ix_measurements_closing", "closes_at", **_where("status = 'open'")),
+        Index("ix_measurements_set_preload", "axis_id", "started_at", **_where("set_preload_n IS NOT NULL")),
     )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
     name: Mapped[str] = mapped_column(String(200))
-    started_at: Mapped[datetime]
+    started_at: Mapped[datetime]  # of its first window
     position_mm: Mapped[float]
     set_preload_n: Mapped[float | None]  # only where it was set on purpose, as in a calibration
     status: Mapped[str] = mapped_column(String(16))  # open | judged | refused
     n_accepted: Mapped[int]  # windows that are averaged
+    closes_at: Mapped[datetime | None]  # if no further window arrives before; None where it is not waited for any
     judged_at: Mapped[datetime | None]
     calibration_id: Mapped[int | None] = mapped_column(ForeignKey("calibrations.id"))
-    frequency_hz: Mapped[float | None]
-    preload_n: Mapped[float | None]
-    interval_lower_n: Mapped[float | None]
-    interval_upper_n: Mapped[float | None]
-    monitor_state: Mapped[str | None] = mapped_column(String(16))  # of the axis, after this measurement
-    refusal_reason: Mapped[str | None] = mapped_column(String(40))
-    outcome: Mapped[JsonObject | None]  # the whole answer, as the API gives it
-    response: Mapped[JsonObject | None]  # FRF in the band, for "why this value"
     revision: Mapped[int] = mapped_column()
 
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - as for an axis
+
+
+class MeasurementDocumentRow(Base):
+    """The whole answer to a measurement: a thousand times as large as its point of the trend, and seldom asked for."""
+
+    __tablename__ = "measurement_documents"
+
+    measurement_id: Mapped[int] = mapped_column(Identity, ForeignKey("measurements.id"), primary_key=True)
+    outcome: Mapped[JsonObject]  # as the API gives it, but for what later measurements may change
+    response: Mapped[JsonObject | None]  # FRF in the band, for "why this value"
 
 
 class WindowRow(Base):
@@ -147,13 +204,16 @@ class AlarmRow(Base):
     """An alarm with the evidence it rests on."""
 
     __tablename__ = "alarms"
+    __table_args__ = (Index("ix_alarms_axis_status", "axis_id", "status", "id"),)
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
-    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
     measurement_id: Mapped[int] = mapped_column(ForeignKey("measurements.id"))
     kind: Mapped[str] = mapped_column(String(40))
     raised_at: Mapped[datetime]
-    status: Mapped[str] = mapped_column(String(16))  # active | acknowledged | cleared
+    epoch: Mapped[int]  # of the charts that raised it
+    measured_at: Mapped[datetime]  # when the measurement began
+    status: Mapped[str] = mapped_column(String(16))  # active | acknowledged | cleared | withdrawn
     evidence: Mapped[JsonObject]
     explanation: Mapped[JsonObject]  # which change of the axis explains it, or why that was not examined
 

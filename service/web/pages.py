@@ -41,7 +41,7 @@ templates.env.filters["significant"] = significant
 @router.get("/")
 def fleet_page(request: Request, on: Annotated[Services, Depends(services)]) -> Response:
     """Show all axes, worst first."""
-    axes = [axis_out(on.trend.status(row.id)) for row in on.axes.list()]
+    axes = [axis_out(status) for status in on.trend.fleet()]
     axes.sort(key=lambda axis: (SEVERITY.index(axis.state), axis.id))
     return templates.TemplateResponse(request, "fleet.html", {"axes": axes})
 

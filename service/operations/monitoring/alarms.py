@@ -1,20 +1,29 @@
 """Alarms: raised by a measurement, acknowledged and cleared by people; every change is kept."""
 
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
+from monitor_core.preload import Calibration
 from service.clock import now
-from service.documents.change import read_cause
+from service.documents.change import not_examined_yet, read_cause
+from service.documents.measurement import alarm_evidence
 from service.errors import ConflictError
 from service.json_types import JsonObject
+from service.operations.monitoring.charts import Folded
 from service.operations.monitoring.lanes import Lanes
-from service.operations.monitoring.monitor_state import begin_new_baseline
+from service.operations.monitoring.monitor_state import begin_epoch
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database
+from service.store.intake import AxisRecord
 from service.store.tables import AlarmEventRow, AlarmRow
+from service.store.trend.points import TrendPoint
+
+#: What the charts find.
+PRELOAD_LOSS = "preload-loss"
 
 #: What fits into a row of the history.
 LONGEST_REASON = 1000
@@ -28,27 +37,44 @@ class AlarmView:
     events: list[AlarmEventRow]
 
 
-def raise_alarm(
+def settle_alarms(
     connection: Connection,
-    axis_id: str,
-    measurement_id: int | None,
-    kind: str,
-    *,
-    evidence: JsonObject,
-    explanation: JsonObject,
-) -> None:
-    """Store a new alarm in the transaction that stores the measurement it rests on."""
+    axis: AxisRecord,
+    folded: Folded,
+    calibration: Calibration,
+) -> int:
+    """Store the alarms of charts that were folded from a moment on, and return how many are new.
+
+    Alarms that they raised before, from there on, are the same ones in order, if with other evidence; one that is not
+    raised any more is withdrawn.
+    """
+    with Session(connection) as session:
+        epoch = folded.charts.epoch
+        before = alarms.raised_after(session, axis.id, epoch, folded.again_after) if folded.again else []
+        for row, found in zip_longest(before, folded.raised):
+            if found is None:
+                _change(session, row, alarms.WITHDRAWN, "with a measurement that arrived late the charts raise none")
+                continue
+            evidence = alarm_evidence(found.point, found.state, calibration)
+            if row is None:
+                _raise(session, axis, epoch, found.point, evidence)
+            elif row.evidence != evidence:
+                row.evidence, row.measurement_id, row.measured_at = evidence, found.point.measurement_id, found.point.at
+                _change(session, row, row.status, "a measurement that arrived late changed the evidence")
+        session.commit()  # hands it to the connection
+    return max(len(folded.raised) - len(before), 0)
+
+
+def _raise(session: Session, axis: AxisRecord, epoch: int, point: TrendPoint, evidence: JsonObject) -> None:
     at = now()
     row = AlarmRow(
-        axis_id=axis_id, measurement_id=measurement_id, kind=kind, raised_at=at, status=alarms.ACTIVE,
-        evidence=evidence, explanation=explanation,
+        axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
+        measured_at=point.at, status=alarms.ACTIVE, evidence=evidence, explanation=not_examined_yet(axis.configuration),
     )  # fmt: skip
-    with Session(connection) as session:
-        session.add(row)
-        session.flush()
-        raised = "raised by measurement"
-        session.add(AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
-        session.commit()  # hands both to the connection
+    session.add(row)
+    session.flush()
+    raised = "raised by measurement"
+    session.add(AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
 
 
 def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
@@ -93,11 +119,10 @@ class Alarms:
         axis_id = self.get(alarm_id).row.axis_id
         with self._lanes.of(axis_id), self._database.write() as session:
             row = alarms.get_alarm(session, alarm_id)
-            if row.status == alarms.CLEARED:
-                raise ConflictError(f"alarm {alarm_id} is cleared already")
+            if row.status not in alarms.OPEN:
+                raise ConflictError(f"alarm {alarm_id} is {row.status} already")
             _change(session, row, alarms.CLEARED, comment)
-            axis = get_axis(session, axis_id)
-            axis.monitor_state = begin_new_baseline(axis.monitor_state)
+            begin_epoch(get_axis(session, axis_id))
         return self.get(alarm_id)
 
 

@@ -31,7 +31,7 @@ class Axes:
             row = session.get(AxisRow, axis_id)
             created = row is None
             if row is None:
-                row = AxisRow(id=axis_id, created_at=now(), active_calibration_id=None, monitor_state=None)
+                row = axes.new_axis(session, axis_id, now())
                 session.add(row)
             row.name = name
             row.configuration = configuration.model_dump(mode="json")

@@ -27,6 +27,9 @@ class AxisConfiguration(BaseModel):
     windows_per_measurement: int = Field(
         default=15, ge=2, le=1000, description="a measurement is judged as soon as so many windows were accepted"
     )
+    measurement_timeout_s: Positive = Field(
+        default=600.0, le=1e7, description="a measurement that no window came to for so long is judged with what it has"
+    )
     minimum_averages: int = Field(default=8, ge=2, le=1000, description="fewer windows are never judged")
     position_span_limit_mm: Positive = 20.0
     moving_mass_kg: Positive | None = Field(default=None, description="table, nut and what moves with them")

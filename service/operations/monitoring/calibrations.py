@@ -21,6 +21,7 @@ from service.errors import PreconditionError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.monitor_state import begin_epoch
 from service.operations.monitoring.measured_modes import measured_modes
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
@@ -117,7 +118,7 @@ class Calibrations:
             if axis.active_calibration_id == row.id:
                 return
             axis.active_calibration_id = row.id
-            axis.monitor_state = None
+            begin_epoch(axis)
             session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
 
     def overview(self, axis_id: str) -> CalibrationOverview:

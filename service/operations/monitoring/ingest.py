@@ -1,78 +1,43 @@
-"""Windows in: gated, judged when they complete a measurement, on disk and committed, then acknowledged."""
+"""Windows in: gated, judged when they complete a measurement, on disk and committed, then acknowledged.
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+One thread takes all requests that wait, computes for each axis, and commits for all of them at once: a commit waits for
+the disk, and to wait once for many costs as much as to wait for one.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack
-from dataclasses import dataclass
-from datetime import datetime
-from enum import StrEnum
 
-from sqlalchemy import Connection
-
-from monitor_core.pipeline import MeasurementOutcome, check_window
-from monitor_core.preload import Calibration
-from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recording import Window
 from monitor_core.trend import TrendStatus
 from service.clock import now
-from service.errors import ConflictError, WaveformDamagedError
-from service.json_types import JsonObject
 from service.observability import Metrics
-from service.operations.monitoring.admission import Admission
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.judge import Verdict, judge, record
+from service.operations.monitoring.alarms import PRELOAD_LOSS
+from service.operations.monitoring.batch import Batch, IngestReceipt, Post, by_axis
+from service.operations.monitoring.judge import Settled
 from service.operations.monitoring.lanes import Lanes
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, reading, writing
-from service.store.intake import AxisRecord, MeasurementRecord, WindowRecord
-from service.store.measurements import accepted_places
-from service.store.waveforms import WaveformPlace, WaveformStore
-from service.store.window_format import content_sha256
+from service.store.waveforms import WaveformStore
 
+log = logging.getLogger(__name__)
 
-class WindowStatus(StrEnum):
-    """What became of a posted window."""
-
-    ACCEPTED = "accepted"
-    REFUSED = "refused"
-    ALREADY_THERE = "already-there"
-
-
-@dataclass(frozen=True, slots=True)
-class WindowReceipt:
-    """The answer to one posted window."""
-
-    started_at: datetime
-    measurement: str
-    status: WindowStatus
-    reason: str | None = None
-    detail: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class IngestReceipt:
-    """The answer to one request."""
-
-    windows: tuple[WindowReceipt, ...]
-    measurements: tuple[JsonObject, ...]  # outcomes of those judged now, and of those posted again
-
-
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """What is stored of an axis, as far as a request asks for it."""
-
-    axis: AxisRecord
-    configuration: AxisConfiguration
-    calibration: Calibration | None
-    contents: dict[datetime, str]  # of windows that started when posted ones did
-    measurements: dict[str, MeasurementRecord]  # open ones, and those that the windows name
+#: So many requests are taken at once: the first of them waits for the computation of all.
+MOST_AT_ONCE = 32
+#: How often measurements are looked for that no window comes to any more.
+CLOSED_EVERY_S = 5.0
 
 
 class Ingest:
-    """Takes windows of an axis, one request after another.
+    """Takes windows of the axes.
 
-    A request is read, computed and written, in this order, and written in one transaction: the database is locked for
-    no longer than that takes, and there is nothing half done to be made up for after a crash. Whoever changes the axis
-    in between (another process) makes the writing fail, and the request is sent again.
+    What came from one request or several, in which order and from whom, makes no difference to what is stored. Whoever
+    changes an axis meanwhile (another process) makes the writing fail, and the request is sent again.
     """
 
     def __init__(
@@ -89,147 +54,127 @@ class Ingest:
         self._in_force = CalibrationsInForce()
         self._lanes = lanes
         self._metrics = metrics
+        self._waiting: queue.SimpleQueue[Post | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name="ingest", daemon=True)
+        self._thread.start()
+
+    def submit(self, axis_id: str, windows: Sequence[Window], *, complete: bool) -> Future[IngestReceipt]:
+        """Store windows durably and judge the measurements that they complete, as soon as it is their turn.
+
+        The future raises UnknownResourceError if there is no such axis; ConflictError if another window is stored (or
+        posted) with the same start; StorageError or BusyError if disk or database did not take it: it may be sent
+        again. Whatever is raised, nothing of the request is stored.
+        """
+        names = frozenset(window.measurement for window in windows) if complete else frozenset()
+        post = Post(axis_id, windows, names)
+        self._waiting.put(post)
+        return post.answer
 
     def ingest(self, axis_id: str, windows: Sequence[Window], *, complete: bool) -> IngestReceipt:
-        """Store windows durably, and judge the measurements that they complete.
+        """Do the same, and wait for it."""
+        return self.submit(axis_id, windows, complete=complete).result()
 
-        Raises ConflictError if another window is stored (or posted) with the same start; StorageError or BusyError if
-        disk or database did not take it; it may be sent again. Whatever is raised, nothing of the request is stored.
-        """
-        names = {window.measurement for window in windows}
-        with self._lanes.of(axis_id), self._database.connect() as connection:
-            known = self._read(connection, axis_id, windows, names)
-            new = _new_windows(axis_id, windows, known.contents)
-            judged_before = [row.outcome for row in known.measurements.values() if row.outcome is not None]
-            admission, verdicts = self._take(connection, known, new, names if complete else set())
-        receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
-        self._count(receipts, verdicts)
-        if known.configuration.drive_model is not None and _leave_in_alarm(verdicts):
-            self._follow_alarm(axis_id)
-        return IngestReceipt(receipts, (*(verdict.document for verdict in verdicts), *judged_before))
+    def close(self) -> None:
+        """Finish what waits, and take no more."""
+        self._waiting.put(None)
+        self._thread.join()
 
-    def _read(self, connection: Connection, axis_id: str, windows: Collection[Window], names: Iterable[str]) -> _Known:
-        with reading(connection):
-            axis, measurements = intake.read_axis(connection, axis_id, names)
-            return _Known(
-                axis,
-                AxisConfiguration.model_validate(axis.configuration),
-                self._in_force.of(connection, axis),
-                intake.contents_at(connection, axis, {window.started_at for window in windows}),
-                measurements,
-            )
+    def close_overdue(self) -> None:
+        """Judge measurements that no window came to for longer than their axis waits, with the windows they have."""
+        with self._database.connect() as connection, reading(connection):
+            found = intake.overdue(connection, now())
+        for axis_id, name in found:
+            self._round([Post(axis_id, (), frozenset({name}))])
 
-    def _take(
-        self, connection: Connection, known: _Known, new: Sequence[Window], complete_names: set[str]
-    ) -> tuple[Admission, list[Verdict]]:
-        """Write the waveforms, gate and judge meanwhile, then commit all of it."""
-        received_at = now()
-        with ExitStack() as files:
-            frame = files.enter_context(self._waveforms.begin_write(known.axis.id, new, received_at)) if new else None
-            admission = self._admit(known, new)
-            judged = [
-                (row, self._judge(connection, row, known, admission)) for row in admission.complete(complete_names)
-            ]
-            if frame is None and not judged:
-                return admission, []
-            places = [] if frame is None else frame.sync()
-            with writing(connection):
-                for row in admission.changed():
-                    intake.save_admitted(connection, row)
-                if places:
-                    intake.add_windows(connection, _window_rows(admission, places, received_at))
-                verdicts = [record(connection, known.axis, row, outcome, known.calibration) for row, outcome in judged]
-                if frame is not None:
-                    frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
-        return admission, verdicts
-
-    def _admit(self, known: _Known, windows: Iterable[Window]) -> Admission:
-        settings = core_settings(known.configuration)
-        admission = Admission(known.axis.id, known.configuration, known.measurements)
-        for window in windows:
-            quality = check_window(window, settings, known.calibration)
-            admission.admit(window, quality if isinstance(quality, Rejection) else None)
-        return admission
-
-    def _judge(
-        self, connection: Connection, row: MeasurementRecord, known: _Known, admission: Admission
-    ) -> MeasurementOutcome:
-        with self._metrics.judging.time():
-            return judge(self._accepted(connection, row, admission), known.configuration, known.calibration)
-
-    def _accepted(
-        self, connection: Connection, row: MeasurementRecord, admission: Admission
-    ) -> list[Window] | Rejection:
-        """Return the accepted windows of a measurement, those of this request and those on disk, in time order."""
-        windows = [item.window for item in admission.admitted if item.measurement is row and item.refusal is None]
-        if row.id is not None and len(windows) < row.n_accepted:
+    def _serve(self) -> None:
+        stopped, due = False, 0.0
+        while not stopped:
+            posts, stopped = self._next()
             try:
-                with reading(connection):
-                    places = accepted_places(connection, row.id)
-                windows += self._waveforms.read(places)
-            except WaveformDamagedError as error:
-                return Rejection(RejectionReason.WAVEFORM_DAMAGED, str(error))
-        return sorted(windows, key=lambda window: window.started_at)
+                if posts:
+                    self._round(posts)
+                if time.monotonic() >= due:
+                    due = time.monotonic() + CLOSED_EVERY_S
+                    self.close_overdue()
+            except Exception as error:  # the edge of this thread, which must live on
+                log.exception("windows were not taken")
+                _refuse(posts, error)
 
-    def _count(self, receipts: Iterable[WindowReceipt], verdicts: Iterable[Verdict]) -> None:
+    def _next(self) -> tuple[list[Post], bool]:
+        """Wait for requests and return those that wait, and whether no more will come."""
+        posts: list[Post] = []
+        try:
+            posts_or_end = self._waiting.get(timeout=CLOSED_EVERY_S)
+            while posts_or_end is not None:
+                posts.append(posts_or_end)
+                if len(posts) == MOST_AT_ONCE:
+                    return posts, False
+                posts_or_end = self._waiting.get_nowait()
+        except queue.Empty:
+            return posts, False
+        return posts, True
+
+    def _round(self, posts: Sequence[Post]) -> None:
+        """Take requests to several axes; where they cannot be stored together, each axis is tried by itself."""
+        axes = by_axis(posts)
+        with ExitStack() as stack:
+            for axis_id in sorted(axes):
+                stack.enter_context(self._lanes.of(axis_id))
+            try:
+                self._store(axes)
+            except Exception as error:  # noqa: BLE001 - whatever it is, whoever waits is told
+                if len(axes) == 1:
+                    _refuse(posts, error)
+                    return
+            else:
+                return
+        for axis_posts in axes.values():
+            self._round([post for post in axis_posts if not post.answer.done()])
+
+    def _store(self, axes: dict[str, list[Post]]) -> None:
+        with ExitStack() as files:
+            connection = files.enter_context(self._database.connect())
+            batches = []
+            for axis_id, posts in axes.items():
+                try:
+                    batch = Batch(connection, axis_id, posts, self._in_force)
+                    batch.compute(connection, self._waveforms, files, self._metrics)
+                    batches.append(batch)
+                except Exception as error:  # noqa: BLE001 - what is wrong with one axis is not that of the others
+                    _refuse(posts, error)
+            full = [batch for batch in batches if not batch.empty]
+            places = [batch.sync() for batch in full]
+            settled: dict[str, Settled] = {}
+            if full:
+                with writing(connection):
+                    for batch, lying in zip(full, places, strict=True):
+                        settled[batch.axis.id] = batch.store(connection, lying)
+        for batch in batches:
+            self._answer(batch, settled.get(batch.axis.id))
+
+    def _answer(self, batch: Batch, settled: Settled | None) -> None:
+        receipts = [batch.receipt(post, settled) for post in batch.posts]
         for receipt in receipts:
-            self._metrics.windows.labels(receipt.reason or str(receipt.status)).inc()
-        for verdict in verdicts:
-            self._metrics.measurements.labels(verdict.outcome).inc()
-            if verdict.alarm is not None:
-                self._metrics.alarms.labels(verdict.alarm).inc()
+            for window in receipt.windows:
+                self._metrics.windows.labels(window.reason or str(window.status)).inc()
+        if settled is not None:
+            for outcome in settled.outcomes:
+                self._metrics.measurements.labels(outcome).inc()
+            for reason in settled.uncharted:
+                self._metrics.uncharted.labels(reason).inc()
+            self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
+        for post, receipt in zip(batch.posts, receipts, strict=True):
+            post.answer.set_result(receipt)
+        if (
+            settled is not None
+            and settled.documents
+            and settled.state is TrendStatus.ALARM
+            and batch.configuration.drive_model is not None
+        ):
+            self._follow_alarm(batch.axis.id)
 
 
-def _leave_in_alarm(verdicts: Sequence[Verdict]) -> bool:
-    return bool(verdicts) and verdicts[-1].state is TrendStatus.ALARM
-
-
-def _new_windows(axis_id: str, posted: Iterable[Window], stored: Mapping[datetime, str]) -> list[Window]:
-    """Return the windows that are not stored yet, in time order."""
-    new: dict[datetime, Window] = {}
-    for window in posted:
-        start = window.started_at
-        if start not in stored and start not in new:
-            new[start] = window
-        elif content_sha256(window) != (stored[start] if start in stored else content_sha256(new[start])):
-            raise ConflictError(
-                f"axis '{axis_id}' has another window that started at {start.isoformat()}; "
-                "a window is never replaced, and nothing of this request was stored"
-            )
-    return [new[start] for start in sorted(new)]
-
-
-def _window_rows(
-    admission: Admission, places: Iterable[WaveformPlace], received_at: datetime
-) -> Iterator[WindowRecord]:
-    return (
-        WindowRecord(
-            axis_id=admission.axis_id,
-            measurement_id=item.measurement.id,
-            started_at=item.window.started_at,
-            received_at=received_at,
-            content_sha256=place.content_sha256,
-            file_path=place.path,
-            offset_in_file=place.offset,
-            index_in_frame=place.index,
-            refusal_reason=None if item.refusal is None else str(item.refusal.reason),
-            refusal_detail=None if item.refusal is None else item.refusal.detail[:500],
-        )
-        for item, place in zip(admission.admitted, places, strict=True)
-    )
-
-
-def _receipts(windows: Sequence[Window], refusals: Mapping[datetime, Rejection | None]) -> Iterator[WindowReceipt]:
-    """Answer each posted window; one that stands twice in a request is already there the second time."""
-    answered: set[datetime] = set()
-    for window in windows:
-        refusal = refusals.get(window.started_at)
-        if window.started_at not in refusals or window.started_at in answered:
-            yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE)
-        elif refusal is None:
-            yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ACCEPTED)
-        else:
-            yield WindowReceipt(
-                window.started_at, window.measurement, WindowStatus.REFUSED, str(refusal.reason), refusal.detail
-            )
-        answered.add(window.started_at)
+def _refuse(posts: Sequence[Post], error: Exception) -> None:
+    for post in posts:
+        if not post.answer.done():
+            post.answer.set_exception(error)

@@ -1,36 +1,55 @@
 """A complete measurement is judged: the core's outcome, and the rows that it leads to."""
 
 import logging
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 
 from sqlalchemy import Connection
 
 from monitor_core.modal import ModalMeasurement
-from monitor_core.pipeline import AxisState, MeasurementOutcome, advance, judge_measurement
-from monitor_core.preload import Calibration, PreloadEstimate
+from monitor_core.pipeline import MeasurementOutcome, judge_measurement
+from monitor_core.preload import Calibration, DragTorque, PreloadEstimate
 from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import TrendStatus
 from service.clock import now
-from service.documents.change import not_examined_yet
-from service.documents.measurement import alarm_evidence, finite_or_null, measurement_document, response_document
+from service.documents.measurement import finite_or_null, measurement_document, response_document, with_trend
 from service.json_types import JsonObject
-from service.operations.monitoring.alarms import raise_alarm
+from service.operations.monitoring.alarms import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.monitor_state import dump_state, load_design, load_state
+from service.operations.monitoring.charts import Uncharted, put_in
 from service.store import intake
-from service.store.intake import JUDGED, REFUSED, AxisRecord, ChartsRecord, JudgedRecord, MeasurementRecord
+from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
+from service.store.tables import CountsByReason
+from service.store.trend.points import TrendPoint, point_of
+from service.store.trend.rollups import sum_up
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What is said about a measurement, and under which names it is counted."""
+class Judged:
+    """What came of a measurement that is complete."""
 
-    document: JsonObject
-    state: TrendStatus  # of the axis, after it
-    outcome: str
-    alarm: str | None
+    measurement: MeasurementRecord
+    outcome: MeasurementOutcome
+    was_judged_at: datetime | None = None  # when it began, by what was known when it was judged before
+    first: Window | None = None  # of its accepted windows
+    n_accepted: int = 0
+    changed: Mapping[datetime, Rejection | None] = field(default_factory=dict)  # refusals of windows stored before
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What is said about measurements, and under which names it is counted."""
+
+    documents: dict[str, JsonObject]  # by name of the measurement
+    outcomes: tuple[str, ...]
+    uncharted: tuple[str, ...]
+    new_alarms: int
+    state: TrendStatus  # of the axis now
 
 
 def judge(
@@ -54,65 +73,110 @@ def judge(
         return _refused(Rejection(RejectionReason.FIT_FAILED, f"the computation failed: {error}"))
 
 
-def record(
+def settle(
     connection: Connection,
     axis: AxisRecord,
-    row: MeasurementRecord,
-    outcome: MeasurementOutcome,
+    judged: Sequence[Judged],
     calibration: Calibration | None,
-) -> Verdict:
-    """Write the outcome, the state that follows from it, and the alarm if it raises one."""
-    charts = intake.read_charts(connection, axis)
-    before = load_state(charts.monitor_state)
-    after = _state_after(before, charts, row, outcome, calibration)
-    refusal = outcome.refusal
-    reason = None if refusal is None else str(refusal.reason)
-    row.status = JUDGED if refusal is None else REFUSED
+    refused_windows: Counter[str],
+) -> Settled:
+    """Write what was judged, the charts that follow from it, their alarms, and the counts of the axis."""
+    before = intake.read_charts(connection, axis)
+    documents: dict[int, JsonObject] = {}
+    new: list[TrendPoint] = []
+    replaced: list[TrendPoint] = []
+    for item in judged:
+        row = item.measurement
+        if item.was_judged_at is not None and row.id is not None:
+            old = point_of(connection, axis.number, item.was_judged_at, row.id)
+            replaced += [] if old is None else [old]
+        _save(connection, axis, item)
+        point = _point(axis, row, item.outcome, before.epoch)
+        documents[point.measurement_id] = document = measurement_document(row, item.outcome)
+        intake.save_document(connection, point.measurement_id, document, response_document(item.outcome))
+        new.append(point)
+    folded = put_in(connection, axis, before, new, replaced, calibration)
+    sum_up(connection, axis.number, {point.at for point in (*new, *replaced)})
+    new_alarms = 0
+    if calibration is not None and (folded.raised or folded.again):
+        new_alarms = settle_alarms(connection, axis, folded, calibration)
+    after = replace(
+        folded.charts,
+        refused_windows=_counted(before.refused_windows, refused_windows),
+        uncharted=_counted(before.uncharted, _reasons(folded.points.values()), _reasons(replaced)),
+    )
+    if judged or after != before:
+        intake.save_charts(connection, axis, before, after)
+    return Settled(
+        {point.name: with_trend(documents[number], point) for number, point in folded.points.items()},
+        tuple(point.refusal_reason or JUDGED for point in folded.points.values()),
+        tuple(_reasons(folded.points.values()).elements()),
+        new_alarms,
+        TrendStatus(after.state),
+    )
+
+
+def _save(connection: Connection, axis: AxisRecord, item: Judged) -> None:
+    """Store a measurement as judged: it began with its first accepted window, where and as that was measured."""
+    row = item.measurement
+    row.status = JUDGED if item.outcome.refusal is None else REFUSED
     row.calibration_id = axis.active_calibration_id
-    row.outcome = document = measurement_document(row, outcome, after, calibration)
-    mode = outcome.modal.mode if isinstance(outcome.modal, ModalMeasurement) else None
+    row.n_accepted, row.closes_at = item.n_accepted, None
+    if item.first is not None:
+        row.started_at = item.first.started_at
+        row.position_mm = to_millimetres(item.first.conditions.position)
+        row.set_preload_n = item.first.conditions.preload
+    intake.save_measurement(connection, row, judged_at=now())
+    if row.id is not None and item.changed:
+        intake.refuse_windows(connection, row.id, item.changed)
+
+
+def _point(axis: AxisRecord, row: MeasurementRecord, outcome: MeasurementOutcome, epoch: int) -> TrendPoint:
+    """Return a measurement as a point of the trend, whose state the charts have still to say."""
+    modal = outcome.modal if isinstance(outcome.modal, ModalMeasurement) else None
     estimate = outcome.preload if isinstance(outcome.preload, PreloadEstimate) else None
-    judged = JudgedRecord(
-        status=row.status,
-        refusal_reason=reason,
-        judged_at=now(),
+    drag = outcome.drag_torque.drag.value if isinstance(outcome.drag_torque, DragTorque) else None
+    refusal = outcome.refusal
+    return TrendPoint(
+        axis_number=axis.number,
+        at=row.started_at,
+        measurement_id=_number(row),
+        name=row.name,
+        position_mm=row.position_mm,
+        set_preload_n=row.set_preload_n,
+        payload_kg=None if modal is None else modal.conditions.payload_mass,
+        temperature_c=None if modal is None else modal.conditions.temperature,
+        refusal_reason=None if refusal is None else str(refusal.reason),
         calibration_id=row.calibration_id,
-        monitor_state=str(after.detector.status),
-        outcome=document,
-        response=response_document(outcome),
-        frequency_hz=None if mode is None else finite_or_null(mode.frequency.value),
+        frequency_hz=None if modal is None else finite_or_null(modal.mode.frequency.value),
         preload_n=None if estimate is None else finite_or_null(estimate.preload),
         interval_lower_n=None if estimate is None else finite_or_null(estimate.interval.lower),
         interval_upper_n=None if estimate is None else finite_or_null(estimate.interval.upper),
+        drag_torque_nm=None if drag is None else finite_or_null(drag),
+        feature_s2=None if estimate is None else estimate.feature.value,
+        feature_uncertainty_s2=None if estimate is None else estimate.feature_own_uncertainty,
+        epoch=epoch,
+        uncharted=str(Uncharted.PRELOAD_SET) if refusal is None and row.set_preload_n is not None else None,
+        state=str(TrendStatus.UNKNOWN),
+        baseline_preload_n=None,
     )
-    intake.save_judged(connection, row, judged)
-    intake.save_state(connection, axis, dump_state(after))
-    alarm = None
-    if calibration is not None and after.detector.alarm is not None and before.detector.alarm is None:
-        alarm = "preload-loss"
-        raise_alarm(
-            connection,
-            axis.id,
-            row.id,
-            alarm,
-            evidence=alarm_evidence(row, outcome, after, calibration),
-            explanation=not_examined_yet(axis.configuration),
-        )
-    return Verdict(document, after.detector.status, reason or row.status, alarm)
 
 
-def _state_after(
-    before: AxisState,
-    charts: ChartsRecord,
-    row: MeasurementRecord,
-    outcome: MeasurementOutcome,
-    calibration: Calibration | None,
-) -> AxisState:
-    last = before.detector.last_at
-    if calibration is None or (last is not None and row.started_at <= last):
-        return before  # a measurement from before the last one cannot be put into charts that have moved on
-    design = load_design(charts.detector_design)
-    return advance(before, outcome, row.started_at, calibration=calibration, design=design)
+def _number(row: MeasurementRecord) -> int:
+    if row.id is None:
+        raise AssertionError(f"measurement '{row.name}' is stored before it is judged")
+    return row.id
+
+
+def _reasons(points: Iterable[TrendPoint]) -> Counter[str]:
+    return Counter(point.uncharted for point in points if point.uncharted is not None)
+
+
+def _counted(before: CountsByReason, more: Counter[str], less: Counter[str] | None = None) -> CountsByReason:
+    counts = Counter(before)
+    counts.update(more)
+    counts.subtract(less or {})
+    return {reason: count for reason, count in sorted(counts.items()) if count}
 
 
 def _refused(rejection: Rejection) -> MeasurementOutcome:

@@ -5,8 +5,9 @@ from datetime import datetime, timedelta
 from pydantic import TypeAdapter
 
 from monitor_core.pipeline import AxisState
-from monitor_core.trend import DetectorDesign, TrendStatus, reset, state_at
+from monitor_core.trend import DetectorDesign, DetectorState, TrendStatus, reset, state_at
 from service.json_types import JsonObject
+from service.store.tables import AxisRow
 
 _STATE: TypeAdapter[AxisState] = TypeAdapter(AxisState)
 _DESIGN: TypeAdapter[DetectorDesign] = TypeAdapter(DetectorDesign)
@@ -34,18 +35,23 @@ def dump_design(design: DetectorDesign) -> JsonObject:
     return document
 
 
-def begin_new_baseline(document: JsonObject | None) -> JsonObject | None:
-    """Begin a new baseline after somebody inspected the axis; a person decides that, never the detector."""
-    if document is None:
-        return None
-    return dump_state(AxisState(detector=reset(load_state(document).detector)))
+def begin_epoch(axis: AxisRow) -> None:
+    """Begin a new baseline: the charts watch another number now, or somebody inspected the axis and found it in order.
+
+    A person decides that, never the detector. What was measured until now moves no chart any more.
+    """
+    state = AxisState(reset(DetectorState(last_at=axis.last_charted_at)))
+    axis.epoch += 1
+    axis.epoch_after, axis.epoch_from = axis.last_charted_at, axis.last_measured_at
+    axis.since_checkpoint = 0
+    axis.monitor_state = dump_state(state)
+    axis.state, axis.state_since = str(state.detector.status), None
 
 
-def state_now(document: JsonObject | None, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
+def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
     """Tell how an axis stands now, and since when; silence is ``unknown``."""
-    detector = load_state(document).detector
-    silence = timedelta(hours=silent_after_hours)
-    state = state_at(detector, at, silence)
-    if state is not detector.status and detector.last_at is not None:
-        return str(state), detector.last_at + silence
-    return str(state), detector.since if state is not TrendStatus.UNKNOWN else detector.last_at
+    status, silence = TrendStatus(axis.state), timedelta(hours=silent_after_hours)
+    state = state_at(DetectorState(status=status, last_at=axis.last_charted_at), at, silence)
+    if state is not status and axis.last_charted_at is not None:
+        return str(state), axis.last_charted_at + silence
+    return str(state), axis.state_since if state is not TrendStatus.UNKNOWN else axis.last_charted_at

@@ -6,14 +6,17 @@ from datetime import UTC, datetime
 
 from monitor_core.trend import paper_rule
 from service.clock import now
-from service.documents.measurement import baseline_document
+from service.documents.measurement import baseline_document, with_trend
 from service.errors import UnreadableBodyError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.monitor_state import load_state, state_now
+from service.operations.monitoring.resolution import extremes
 from service.store import alarms, axes, calibrations, measurements
 from service.store.database import Database
-from service.store.tables import AxisRow, MeasurementRow, WindowRow
+from service.store.intake import outcomes_of
+from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.trend.points import Cursor, Span, TrendPoint, last_points, page_of_points, point_of, preloads
 
 #: Readings in each group of the paper's rule (Nguyen et al. 2018, section 3.3).
 PAPER_READINGS = 20
@@ -27,7 +30,6 @@ class AxisStatus:
     state: str
     since: datetime | None
     last_measurement: JsonObject | None
-    refused_windows: dict[str, int]
     open_alarms: int
 
 
@@ -35,8 +37,18 @@ class AxisStatus:
 class TrendPage:
     """A page of the trend."""
 
-    measurements: list[MeasurementRow]
+    points: list[TrendPoint]
     next_cursor: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementView:
+    """One measurement with the evidence behind its value; of one that is open there is none yet."""
+
+    row: MeasurementRow
+    outcome: JsonObject | None
+    response: JsonObject | None
+    windows: list[WindowRow]
 
 
 class Trend:
@@ -49,17 +61,29 @@ class Trend:
         """Tell how an axis stands; silence for too long is ``unknown``."""
         with self._database.read() as session:
             row = axes.get_axis(session, axis_id)
-            configuration = AxisConfiguration.model_validate(row.configuration)
-            state, since = state_now(row.monitor_state, now(), configuration.silent_after_hours)
-            last = measurements.last_looked_at(session, axis_id)
-            return AxisStatus(
-                row=row,
-                state=state,
-                since=since,
-                last_measurement=None if last is None else last.outcome,
-                refused_windows=measurements.refused_windows(session, axis_id),
-                open_alarms=alarms.count_open(session, axis_id),
-            )
+            said, connection = None, session.connection()
+            if row.last_measurement_id is not None and row.last_measured_at is not None:
+                point = point_of(connection, row.number, row.last_measured_at, row.last_measurement_id)
+                said = outcomes_of(connection, [row.last_measurement_id]).get(row.last_measurement_id)
+                said = said if said is None or point is None else with_trend(said, point)
+            return _status(row, said, alarms.count_open(session, axis_id))
+
+    def fleet(self) -> list[AxisStatus]:
+        """Tell how every axis stands."""
+        with self._database.read() as session:
+            rows, n_open = axes.list_axes(session), alarms.open_by_axis(session)
+            points = last_points(session.connection())
+            said = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
+            return [
+                _status(
+                    row,
+                    None
+                    if (point := points.get(row.number)) is None
+                    else with_trend(said[point.measurement_id], point),
+                    n_open.get(row.id, 0),
+                )
+                for row in rows
+            ]
 
     def baseline(self, axis_id: str) -> JsonObject | None:
         """Return the baseline in newtons, as soon as it is learnt."""
@@ -69,14 +93,18 @@ class Trend:
         return None if calibration is None else baseline_document(load_state(row.monitor_state), calibration)
 
     def paper_rule(self, axis_id: str) -> JsonObject | None:
-        """Compare the first measurements under the calibration in force with the latest, as the paper does."""
+        """Compare the first measurements since the charts began with the latest, as the paper does."""
         with self._database.read() as session:
-            row = axes.get_axis(session, axis_id)
-            preloads = measurements.preloads_under(session, axis_id, row.active_calibration_id)
-        first, latest = preloads[:PAPER_READINGS], preloads[PAPER_READINGS:][-PAPER_READINGS:]
-        if len(latest) < 2:
+            row, connection = axes.get_axis(session, axis_id), session.connection()
+            first, latest = (
+                preloads(connection, row.number, row.epoch, row.epoch_from, most, newest=newest)
+                for most, newest in ((2 * PAPER_READINGS, False), (PAPER_READINGS, True))
+            )
+        baseline = first[:PAPER_READINGS]
+        latest = latest[-max(len(first) - len(baseline), 0) :] if len(first) < 2 * PAPER_READINGS else latest
+        if len(first) - len(baseline) < 2:
             return None
-        rule = paper_rule(first, latest)
+        rule = paper_rule(baseline, latest)
         return {
             "first_n": [rule.baseline.lower, rule.baseline.upper],
             "latest_n": [rule.current.lower, rule.current.upper],
@@ -84,53 +112,59 @@ class Trend:
             "distinguished": rule.distinguished,
         }
 
+    def revision(self, axis_id: str) -> int:
+        """Return a number that changes whenever the trend of an axis does."""
+        with self._database.read() as session:
+            return axes.revision_of(session, axis_id)
+
     def page(
-        self, axis_id: str, *, start: datetime | None, end: datetime | None, cursor: str | None, limit: int
+        self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool = False
     ) -> TrendPage:
-        """Return measurements in time order, refused ones included."""
+        """Return measurements in time order, or newest first, refused ones included."""
         after = None if cursor is None else _decode_cursor(cursor)
         with self._database.read() as session:
-            axes.get_axis(session, axis_id)
-            rows = measurements.trend_page(session, axis_id, start=start, end=end, after=after, limit=limit + 1)
-        more = len(rows) > limit
-        rows = rows[:limit]
-        return TrendPage(rows, _encode_cursor(rows[-1]) if more else None)
+            number = axes.get_axis(session, axis_id).number
+            points = page_of_points(
+                session.connection(), number, span, after=after, limit=limit + 1, newest_first=newest_first
+            )
+        more = len(points) > limit
+        points = points[:limit]
+        return TrendPage(points, _encode_cursor(points[-1]) if more else None)
 
-    def measurement(self, axis_id: str, measurement_id: int) -> tuple[MeasurementRow, list[WindowRow]]:
+    def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage:
+        """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""
+        with self._database.read() as session:
+            number = axes.get_axis(session, axis_id).number
+            return TrendPage(extremes(session.connection(), number, span, resolution), None)
+
+    def measurement(self, axis_id: str, measurement_id: int) -> MeasurementView:
         """Return one measurement with its windows."""
         with self._database.read() as session:
-            row = measurements.get_measurement(session, axis_id, measurement_id)
-            return row, measurements.windows_of(session, measurement_id)
+            row, connection = measurements.get_measurement(session, axis_id, measurement_id), session.connection()
+            number = axes.get_axis(session, axis_id).number
+            document = session.get(MeasurementDocumentRow, measurement_id)
+            point = point_of(connection, number, row.started_at, measurement_id)
+            outcome = None if document is None or point is None else with_trend(document.outcome, point)
+            windows = measurements.windows_of(session, measurement_id)
+            return MeasurementView(row, outcome, None if document is None else document.response, windows)
 
 
-def thin_out(points: list[MeasurementRow], max_points: int) -> list[MeasurementRow]:
-    """Keep at most ``max_points``: of each stretch of time the lowest and the highest preload.
-
-    Extremes are kept because a reader looks for them; a mean would hide the one low value that matters.
-    """
-    if len(points) <= max_points:
-        return points
-    bins = max(max_points // 2, 1)
-    kept: dict[int, MeasurementRow] = {}
-    for i in range(bins):
-        stretch = points[i * len(points) // bins : (i + 1) * len(points) // bins]
-        valued = [row for row in stretch if row.preload_n is not None]
-        extremes = (min(valued, key=_preload), max(valued, key=_preload)) if valued else (stretch[0],)
-        kept |= {row.id: row for row in extremes}
-    return sorted(kept.values(), key=lambda row: (row.started_at, row.id))
+def _status(row: AxisRow, last_measurement: JsonObject | None, open_alarms: int) -> AxisStatus:
+    configuration = AxisConfiguration.model_validate(row.configuration)
+    state, since = state_now(row, now(), configuration.silent_after_hours)
+    return AxisStatus(row, state, since, last_measurement, open_alarms)
 
 
-def _preload(row: MeasurementRow) -> float:
-    return row.preload_n if row.preload_n is not None else float("inf")
+def _encode_cursor(point: TrendPoint) -> str:
+    return base64.urlsafe_b64encode(f"{point.at.isoformat()}|{point.measurement_id}".encode()).decode()
 
 
-def _encode_cursor(row: MeasurementRow) -> str:
-    return base64.urlsafe_b64encode(f"{row.started_at.isoformat()}|{row.id}".encode()).decode()
-
-
-def _decode_cursor(cursor: str) -> tuple[datetime, int]:
+def _decode_cursor(cursor: str) -> Cursor:
     try:
         moment, identity = base64.urlsafe_b64decode(cursor.encode()).decode().split("|")
-        return datetime.fromisoformat(moment).astimezone(UTC), int(identity)
+        number = int(identity)
+        if not 0 < number < 2**63:
+            raise ValueError(f"expected a number below 2**63; got {number}")
+        return datetime.fromisoformat(moment).astimezone(UTC), number
     except (ValueError, OverflowError) as error:
         raise UnreadableBodyError("cursor is not one that this service gave out; start again without it") from error

@@ -1,0 +1,174 @@
+"""Read and write the points of the trend, in the order of their time."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, Connection, and_, delete, insert, select, tuple_
+
+from service.store.prepared import PreparedChange
+from service.store.tables import AxisRow
+from service.store.trend.tables import TrendPointRow
+
+
+@dataclass(frozen=True, slots=True)
+class TrendPoint:
+    """A measurement that was judged."""
+
+    axis_number: int
+    at: datetime
+    measurement_id: int
+    name: str
+    position_mm: float
+    set_preload_n: float | None
+    payload_kg: float | None
+    temperature_c: float | None
+    refusal_reason: str | None
+    calibration_id: int | None
+    frequency_hz: float | None
+    preload_n: float | None
+    interval_lower_n: float | None
+    interval_upper_n: float | None
+    drag_torque_nm: float | None
+    feature_s2: float | None
+    feature_uncertainty_s2: float | None
+    epoch: int
+    uncharted: str | None
+    state: str
+    baseline_preload_n: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """From when until when: ``start`` is inside, ``end`` is not; None is open."""
+
+    start: datetime | None = None
+    end: datetime | None = None
+
+
+MOST_SEARCHED = 1000
+#: Where a page of the trend begins: after this moment and measurement.
+Cursor = tuple[datetime, int]
+
+_POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
+_COLUMNS = [_POINTS.c[name] for name in TrendPoint.__slots__]
+_KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
+_ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
+
+
+def add_point(connection: Connection, point: TrendPoint) -> None:
+    """Store a new point."""
+    _ADD.run(connection, {name: getattr(point, name) for name in TrendPoint.__slots__})
+
+
+def replace_points(connection: Connection, points: Iterable[TrendPoint]) -> None:
+    """Store points anew that are stored already."""
+    for point in points:
+        remove_point(connection, point)
+        add_point(connection, point)
+
+
+def remove_point(connection: Connection, point: TrendPoint) -> None:
+    """Remove a point."""
+    connection.execute(
+        delete(_POINTS).where(
+            _POINTS.c.axis_number == point.axis_number,
+            _POINTS.c.at == point.at,
+            _POINTS.c.measurement_id == point.measurement_id,
+        )
+    )
+
+
+def point_of(connection: Connection, axis_number: int, at: datetime, measurement_id: int) -> TrendPoint | None:
+    """Return the point of a measurement; None if it has none yet."""
+    query = select(*_COLUMNS).where(
+        _POINTS.c.axis_number == axis_number, _POINTS.c.at == at, _POINTS.c.measurement_id == measurement_id
+    )
+    row = connection.execute(query).one_or_none()
+    return None if row is None else TrendPoint(*row)
+
+
+def points_after(connection: Connection, axis_number: int, epoch: int, after: datetime | None) -> list[TrendPoint]:
+    """Return the points of one epoch of the charts that began later than a moment, in time order."""
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch == epoch)
+    if after is not None:
+        query = query.where(_POINTS.c.at > after)
+    return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+
+
+def point_before(connection: Connection, axis_number: int, at: datetime) -> TrendPoint | None:
+    """Return the last point before a moment."""
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.at < at)
+    row = connection.execute(query.order_by(_POINTS.c.at.desc(), _POINTS.c.measurement_id.desc()).limit(1)).first()
+    return None if row is None else TrendPoint(*row)
+
+
+def newest_point(connection: Connection, axis_number: int) -> TrendPoint | None:
+    """Return the last point."""
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number)
+    row = connection.execute(query.order_by(_POINTS.c.at.desc(), _POINTS.c.measurement_id.desc()).limit(1)).first()
+    return None if row is None else TrendPoint(*row)
+
+
+def page_of_points(
+    connection: Connection, axis_number: int, span: Span, *, after: Cursor | None, limit: int, newest_first: bool
+) -> list[TrendPoint]:
+    """Return points in time order, or newest first, beyond a cursor."""
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
+    if after is not None:  # a row value, which the key of the table answers; an OR would pass all that came before
+        query = query.where(_KEY < tuple_(*after) if newest_first else _KEY > tuple_(*after))
+    order = (_POINTS.c.at, _POINTS.c.measurement_id)
+    ordered = query.order_by(*(column.desc() for column in order)) if newest_first else query.order_by(*order)
+    return [TrendPoint(*row) for row in connection.execute(ordered.limit(limit))]
+
+
+def points_at(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> list[TrendPoint]:
+    """Return the points at these moments, in time order."""
+    found = []
+    for chosen in _in_parts(sorted(moments)):
+        query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.at.in_(chosen))
+        ordered = query.order_by(_POINTS.c.at, _POINTS.c.measurement_id)
+        found += [TrendPoint(*row) for row in connection.execute(ordered)]
+    return found
+
+
+def last_points(connection: Connection) -> dict[int, TrendPoint]:
+    """Return the newest point of every axis, by its number."""
+    axes = AxisRow.metadata.tables[AxisRow.__tablename__]
+    same = and_(
+        _POINTS.c.axis_number == axes.c.number,
+        _POINTS.c.at == axes.c.last_measured_at,
+        _POINTS.c.measurement_id == axes.c.last_measurement_id,
+    )
+    return {row.axis_number: TrendPoint(*row) for row in connection.execute(select(*_COLUMNS).join(axes, same))}
+
+
+def preloads(
+    connection: Connection, axis_number: int, epoch: int, since: datetime | None, limit: int, *, newest: bool
+) -> list[float]:
+    """Return the first or the newest preloads of an epoch of the charts since a moment, in time order.
+
+    Among the first, or newest, :data:`MOST_SEARCHED` measurements: an axis that is refused for months answers at once.
+    """
+    order = _POINTS.c.at.desc() if newest else _POINTS.c.at
+    searched = select(_POINTS.c.at, _POINTS.c.preload_n, _POINTS.c.epoch).where(
+        _POINTS.c.axis_number == axis_number, *_within(Span(since))
+    )
+    found = searched.order_by(order).limit(MOST_SEARCHED).subquery()
+    query = select(found.c.at, found.c.preload_n).where(found.c.epoch == epoch, found.c.preload_n.is_not(None))
+    chosen = connection.execute(query.order_by(found.c.at.desc() if newest else found.c.at).limit(limit))
+    return [preload for _, preload in sorted((at, preload) for at, preload in chosen)]
+
+
+def _within(span: Span) -> list[ColumnElement[bool]]:
+    conditions: list[ColumnElement[bool]] = []
+    if span.start is not None:
+        conditions.append(_POINTS.c.at >= span.start)
+    if span.end is not None:
+        conditions.append(_POINTS.c.at < span.end)
+    return conditions
+
+
+def _in_parts(moments: list[datetime]) -> list[list[datetime]]:
+    """Return so many moments at a time as a statement may name."""
+    return [moments[first : first + MOST_SEARCHED] for first in range(0, len(moments), MOST_SEARCHED)]

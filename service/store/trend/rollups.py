@@ -1,0 +1,125 @@
+"""Keep what each hour and each day of the trend holds, so that years are drawn without being read."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy import Connection, delete, insert, select
+
+from service.store.trend.points import Span
+from service.store.trend.tables import TrendPointRow, TrendRollupRow
+
+HOUR, DAY = timedelta(hours=1), timedelta(days=1)
+_POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
+_ROLLUPS = TrendRollupRow.metadata.tables[TrendRollupRow.__tablename__]
+
+
+@dataclass(frozen=True, slots=True)
+class Rollup:
+    """What an hour, a day, or several of them hold."""
+
+    starts_at: datetime
+    n_measurements: int
+    n_refused: int
+    first_at: datetime
+    lowest_n: float | None
+    lowest_at: datetime | None
+    highest_n: float | None
+    highest_at: datetime | None
+
+    @property
+    def extremes(self) -> frozenset[datetime]:
+        """When the lowest and the highest preload were measured, or the first measurement where there is none."""
+        found = {self.lowest_at, self.highest_at} - {None}
+        return frozenset(found or {self.first_at})  # type: ignore[arg-type]
+
+
+_COLUMNS = [_ROLLUPS.c[name] for name in Rollup.__slots__]
+
+
+def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> None:
+    """Sum up the hours and days anew that these moments lie in: hours from their points, days from their hours."""
+    hours = {begin_of(moment, HOUR) for moment in moments}
+    for hour in hours:
+        _store(connection, axis_number, HOUR, hour, _summed(_points_of(connection, axis_number, hour), hour))
+    for day in {begin_of(hour, DAY) for hour in hours}:
+        merged = merge(day, rollups(connection, axis_number, HOUR, Span(day, day + DAY)))
+        _store(connection, axis_number, DAY, day, merged)
+
+
+def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
+    """Return the hours or the days that begin within a span of time."""
+    query = select(*_COLUMNS).where(_ROLLUPS.c.axis_number == axis_number, _ROLLUPS.c.span_s == _seconds(span))
+    if within.start is not None:
+        query = query.where(_ROLLUPS.c.starts_at >= within.start)
+    if within.end is not None:
+        query = query.where(_ROLLUPS.c.starts_at < within.end)
+    return [Rollup(*row) for row in connection.execute(query.order_by(_ROLLUPS.c.starts_at))]
+
+
+def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:
+    """Return how many measurements the days hold that touch a span of time, and in how many hours at most."""
+    days = rollups(
+        connection, axis_number, DAY, Span(None if within.start is None else begin_of(within.start, DAY), within.end)
+    )
+    return sum(day.n_measurements for day in days), 24 * len(days)
+
+
+def merge(starts_at: datetime, parts: Iterable[Rollup]) -> Rollup | None:
+    """Return what several stretches of time hold together; None if that is nothing."""
+    parts = list(parts)
+    if not parts:
+        return None
+    valued = [part for part in parts if part.lowest_n is not None]
+    lowest = min(valued, key=lambda part: (part.lowest_n, part.lowest_at), default=None)
+    highest = max(valued, key=lambda part: (part.highest_n, part.highest_at), default=None)
+    return Rollup(
+        starts_at,
+        sum(part.n_measurements for part in parts),
+        sum(part.n_refused for part in parts),
+        min(part.first_at for part in parts),
+        None if lowest is None else lowest.lowest_n,
+        None if lowest is None else lowest.lowest_at,
+        None if highest is None else highest.highest_n,
+        None if highest is None else highest.highest_at,
+    )
+
+
+def begin_of(moment: datetime, span: timedelta) -> datetime:
+    """Return when the hour or day of a moment begins, in UTC."""
+    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
+    return moment - since % span
+
+
+def _points_of(connection: Connection, axis_number: int, hour: datetime) -> list[Rollup]:
+    query = select(_POINTS.c.at, _POINTS.c.refusal_reason, _POINTS.c.preload_n).where(
+        _POINTS.c.axis_number == axis_number, _POINTS.c.at >= hour, _POINTS.c.at < hour + HOUR
+    )
+    return [
+        Rollup(at, 1, int(reason is not None), at, preload, None if preload is None else at, preload,
+               None if preload is None else at)
+        for at, reason, preload in connection.execute(query)
+    ]  # fmt: skip
+
+
+def _summed(points: list[Rollup], hour: datetime) -> Rollup | None:
+    return merge(hour, points)
+
+
+def _store(
+    connection: Connection, axis_number: int, span: timedelta, starts_at: datetime, rollup: Rollup | None
+) -> None:
+    key = {"axis_number": axis_number, "span_s": _seconds(span)}
+    connection.execute(
+        delete(_ROLLUPS).where(
+            _ROLLUPS.c.axis_number == axis_number,
+            _ROLLUPS.c.span_s == key["span_s"],
+            _ROLLUPS.c.starts_at == starts_at,
+        )
+    )
+    if rollup is not None:
+        connection.execute(insert(_ROLLUPS), key | {name: getattr(rollup, name) for name in Rollup.__slots__})
+
+
+def _seconds(span: timedelta) -> int:
+    return span // timedelta(seconds=1)

@@ -1,0 +1,74 @@
+"""Define the tables of the trend. They are as long as the history, so they are narrow and lie in the order of reading."""
+
+from datetime import datetime
+
+from sqlalchemy import BigInteger, String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.json_types import JsonObject
+from service.store.tables import Base, UtcMicroseconds
+
+_CLUSTERED = {"sqlite_with_rowid": False}
+
+
+def _key() -> Mapped[int]:
+    return mapped_column(primary_key=True, autoincrement=False)
+
+
+class TrendPointRow(Base):
+    """A measurement that was judged, as trend and charts need it."""
+
+    __tablename__ = "trend_points"
+    __table_args__ = _CLUSTERED
+
+    axis_number: Mapped[int] = _key()
+    at: Mapped[datetime] = mapped_column(UtcMicroseconds, primary_key=True)
+    measurement_id: Mapped[int] = mapped_column(BigInteger, primary_key=True, autoincrement=False)
+    name: Mapped[str] = mapped_column(String(200))
+    position_mm: Mapped[float]
+    set_preload_n: Mapped[float | None]
+    payload_kg: Mapped[float | None]
+    temperature_c: Mapped[float | None]
+    refusal_reason: Mapped[str | None] = mapped_column(String(40))
+    calibration_id: Mapped[int | None] = mapped_column(BigInteger)
+    frequency_hz: Mapped[float | None]
+    preload_n: Mapped[float | None]
+    interval_lower_n: Mapped[float | None]
+    interval_upper_n: Mapped[float | None]
+    drag_torque_nm: Mapped[float | None]
+    feature_s2: Mapped[float | None]
+    feature_uncertainty_s2: Mapped[float | None]  # of the frequency alone
+    epoch: Mapped[int]  # of the charts, when it was judged
+    uncharted: Mapped[str | None] = mapped_column(String(20))  # why it moved no chart
+    state: Mapped[str] = mapped_column(String(16))  # of the axis, after this measurement
+    baseline_preload_n: Mapped[float | None]
+
+
+class TrendRollupRow(Base):
+    """What an hour or a day of the trend holds, with its extremes."""
+
+    __tablename__ = "trend_rollups"
+    __table_args__ = _CLUSTERED
+
+    axis_number: Mapped[int] = _key()
+    span_s: Mapped[int] = _key()  # 3600 or 86400
+    starts_at: Mapped[datetime] = mapped_column(UtcMicroseconds, primary_key=True)
+    n_measurements: Mapped[int]
+    n_refused: Mapped[int]
+    first_at: Mapped[datetime] = mapped_column(UtcMicroseconds)
+    lowest_n: Mapped[float | None]
+    lowest_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)
+    highest_n: Mapped[float | None]
+    highest_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)
+
+
+class ChartCheckpointRow(Base):
+    """The charts of an axis as they stood after a measurement: what arrives late is put in from there."""
+
+    __tablename__ = "chart_checkpoints"
+    __table_args__ = _CLUSTERED
+
+    axis_number: Mapped[int] = _key()
+    epoch: Mapped[int] = _key()
+    at: Mapped[datetime] = mapped_column(UtcMicroseconds, primary_key=True)
+    state: Mapped[JsonObject]
