@@ -32,12 +32,13 @@ from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.uncertainty import VectorEstimate
 
 FORMAT, VERSION = "preload-calibration", 1
-_COEFFICIENT_KEYS = dict(zip(COEFFICIENT_NAMES, ("k1_s2_per_m2", "k2_s2_per_m", "k3_s2_n13", "k4_s2"), strict=True))
+#: k1…k4 with their units, by name.
+COEFFICIENT_KEYS = dict(zip(COEFFICIENT_NAMES, ("k1_s2_per_m2", "k2_s2_per_m", "k3_s2_n13", "k4_s2"), strict=True))
 _INFLUENCE_KEYS = {
     INVERSE_MOVING_MASS: "inverse_moving_mass_per_kg",
     TEMPERATURE_COEFFICIENT: "temperature_coefficient_s2_per_k",
 }
-_PARAMETER_KEYS = {**_COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
+_PARAMETER_KEYS = {**COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
 _PARAMETER_NAMES = {key: name for name, key in _PARAMETER_KEYS.items()}
 _LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORCE: "N/Hz^0.5", None: None}
 
@@ -67,7 +68,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
     return {
         "format": FORMAT,
         "version": VERSION,
-        "coefficients": {key: values[name] for name, key in _COEFFICIENT_KEYS.items()},
+        "coefficients": {key: values[name] for name, key in COEFFICIENT_KEYS.items()},
         **{key: values.get(name) for name, key in _INFLUENCE_KEYS.items()},
         "covariance": calibration.parameters.covariance.tolist(),
         "covariance_order": [_PARAMETER_KEYS[name] for name in calibration.parameter_names],
@@ -160,7 +161,7 @@ def read_calibration(path: Path) -> Calibration:
 
 def _calibration(top: Fields) -> Calibration:
     coefficients, ranges = json_table(top, "coefficients"), json_table(top, "valid_range")
-    values = {key: coefficients.number(key, "SI") for key in _COEFFICIENT_KEYS.values()}
+    values = {key: coefficients.number(key, "SI") for key in COEFFICIENT_KEYS.values()}
     values.update({key: top.number(key, "SI") for key in _INFLUENCE_KEYS.values() if key in top})
     order = _keys(top, "covariance_order")
     if sorted(order) != sorted(values):

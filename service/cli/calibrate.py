@@ -1,14 +1,24 @@
 """``preload calibrate DATA``: k1…k4 of Nguyen's Eq. (8) with covariance, from a modal table or a session."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from monitor_core.preload import Calibration, CoefficientPrior, Weighting, prior_from_calibration
+from monitor_core.preload import (
+    Calibration,
+    CoefficientPrior,
+    Weighting,
+    minimum_detectable_loss,
+    prior_from_calibration,
+)
 from monitor_core.preload import calibrate as fit_calibration
 from monitor_core.recording import ExcitationSource
-from monitor_core.recordings.calibration_file import calibration_document, read_calibration, write_calibration
+from monitor_core.recordings.calibration_file import (
+    COEFFICIENT_KEYS,
+    calibration_document,
+    read_calibration,
+    write_calibration,
+)
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import calibrate_session
 from monitor_core.uncertainty import Estimate
@@ -53,13 +63,12 @@ def calibrate(
     else:
         source = None if excitation_source is None else ExcitationSource(excitation_source)
         calibration = _from_table(data, weighting, mass, source, prior)
-    document = calibration_document(calibration)
     if out is not None:
         write_calibration(out, calibration)
     if as_json:
-        print_json(document)
+        print_json(calibration_document(calibration))
     else:
-        _print(data, document)
+        _print(data, calibration)
 
 
 def _from_session(
@@ -87,16 +96,17 @@ def _from_table(
     return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass, prior=prior)
 
 
-def _print(data: Path, document: dict[str, Any]) -> None:
+def _print(data: Path, found: Calibration) -> None:
+    coefficients = zip(COEFFICIENT_KEYS.values(), found.parameters.values, strict=False)
     print_table(
-        f"Calibration from {data.name} ({document['n_readings']} readings, weighting {document['weighting']})",
+        f"Calibration from {data.name} ({found.n_readings} readings, weighting {found.weighting})",
         ("quantity", "value"),
         [
-            *((name, f"{value:.6g}") for name, value in document["coefficients"].items()),
-            ("residual, rms / max", f"{document['residual_rms_hz']:.4f} / {document['residual_max_hz']:.4f} Hz"),
-            ("reproducibility", f"{document['reproducibility_hz']:.4f} Hz"),
-            ("condition number", f"{document['condition_number']:.1f}"),
-            ("minimum detectable loss", f"{document['minimum_detectable_loss_n']:.0f} N"),
-            ("prior", document["prior"] or "none"),
+            *((name, f"{value:.6g}") for name, value in coefficients),
+            ("residual, rms / max", f"{found.residual_rms:.4f} / {found.residual_max:.4f} Hz"),
+            ("reproducibility", f"{found.reproducibility:.4f} Hz"),
+            ("condition number", f"{found.condition_number:.1f}"),
+            ("minimum detectable loss", f"{minimum_detectable_loss(found):.0f} N"),
+            ("prior", found.prior or "none"),
         ],
     )

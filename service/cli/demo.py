@@ -3,18 +3,23 @@
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
 from monitor_core.recordings.session_hdf5 import open_session
+from service.api.alarms import AlarmOut, AlarmsOut
+from service.api.axes import AxisOut
+from service.api.jobs import JobsOut
+from service.api.trend import TrendOut, TrendPoint
 from service.cli.output import json_option, print_json, print_table
 from service.cli.remote.client import Client
 from service.cli.remote.embedded import embedded_service
 from service.cli.replay import post_session
-from service.operations.monitoring.replay import SUFFIX
+from service.documents.measurement import read_evidence
+from service.json_types import Json, JsonObject
+from service.operations.monitoring.replay import SUFFIX, WindowCounts
 from service.settings import BUNDLED_SESSIONS, Settings
 
 #: The calibration session comes first: the axes of all other sessions are of the machine it was taken on.
@@ -44,11 +49,11 @@ def demo(stay: bool | None, as_json: bool) -> None:
         settings = Settings(data_dir=Path(folder), port=0, host="127.0.0.1", database_url=None)
         with embedded_service(settings) as url, Client(url) as client:
             click.echo(f"dashboard: {url}/", err=True)
-            document = run_demo(client, _bundled(settings))
+            found = run_demo(client, _bundled(settings))
             if as_json:
-                print_json(document)
+                print_json(_document(found))
             else:
-                _print(document)
+                _print(found)
             if stay:
                 click.echo(f"The dashboard stays up at {url}/ until you press Ctrl-C.")
                 _wait()
@@ -59,36 +64,53 @@ def _bundled(settings: Settings) -> Path:
     return BUNDLED_SESSIONS if BUNDLED_SESSIONS.is_dir() else settings.replay_dir
 
 
-def run_demo(client: Client, sessions: Path) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class ReplayedAxis:
+    """An axis after its session."""
+
+    name: str
+    state: str
+    points: list[TrendPoint]
+    alarms: list[AlarmOut]  # oldest first
+
+    @property
+    def judged(self) -> list[TrendPoint]:
+        """The measurements that have a preload."""
+        return [point for point in self.points if point.preload_n is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class Demonstration:
+    """What came of all sessions."""
+
+    windows: WindowCounts
+    axes: list[ReplayedAxis]
+    calibration: Json
+
+
+def run_demo(client: Client, sessions: Path) -> Demonstration:
     """Calibrate on the calibration session, replay the others as axes of the same machine, collect the results."""
     configuration = demonstration_axis(sessions)
     client.put(f"/v1/axes/{CALIBRATION}", {"name": "calibration of the machine", "configuration": configuration})
     counts = replay_bundled(client, sessions, CALIBRATION, "calibration of the machine")
-    calibration = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": "demo"})
-    estimates: list[dict[str, Any]] = []
-    alarms: list[dict[str, Any]] = []
-    axes: list[dict[str, Any]] = []
+    fitted = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": "demo"})
+    axes = []
     for session, description in MONITORED.items():
         client.put(f"/v1/axes/{session}", {"name": f"{session}: {description}", "configuration": configuration})
         own = client.post(
-            f"/v1/axes/{session}/calibrations", {"document": calibration["document"], "comment": "of the machine"}
+            f"/v1/axes/{session}/calibrations", {"document": fitted["document"], "comment": "of the machine"}
         )
         client.post(f"/v1/axes/{session}/calibrations/{own['id']}/activate", {"reason": "demo"})
-        replayed = replay_bundled(client, sessions, session, description)
-        counts = {name: counts[name] + replayed[name] for name in counts}
+        counts += replay_bundled(client, sessions, session, description)
         _wait_for_causes(client, session)
-        points = client.get(f"/v1/axes/{session}/trend", limit=10_000)["points"]
-        raised = client.get("/v1/alarms", axis=session, limit=200)["alarms"]
-        estimates += [{"axis": session, **point} for point in points if point["preload_n"] is not None]
-        alarms += [
-            {"axis": session, "kind": alarm["kind"], **alarm["evidence"], "explanation": alarm["explanation"]}
-            for alarm in reversed(raised)
-        ]
-        axes.append(_summary(client, session, points, raised))
-    return {**counts, "axes": axes, "estimates": estimates, "alarms": alarms, "calibration": calibration["document"]}
+        points = client.get(f"/v1/axes/{session}/trend", TrendOut, limit=10_000).points
+        raised = client.get("/v1/alarms", AlarmsOut, axis=session, limit=200).alarms
+        state = client.get(f"/v1/axes/{session}", AxisOut).state
+        axes.append(ReplayedAxis(session, state, points, raised[::-1]))
+    return Demonstration(counts, axes, fitted["document"])
 
 
-def demonstration_axis(sessions: Path) -> dict[str, Any]:
+def demonstration_axis(sessions: Path) -> JsonObject:
     """Return the settings of the demonstration axis, as an operator would state them."""
     return {
         "search_band_hz": [140.0, 230.0],
@@ -98,7 +120,7 @@ def demonstration_axis(sessions: Path) -> dict[str, Any]:
     }
 
 
-def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> Mapping[str, int]:
+def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> WindowCounts:
     """Post one bundled session to the axis of its name, which is registered."""
     click.echo(f"replaying {session} ({description})", err=True)
     with open_session(sessions / f"{session}{SUFFIX}") as reader:
@@ -108,68 +130,91 @@ def replay_bundled(client: Client, sessions: Path, session: str, description: st
 def _wait_for_causes(client: Client, axis: str) -> None:
     until = time.monotonic() + LONGEST_WAIT_S
     while time.monotonic() < until:
-        jobs = client.get("/v1/jobs", axis=axis)["jobs"]
-        if all(job["status"] not in ("queued", "running") for job in jobs):
+        jobs = client.get("/v1/jobs", JobsOut, axis=axis).jobs
+        if all(job.status not in ("queued", "running") for job in jobs):
             return
         time.sleep(0.2)
 
 
-def _summary(client: Client, session: str, points: list[dict[str, Any]], raised: list[Any]) -> dict[str, Any]:
-    judged = [point for point in points if point["preload_n"] is not None]
+def _document(found: Demonstration) -> JsonObject:
     return {
-        "axis": session,
-        "state": client.get(f"/v1/axes/{session}")["state"],
-        "judged": len(judged),
-        "refused": len(points) - len(judged),
-        "first": judged[0] if judged else None,
-        "last": judged[-1] if judged else None,
-        "alarms": len(raised),
+        **asdict(found.windows),
+        "axes": [_summary(axis) for axis in found.axes],
+        "estimates": [{"axis": axis.name, **_point(point)} for axis in found.axes for point in axis.judged],
+        "alarms": [
+            {
+                "axis": axis.name,
+                "kind": alarm.kind,
+                **alarm.evidence,
+                "explanation": alarm.explanation.model_dump(mode="json"),
+            }
+            for axis in found.axes
+            for alarm in axis.alarms
+        ],
+        "calibration": found.calibration,
     }
 
 
-def _print(document: dict[str, Any]) -> None:
+def _summary(axis: ReplayedAxis) -> JsonObject:
+    judged = axis.judged
+    return {
+        "axis": axis.name,
+        "state": axis.state,
+        "judged": len(judged),
+        "refused": len(axis.points) - len(judged),
+        "first": _point(judged[0]) if judged else None,
+        "last": _point(judged[-1]) if judged else None,
+        "alarms": len(axis.alarms),
+    }
+
+
+def _point(point: TrendPoint) -> JsonObject:
+    return point.model_dump(mode="json")
+
+
+def _print(found: Demonstration) -> None:
     print_table(
         "Trend",
         ("axis", "measurements", "refused", "preload at first", "preload at last", "95 % interval", "state"),
-        [
-            (
-                axis["axis"],
-                str(axis["judged"]),
-                str(axis["refused"]),
-                _newtons(axis["first"]),
-                _newtons(axis["last"]),
-                "—" if axis["last"] is None else _interval(axis["last"]["interval_95_n"]),
-                axis["state"],
-            )
-            for axis in document["axes"]
-        ],
+        [_trend_row(axis) for axis in found.axes],
     )
+    alarms = [(axis.name, alarm, read_evidence(alarm.evidence)) for axis in found.axes for alarm in axis.alarms]
     print_table(
         "Alarms",
         ("axis", "at", "kind", "preload", "95 % interval", "loss since baseline"),
         [
             (
-                alarm["axis"], alarm["at"][:16].replace("T", " "), alarm["kind"], f"{alarm['preload_n']:.0f} N",
-                _interval(alarm["interval"]), f"{alarm['preload_loss_n']:.0f} N",
+                name, f"{evidence.at:%Y-%m-%d %H:%M}", alarm.kind, _newtons(evidence.preload_n),
+                _interval(evidence.interval), _newtons(evidence.preload_loss_n),
             )
-            for alarm in document["alarms"]
+            for name, alarm, evidence in alarms
         ],
     )  # fmt: skip
-    for alarm in document["alarms"]:
-        click.echo(f"{alarm['axis']}: {alarm['explanation']['sentence']}")
-    silent = [axis["axis"] for axis in document["axes"] if not axis["alarms"]]
+    for name, alarm, _ in alarms:
+        click.echo(f"{name}: {alarm.explanation.sentence}")
+    silent = [axis.name for axis in found.axes if not axis.alarms]
     click.echo(
-        f"{document['windows_posted']} windows posted, {document['windows_refused']} refused; "
+        f"{found.windows.windows_posted} windows posted, {found.windows.windows_refused} refused; "
         f"no alarm on: {', '.join(silent) or 'none'}"
     )
 
 
-def _newtons(point: dict[str, Any] | None) -> str:
-    return "—" if point is None else f"{point['preload_n']:.0f} N"
+def _trend_row(axis: ReplayedAxis) -> tuple[str, ...]:
+    judged = axis.judged
+    n_judged, n_refused = str(len(judged)), str(len(axis.points) - len(judged))
+    if not judged:
+        return (axis.name, n_judged, n_refused, "—", "—", "—", axis.state)
+    first, last = judged[0], judged[-1]
+    ends = (_newtons(first.preload_n), _newtons(last.preload_n), _interval(last.interval_95_n))
+    return (axis.name, n_judged, n_refused, *ends, axis.state)
 
 
-def _interval(bounds: list[float | None]) -> str:
-    return " to ".join("∞" if bound is None else f"{bound:.0f}" for bound in bounds) + " N"
+def _newtons(value: float | None) -> str:
+    return "—" if value is None else f"{value:.0f} N"
+
+
+def _interval(bounds: tuple[float | None, float | None] | None) -> str:
+    return "—" if bounds is None else " to ".join("∞" if bound is None else f"{bound:.0f}" for bound in bounds) + " N"
 
 
 def _wait() -> None:

@@ -1,7 +1,8 @@
 """``preload estimate DATA --calibration FILE``: newtons with a 95 % interval per row or measurement."""
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -14,6 +15,7 @@ from monitor_core.session import judge_session
 from service.cli.inputs.session import axis_settings, is_session, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import estimate_document, refusal_document
+from service.json_types import JsonObject
 
 
 @click.command()
@@ -27,7 +29,7 @@ def estimate(data: Path, calibration_file: Path, as_json: bool) -> None:
     calibration = read_calibration(calibration_file)
     estimates = _of_session(data, calibration) if is_session(data) else _of_table(data, calibration)
     if as_json:
-        print_json({"estimates": estimates})
+        print_json({"estimates": [_document(item) for item in estimates]})
         return
     print_table(
         f"Preload from {data.name}",
@@ -36,44 +38,54 @@ def estimate(data: Path, calibration_file: Path, as_json: bool) -> None:
     )
 
 
-def _of_session(path: Path, calibration: Calibration) -> list[dict[str, Any]]:
+@dataclass(frozen=True, slots=True)
+class _Estimated:
+    """What became of a row or a measurement."""
+
+    measurement: str
+    position_mm: float
+    frequency_hz: float | None
+    answer: PreloadEstimate | Rejection
+
+
+def _of_session(path: Path, calibration: Calibration) -> list[_Estimated]:
     estimates = []
     with watched_session(path) as session:
         for item in judge_session(session, axis_settings(None), calibration):
             modal = item.outcome.modal
             frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
             position_mm = to_millimetres(item.conditions.position)
-            place = {"measurement": item.name, "position_mm": position_mm, "frequency_hz": frequency}
-            estimates.append(place | _answer(item.outcome.preload))
+            estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload))
     return estimates
 
 
-def _of_table(path: Path, calibration: Calibration) -> list[dict[str, Any]]:
+def _of_table(path: Path, calibration: Calibration) -> list[_Estimated]:
     estimates = []
     for number, row in enumerate(read_modal_table(path), start=1):
         reading = row.reading
         answer = estimate_preload(reading.estimate, reading.conditions, calibration)
-        place = {
-            "measurement": f"row {number}",
-            "position_mm": to_millimetres(row.position),
-            "frequency_hz": row.frequency,
-        }
-        estimates.append(place | _answer(answer))
+        estimates.append(_Estimated(f"row {number}", to_millimetres(row.position), row.frequency, answer))
     return estimates
 
 
-def _answer(answer: PreloadEstimate | Rejection) -> dict[str, Any]:
+def _document(item: _Estimated) -> JsonObject:
+    place: JsonObject = {
+        "measurement": item.measurement,
+        "position_mm": item.position_mm,
+        "frequency_hz": item.frequency_hz,
+    }
+    if isinstance(item.answer, Rejection):
+        return place | {"preload_n": None, "interval_95_n": None, "extrapolated": None} | refusal_document(item.answer)
+    return place | estimate_document(item.answer) | {"refused": False}
+
+
+def _row(item: _Estimated) -> tuple[str, ...]:
+    answer = item.answer
+    frequency = "—" if item.frequency_hz is None else f"{item.frequency_hz:.3f} Hz"
+    place = (item.measurement, f"{item.position_mm:.1f} mm", frequency)
     if isinstance(answer, Rejection):
-        return {"preload_n": None, "interval_95_n": None, "extrapolated": None} | refusal_document(answer)
-    return estimate_document(answer) | {"refused": False}
-
-
-def _row(item: dict[str, Any]) -> tuple[str, ...]:
-    frequency = "—" if item["frequency_hz"] is None else f"{item['frequency_hz']:.3f} Hz"
-    place = (item["measurement"], f"{item['position_mm']:.1f} mm", frequency)
-    if item["refused"]:
-        return (*place, "—", "—", f"{item['reason']}: {item['detail']}")
-    low, high = item["interval_95_n"]
-    remarks = [*(f"{name} outside the calibrated range" for name in item["outside"]), *item["assumptions"]]
-    upper = "∞" if high is None else f"{high:.0f}"
-    return (*place, f"{item['preload_n']:.0f} N", f"{low:.0f} to {upper} N", "; ".join(remarks))
+        return (*place, "—", "—", f"{answer.reason}: {answer.detail}")
+    low, high = answer.interval.lower, answer.interval.upper
+    remarks = [*(f"{name} outside the calibrated range" for name in answer.outside), *answer.assumptions]
+    upper = f"{high:.0f}" if math.isfinite(high) else "∞"
+    return (*place, f"{answer.preload:.0f} N", f"{low:.0f} to {upper} N", "; ".join(remarks))

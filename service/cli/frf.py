@@ -2,16 +2,17 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import click
 
 from monitor_core.modal import ModalMeasurement
+from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.session import SessionMeasurement, judge_session
 from service.cli.inputs.session import axis_settings, band_option, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
+from service.json_types import JsonObject
 
 
 @click.command()
@@ -22,9 +23,9 @@ def frf(session: Path, band_hz: tuple[float, float] | None, as_json: bool) -> No
     """Find the axial mode in each measurement of a recorded session."""
     settings = axis_settings(band_hz)
     with watched_session(session) as recorded:
-        measurements = [_document(item) for item in judge_session(recorded, settings)]
+        measurements = list(judge_session(recorded, settings))
     if as_json:
-        print_json({"measurements": measurements})
+        print_json({"measurements": [_document(item) for item in measurements]})
         return
     print_table(
         f"Modes in {session.name}",
@@ -33,27 +34,30 @@ def frf(session: Path, band_hz: tuple[float, float] | None, as_json: bool) -> No
     )
 
 
-def _document(item: SessionMeasurement) -> dict[str, Any]:
+def _document(item: SessionMeasurement) -> JsonObject:
     modal = item.outcome.modal
-    document: dict[str, Any] = {
+    return {
         "measurement": item.name,
         "position_mm": to_millimetres(item.conditions.position),
         "preload_n": item.conditions.preload,
         "windows_refused": dict(Counter(str(rejection.reason) for rejection in item.refused_windows)),
         "refused": False,
+        **(modal_document(modal) if isinstance(modal, ModalMeasurement) else refusal_document(modal)),
     }
-    return document | (modal_document(modal) if isinstance(modal, ModalMeasurement) else refusal_document(modal))
 
 
-def _row(item: dict[str, Any]) -> tuple[str, ...]:
-    place = (item["measurement"], f"{item['position_mm']:.1f} mm")
-    if item["refused"]:
-        return (*place, "—", "—", "—", "—", f"{item['reason']}: {item['detail']}")
+def _row(item: SessionMeasurement) -> tuple[str, ...]:
+    modal = item.outcome.modal
+    if isinstance(modal, Rejection):
+        position = f"{to_millimetres(item.conditions.position):.1f} mm"
+        return (item.name, position, "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
+    frequency = modal.mode.frequency
     return (
-        *place,
-        f"{item['frequency_hz']:.3f} ± {item['frequency_standard_uncertainty_hz']:.3f} Hz",
-        f"{100 * item['damping_ratio']:.2f} %",
-        f"{item['coherence']:.3f}",
-        f"{item['n_averages']:.0f}",
-        "; ".join(item["warnings"]),
+        item.name,
+        f"{to_millimetres(modal.conditions.position):.1f} mm",
+        f"{frequency.value:.3f} ± {frequency.standard_uncertainty:.3f} Hz",
+        f"{100 * modal.mode.damping_ratio.value:.2f} %",
+        f"{modal.coherence:.3f}",
+        f"{modal.n_averages:.0f}",
+        "; ".join(modal.warnings),
     )

@@ -1,14 +1,14 @@
 """``preload modes MODEL``: natural frequencies and damping of a drive model along the axis."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from monitor_core.models import DriveConditions, MotorEnd
+from monitor_core.models import DriveConditions, MotorEnd, NaturalFrequency
 from monitor_core.recordings.elements.units import metres
 from service.cli.inputs.model import NumbersCommand, built_model
 from service.cli.output import json_option, print_json, print_table
+from service.json_types import JsonObject
 
 
 @click.command(cls=NumbersCommand)
@@ -37,36 +37,28 @@ def modes(
     """List the modes of a drive model; the motion of the rigid drive (0 Hz) is left out."""
     drive = built_model(model)
     end = None if motor_end is None else MotorEnd(motor_end)
-    positions = [
-        {
-            "position_mm": position_mm,
-            "modes": [
-                {"frequency_hz": mode.frequency, "damping_ratio": mode.damping_ratio}
-                for mode in drive.natural_frequencies(
-                    DriveConditions(metres(position_mm), preload_n, payload_kg), motor_end=end
-                )
-                if mode.frequency > 0.0
-            ],
-        }
-        for position_mm in positions_mm
+    found = [
+        (x, drive.natural_frequencies(DriveConditions(metres(x), preload_n, payload_kg), motor_end=end))
+        for x in positions_mm
     ]
+    places = [(x, [mode for mode in modes if mode.frequency > 0.0]) for x, modes in found]
     if as_json:
+        positions = [{"position_mm": x, "modes": [_document(mode) for mode in modes]} for x, modes in places]
         print_json({"preload_n": preload_n, "payload_kg": payload_kg, "motor_end": motor_end, "positions": positions})
         return
     print_table(
         f"Modes of {model.name}",
         ("position", "mode", "frequency", "damping"),
-        [row for place in positions for row in _rows(place)],
+        [row for x, modes in places for row in _rows(x, modes)],
     )
 
 
-def _rows(place: dict[str, Any]) -> list[tuple[str, ...]]:
+def _document(mode: NaturalFrequency) -> JsonObject:
+    return {"frequency_hz": mode.frequency, "damping_ratio": mode.damping_ratio}
+
+
+def _rows(position_mm: float, modes: list[NaturalFrequency]) -> list[tuple[str, ...]]:
     return [
-        (
-            f"{place['position_mm']:.1f} mm",
-            str(number),
-            f"{mode['frequency_hz']:.3f} Hz",
-            f"{100 * mode['damping_ratio']:.3f} %",
-        )
-        for number, mode in enumerate(place["modes"], start=1)
+        (f"{position_mm:.1f} mm", str(number), f"{mode.frequency:.3f} Hz", f"{100 * mode.damping_ratio:.3f} %")
+        for number, mode in enumerate(modes, start=1)
     ]

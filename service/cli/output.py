@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import click
 from rich.console import Console
@@ -14,7 +13,7 @@ from service.documents.measurement import finite_or_null
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 
 
-def print_json(document: Mapping[str, Any]) -> None:
+def print_json(document: Mapping[str, object]) -> None:
     """Print one document; what is not finite becomes null, since JSON has no other word for it."""
     click.echo(json.dumps(finite_or_null(document), indent=2, allow_nan=False))
 

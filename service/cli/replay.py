@@ -1,18 +1,16 @@
 """``preload replay SESSION --url URL --axis ID``: post a recorded session to a running service."""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
 from monitor_core.recording import RejectionReason
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session
 from service.cli.output import json_option, print_json, progress_bar
-from service.cli.remote.client import Client
-from service.operations.monitoring.replay import Pace
+from service.cli.remote.client import Client, MeasurementOutcome
+from service.operations.monitoring.replay import Pace, WindowCounts
 
 
 @click.command()
@@ -31,7 +29,7 @@ def replay(session: Path, url: str, axis: str, speed: float | None, as_json: boo
         posted = post_session(reader, client, axis, speed)
     if as_json:
         refused = dict(posted.measurements_refused)
-        print_json({**posted.windows, "measurements": posted.measurements, "measurements_refused": refused})
+        print_json({**asdict(posted.windows), "measurements": posted.measurements, "measurements_refused": refused})
     else:
         click.echo(_sentence(posted))
 
@@ -40,7 +38,7 @@ def replay(session: Path, url: str, axis: str, speed: float | None, as_json: boo
 class Posted:
     """Counts of the windows and measurements of a posted session."""
 
-    windows: Mapping[str, int]
+    windows: WindowCounts
     measurements: int  # judged now, or when they were first sent
     measurements_refused: Counter[str]  # of those, by reason
 
@@ -48,24 +46,21 @@ class Posted:
 def post_session(reader: SessionReader, client: Client, axis: str, speed: float | None = None) -> Posted:
     """Post all measurements of an open session and count their outcomes."""
     pace = Pace(speed)
-    windows_posted = {"windows_posted": 0, "windows_refused": 0, "windows_already_there": 0}
-    judged: list[dict[str, Any]] = []
+    counts, judged = WindowCounts(), list[MeasurementOutcome]()
     with progress_bar() as progress:
         task = progress.add_task(f"{axis}", total=len(reader.measurement_of))
         for name in reader.measurements:
             windows = reader.windows_of(name)
             pace.wait_for(windows[0].started_at)
-            answer: dict[str, Any] = client.post_measurement(axis, windows)
-            windows_posted["windows_posted"] += answer["accepted"] + answer["refused"]
-            windows_posted["windows_refused"] += answer["refused"]
-            windows_posted["windows_already_there"] += answer["already_there"]
-            judged += answer["measurements"]
+            answer = client.post_measurement(axis, windows)
+            counts += WindowCounts(answer.accepted + answer.refused, answer.refused, answer.already_there)
+            judged += answer.measurements
             progress.advance(task, len(windows))
-    return Posted(windows_posted, len(judged), Counter(outcome["reason"] for outcome in judged if outcome["refused"]))
+    return Posted(counts, len(judged), Counter(str(outcome.reason) for outcome in judged if outcome.refused))
 
 
 def _sentence(posted: Posted) -> str:
-    windows = ", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in posted.windows.items())
+    windows = ", ".join(f"{name.replace('_', ' ')}: {value}" for name, value in asdict(posted.windows).items())
     reasons = ", ".join(f"{number} {reason}" for reason, number in posted.measurements_refused.most_common())
     refused = posted.measurements_refused.total()
     sentence = f"{windows}; measurements: {posted.measurements}, refused: {refused}{reasons and f' ({reasons})'}"

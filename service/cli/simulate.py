@@ -2,12 +2,11 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
-from monitor_core.models import DriveConditions, DriveModel
+from monitor_core.models import DriveConditions, DriveModel, NaturalFrequency
 from monitor_core.models.generator import (
     MOTOR_END,
     GuideFriction,
@@ -21,6 +20,7 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.model import NumbersCommand, built_model
 from service.cli.inputs.session import SESSION_SUFFIXES
 from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.json_types import JsonObject
 
 #: A fixed instant, so that the same seed gives the same file whenever it is written.
 STARTED_AT = datetime(2025, 1, 1, tzinfo=UTC)
@@ -109,16 +109,17 @@ def simulate(
     conditions = condition_grid(positions, preloads_n or (None,), (payload_kg,))
     recorded = _simulated(drive, conditions, settings, seed, label=out.name)
     write_session(out, Session(model.stem, recorded, f"simulated from {model.name} with seed {seed}"))
-    measurements = [_measurement(drive, c, settings, f"m{i:04d}") for i, c in enumerate(conditions)]
-    if not all(item["model_damping_ratio"] > 0.0 for item in measurements):
+    measurements = [(f"m{i:04d}", c, _first_mode(drive, c, settings)) for i, c in enumerate(conditions)]
+    if not all(mode.damping_ratio > 0.0 for _, _, mode in measurements):
         click.echo("the model states no damping: its mode rings on beyond the windows and cannot be fitted", err=True)
     if as_json:
-        print_json({"session": str(out), "windows": len(recorded), "seed": seed, "measurements": measurements})
+        documents = [_document(*item) for item in measurements]
+        print_json({"session": str(out), "windows": len(recorded), "seed": seed, "measurements": documents})
         return
     print_table(
         f"{len(recorded)} windows in {out.name}",
         ("measurement", "position", "preload", "the model's first mode"),
-        [_row(item) for item in measurements],
+        [_row(*item) for item in measurements],
     )
 
 
@@ -140,11 +141,12 @@ def _quarter_points(drive: DriveModel) -> list[float]:
     return [share * length for share in (0.25, 0.5, 0.75)]
 
 
-def _measurement(
-    drive: DriveModel, condition: DriveConditions, settings: SimulationSettings, name: str
-) -> dict[str, Any]:
+def _first_mode(drive: DriveModel, condition: DriveConditions, settings: SimulationSettings) -> NaturalFrequency:
     poles = drive.natural_frequencies(condition, MOTOR_END[settings.excitation_source])
-    first = next(pole for pole in poles if pole.frequency > 0.0)
+    return next(pole for pole in poles if pole.frequency > 0.0)
+
+
+def _document(name: str, condition: DriveConditions, first: NaturalFrequency) -> JsonObject:
     return {
         "measurement": name,
         "position_mm": to_millimetres(condition.position),
@@ -155,10 +157,10 @@ def _measurement(
     }
 
 
-def _row(item: dict[str, Any]) -> tuple[str, ...]:
+def _row(name: str, condition: DriveConditions, first: NaturalFrequency) -> tuple[str, ...]:
     return (
-        item["measurement"],
-        f"{item['position_mm']:.1f} mm",
-        "—" if item["preload_n"] is None else f"{item['preload_n']:g} N",
-        f"{item['model_frequency_hz']:.3f} Hz, {100 * item['model_damping_ratio']:.2f} %",
+        name,
+        f"{to_millimetres(condition.position):.1f} mm",
+        "—" if condition.preload is None else f"{condition.preload:g} N",
+        f"{first.frequency:.3f} Hz, {100 * first.damping_ratio:.2f} %",
     )

@@ -7,12 +7,12 @@ several times as long as the statements themselves. What a single window needs i
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy import Connection, and_, bindparam, func, insert, select, update
 from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import UnknownResourceError
+from service.json_types import JsonObject
 from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.tables import AxisRow, MeasurementRow, WindowRow
 
@@ -25,7 +25,7 @@ class AxisRecord:
     """An axis as far as its windows need it."""
 
     id: str
-    configuration: dict[str, Any]
+    configuration: JsonObject
     active_calibration_id: int | None
     revision: int
     newest_window_at: datetime | None  # start of the last of its stored windows
@@ -35,8 +35,8 @@ class AxisRecord:
 class ChartsRecord:
     """The charts of an axis: their limits, and where they stand. Wanted only where a measurement is judged."""
 
-    detector_design: dict[str, Any]
-    monitor_state: dict[str, Any] | None
+    detector_design: JsonObject
+    monitor_state: JsonObject | None
 
 
 @dataclass(slots=True)
@@ -51,9 +51,42 @@ class MeasurementRecord:
     status: str = OPEN
     n_accepted: int = 0
     calibration_id: int | None = None
-    outcome: dict[str, Any] | None = None
+    outcome: JsonObject | None = None
     revision: int = 1
     id: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRecord:
+    """What came of a measurement."""
+
+    status: str
+    refusal_reason: str | None
+    judged_at: datetime
+    calibration_id: int | None
+    monitor_state: str
+    outcome: JsonObject
+    response: JsonObject | None
+    frequency_hz: float | None
+    preload_n: float | None
+    interval_lower_n: float | None
+    interval_upper_n: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRecord:
+    """A new window: where its waveform lies and whether it was accepted."""
+
+    axis_id: str
+    measurement_id: int | None
+    started_at: datetime
+    received_at: datetime
+    content_sha256: str
+    file_path: str
+    offset_in_file: int
+    index_in_frame: int
+    refusal_reason: str | None
+    refusal_detail: str | None
 
 
 _AXES, _MEASUREMENTS, _WINDOWS = (
@@ -118,10 +151,10 @@ def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[dat
     return {row.started_at: row.content_sha256 for row in rows}
 
 
-def add_windows(connection: Connection, rows: list[dict[str, Any]]) -> None:
-    """Store windows, given by the names of their columns."""
-    for row in rows:
-        _NEW_WINDOW.run(connection, row)
+def add_windows(connection: Connection, windows: Iterable[WindowRecord]) -> None:
+    """Store windows."""
+    for window in windows:
+        _NEW_WINDOW.run(connection, _columns(window))
 
 
 def save_admitted(connection: Connection, measurement: MeasurementRecord) -> None:
@@ -131,26 +164,31 @@ def save_admitted(connection: Connection, measurement: MeasurementRecord) -> Non
     date.
     """
     if measurement.id is None:
-        values = {name: getattr(measurement, name) for name in MeasurementRecord.__slots__ if name != "id"}
-        measurement.id = connection.execute(_NEW_MEASUREMENT, values).scalar_one()
+        columns = _columns(measurement)
+        del columns["id"]
+        measurement.id = connection.execute(_NEW_MEASUREMENT, columns).scalar_one()
     else:
-        columns = {"started_at": measurement.started_at, "n_accepted": measurement.n_accepted}
-        _expect_one(measurement, _CHANGE_ADMITTED.run(connection, _next_revision(measurement, columns)))
+        changed = _next_revision(measurement, started_at=measurement.started_at, n_accepted=measurement.n_accepted)
+        _expect_one(measurement, _CHANGE_ADMITTED.run(connection, changed))
 
 
-def save_judged(connection: Connection, measurement: MeasurementRecord, columns: dict[str, Any]) -> None:
-    """Store what came of a measurement, given by the names of its columns."""
-    changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, columns))
+def save_judged(connection: Connection, measurement: MeasurementRecord, judged: JudgedRecord) -> None:
+    """Store what came of a measurement."""
+    changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, **_columns(judged)))
     _expect_one(measurement, changed.rowcount)
 
 
-def save_state(connection: Connection, axis: AxisRecord, monitor_state: dict[str, Any]) -> None:
+def save_state(connection: Connection, axis: AxisRecord, monitor_state: JsonObject) -> None:
     """Store where the charts of an axis stand."""
-    changed = connection.execute(_CHANGE_AXIS, _next_revision(axis, {"monitor_state": monitor_state}))
+    changed = connection.execute(_CHANGE_AXIS, _next_revision(axis, monitor_state=monitor_state))
     _expect_one(axis, changed.rowcount)
 
 
-def _next_revision(record: AxisRecord | MeasurementRecord, columns: dict[str, Any]) -> dict[str, Any]:
+def _columns(record: MeasurementRecord | JudgedRecord | WindowRecord) -> dict[str, object]:
+    return {name: getattr(record, name) for name in record.__slots__}
+
+
+def _next_revision(record: AxisRecord | MeasurementRecord, **columns: object) -> dict[str, object]:
     return columns | {"_id": record.id, "_seen": record.revision, "revision": record.revision + 1}
 
 

@@ -18,7 +18,7 @@ class _Written:
     """A statement as one database wants it."""
 
     text: str
-    constants: dict[str, Any]  # values that stand in the statement itself, by parameter
+    constants: dict[str, object]  # values that stand in the statement itself, by parameter
     to_driver: list[tuple[str, _Convert]]  # by parameter, in the order of the text
     by_position: bool
 
@@ -34,7 +34,7 @@ class _Prepared:
         self._columns = columns
         self._written: dict[str, _Written] = {}  # by name of the dialect
 
-    def _run(self, connection: Connection, values: dict[str, Any]) -> Any:  # noqa: ANN401 - a cursor of the driver
+    def _run(self, connection: Connection, values: dict[str, object]) -> Any:  # noqa: ANN401 - a cursor of the driver
         dialect = connection.dialect
         written = self._written.get(dialect.name)
         if written is None:
@@ -54,7 +54,7 @@ class PreparedSelect(_Prepared):
         self._kinds = [column.type for column in statement.selected_columns]
         self._from_driver: dict[str, list[_Convert]] = {}  # by name of the dialect, for each column
 
-    def rows(self, connection: Connection, values: dict[str, Any]) -> list[list[Any]]:
+    def rows(self, connection: Connection, values: dict[str, object]) -> list[list[Any]]:
         """Return what it finds."""
         cursor, dialect = self._run(connection, values), connection.dialect
         convert = self._from_driver.get(dialect.name)
@@ -72,7 +72,7 @@ class PreparedChange(_Prepared):
     def __init__(self, statement: Insert | Update, columns: Sequence[str]) -> None:
         super().__init__(statement, columns)
 
-    def run(self, connection: Connection, values: dict[str, Any]) -> int:
+    def run(self, connection: Connection, values: dict[str, object]) -> int:
         """Run it, and return how many rows it met."""
         n_rows: int = self._run(connection, values).rowcount
         return n_rows

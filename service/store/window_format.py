@@ -3,12 +3,43 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeAlias, TypedDict
 
 import msgpack
 import numpy as np
+import numpy.typing as npt
 
+from monitor_core.arrays import SampleArray
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+
+_Bytes: TypeAlias = bytes | memoryview
+
+
+class _Samples(TypedDict):
+    dtype: str
+    bytes: _Bytes
+
+
+class _Metadata(TypedDict):
+    """What is said of a window besides its samples."""
+
+    started_at: str
+    sample_rate_hz: float
+    measurement: str
+    excitation_quantity: str
+    excitation_source: str
+    direction: str
+    position_span_m: float
+    position_m: float
+    payload_kg: float | None
+    temperature_c: float | None
+    preload_n: float | None
+
+
+class _Packed(_Metadata):
+    excitation: _Samples
+    response: _Samples
+    position_trace_m: _Samples | None
 
 
 def pack_windows(windows: Iterable[Window]) -> bytes:
@@ -37,14 +68,14 @@ def content_sha256(window: Window) -> str:
     digest = hashlib.sha256()
     for samples in (window.excitation, window.response, window.position_trace):
         digest.update(b"-" if samples is None else np.ascontiguousarray(_float32(samples)).data)
-    words = _metadata(window)
+    words: dict[str, object] = {**_metadata(window)}
     numbers = {name: value for name, value in words.items() if isinstance(value, int | float)}
     words |= zip(numbers, _float32(list(numbers.values())).tolist(), strict=True)
     digest.update(repr(words).encode())
     return digest.hexdigest()
 
 
-def _float32(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401 - a number or an array of them
+def _float32(values: npt.ArrayLike) -> npt.NDArray[np.float32]:
     with np.errstate(over="ignore"):  # beyond float32 is infinite: as good as any other name for it
         return np.asarray(values).astype("<f4", copy=False)
 
@@ -57,7 +88,7 @@ def size_of(windows: Sequence[Window]) -> int:
     )
 
 
-def _metadata(window: Window) -> dict[str, Any]:
+def _metadata(window: Window) -> _Metadata:
     conditions = window.conditions
     return {
         "started_at": window.started_at.astimezone(UTC).isoformat(),
@@ -74,21 +105,22 @@ def _metadata(window: Window) -> dict[str, Any]:
     }
 
 
-def _pack(window: Window) -> dict[str, Any]:
-    def samples(values: np.ndarray[Any, Any]) -> dict[str, Any]:
+def _pack(window: Window) -> _Packed:
+    def samples(values: SampleArray) -> _Samples:
         kind = values.dtype.newbyteorder("<")
         return {"dtype": kind.str, "bytes": np.ascontiguousarray(values, dtype=kind).data.cast("B")}
 
     trace = window.position_trace
-    return _metadata(window) | {
+    return {
+        **_metadata(window),
         "excitation": samples(window.excitation),
         "response": samples(window.response),
         "position_trace_m": None if trace is None else samples(trace),
     }
 
 
-def _unpack(item: dict[str, Any]) -> Window:
-    def samples(packed: dict[str, Any]) -> np.ndarray[Any, Any]:
+def _unpack(item: _Packed) -> Window:
+    def samples(packed: _Samples) -> npt.NDArray[Any]:
         return np.frombuffer(packed["bytes"], dtype=packed["dtype"])
 
     trace = item["position_trace_m"]

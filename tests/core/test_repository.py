@@ -57,3 +57,10 @@ def test_the_changelog_has_one_line_a_change_in_three_groups_of_each_version():
 def test_the_package_claims_the_python_that_runs_its_tests():
     claimed = {text.rpartition(" :: ")[2] for text in PROJECT["classifiers"] if "Python :: 3." in text}
     assert f"3.{sys.version_info.minor}" in claimed
+
+
+def test_what_passes_between_layers_has_names():
+    """A dictionary of anything hides from the type checker what its reader relies on."""
+    modules = [path for package in ("monitor_core", "service") for path in (PROJECT_ROOT / package).rglob("*.py")]
+    unnamed = re.compile(r"\b(dict|Mapping)\[str, Any\]")
+    assert [str(path) for path in modules if unnamed.search(path.read_text(encoding="utf-8"))] == []

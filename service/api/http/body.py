@@ -25,8 +25,8 @@ def require_json(request: Request) -> None:
             raise UnsupportedContentError(f"Content-Type must be {JSON_TYPE}; got {kind or 'none'}")
 
 
-def parse_body(body: bytes, content_type: str | None) -> Any:  # noqa: ANN401 - whatever was sent; a wire model judges it
-    """Read a body by its content type; JSON where none is stated."""
+def parse_body(body: bytes, content_type: str | None) -> object:
+    """Read a body by its content type, JSON where none is stated; a wire model judges what was sent."""
     kind = _media_type(content_type) or JSON_TYPE
     if kind == JSON_TYPE:
         return _from_json(body)
@@ -39,14 +39,14 @@ def _media_type(content_type: str | None) -> str:
     return (content_type or "").split(";")[0].strip().lower()
 
 
-def _from_json(body: bytes) -> Any:  # noqa: ANN401
+def _from_json(body: bytes) -> object:
     try:
         return pydantic_core.from_json(body, allow_inf_nan=False, cache_strings="keys")
     except ValueError as error:
         raise UnreadableBodyError(f"the body is not JSON: {error}") from error
 
 
-def _from_msgpack(body: bytes) -> Any:  # noqa: ANN401
+def _from_msgpack(body: bytes) -> object:
     try:
         return msgpack.unpackb(body)
     except (ValueError, msgpack.exceptions.UnpackException) as error:

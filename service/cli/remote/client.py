@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import click
 import httpx
 import msgpack
 import numpy as np
+from pydantic import BaseModel
 
 from monitor_core.recording import ExcitationQuantity, Window
 from monitor_core.recordings.elements.units import to_millimetres
@@ -15,6 +16,32 @@ from service.api.http.body import MSGPACK_TYPE
 from service.json_types import JsonObject
 
 TIMEOUT_S = 120.0
+
+Wire = TypeVar("Wire", bound=BaseModel)
+
+
+class _KnownAxis(BaseModel):
+    id: str
+
+
+class _KnownAxes(BaseModel):
+    axes: list[_KnownAxis]
+
+
+class MeasurementOutcome(BaseModel):
+    """Whether a measurement was refused, and why."""
+
+    refused: bool
+    reason: str | None = None
+
+
+class PostedMeasurement(BaseModel):
+    """What became of the windows of a measurement, and of the measurement."""
+
+    accepted: int
+    refused: int
+    already_there: int
+    measurements: list[MeasurementOutcome]
 
 
 class Client:
@@ -36,37 +63,40 @@ class Client:
         """Close the connection."""
         self._http.close()
 
-    def get(self, path: str, **query: Any) -> Any:  # noqa: ANN401 - JSON
+    def get(self, path: str, answer: type[Wire], **query: str | int) -> Wire:
         """Read a resource."""
-        return self._ask("GET", path, params=query)
+        return answer.model_validate(self._ask("GET", path, params=query))
 
-    def post(self, path: str, body: JsonObject) -> Any:  # noqa: ANN401 - JSON
+    def post(self, path: str, body: JsonObject) -> JsonObject:
         """Create or do something."""
         return self._ask("POST", path, json=body)
 
-    def put(self, path: str, body: JsonObject) -> Any:  # noqa: ANN401 - JSON
+    def put(self, path: str, body: JsonObject) -> JsonObject:
         """Set a resource."""
         return self._ask("PUT", path, json=body)
 
     def register_if_new(self, axis: str) -> bool:
         """Register an axis with default settings unless it is there; tell whether it was new."""
-        if any(item["id"] == axis for item in self.get("/v1/axes")["axes"]):
+        if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes).axes):
             return False
         self.put(f"/v1/axes/{axis}", {"name": axis})
         return True
 
-    def post_measurement(self, axis: str, windows: Sequence[Window]) -> Any:  # noqa: ANN401 - JSON
+    def post_measurement(self, axis: str, windows: Sequence[Window]) -> PostedMeasurement:
         """Post the windows of one measurement as MessagePack, and have it judged."""
         body = msgpack.packb({"windows": [window_document(window) for window in windows], "complete": True})
-        return self._ask("POST", f"/v1/axes/{axis}/windows", content=body, headers={"content-type": MSGPACK_TYPE})
+        headers = {"content-type": MSGPACK_TYPE}
+        answer = self._ask("POST", f"/v1/axes/{axis}/windows", content=body, headers=headers)
+        return PostedMeasurement.model_validate(answer)
 
-    def _ask(self, method: str, path: str, **arguments: Any) -> Any:  # noqa: ANN401 - JSON
+    def _ask(self, method: str, path: str, **arguments: Any) -> JsonObject:  # noqa: ANN401 - httpx's own
         try:
             response = self._http.request(method, path, **arguments)
         except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
             raise click.ClickException(f"no answer from {self._http.base_url}: {error}") from error
         if response.is_success:
-            return response.json()
+            answer: JsonObject = response.json()
+            return answer
         is_problem = response.headers.get("content-type", "").startswith("application/problem+json")
         detail = response.json()["detail"] if is_problem else response.text[:200]
         raise click.ClickException(f"{method} {path} was refused with {response.status_code}: {detail}")

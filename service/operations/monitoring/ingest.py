@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import Any
 
 from sqlalchemy import Connection
 
@@ -15,6 +14,7 @@ from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.errors import ConflictError, WaveformDamagedError
+from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.monitoring.admission import Admission
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
@@ -23,7 +23,7 @@ from service.operations.monitoring.lanes import Lanes
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, reading, writing
-from service.store.intake import AxisRecord, MeasurementRecord
+from service.store.intake import AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import accepted_places
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import content_sha256
@@ -53,7 +53,7 @@ class IngestReceipt:
     """The answer to one request."""
 
     windows: tuple[WindowReceipt, ...]
-    measurements: tuple[dict[str, Any], ...]  # outcomes of those judged now, and of those posted again
+    measurements: tuple[JsonObject, ...]  # outcomes of those judged now, and of those posted again
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ class Ingest:
 
 
 def _leave_in_alarm(verdicts: Sequence[Verdict]) -> bool:
-    return bool(verdicts) and verdicts[-1].document["state"] == TrendStatus.ALARM
+    return bool(verdicts) and verdicts[-1].state is TrendStatus.ALARM
 
 
 def _new_windows(axis_id: str, posted: Iterable[Window], stored: Mapping[datetime, str]) -> list[Window]:
@@ -199,22 +199,24 @@ def _new_windows(axis_id: str, posted: Iterable[Window], stored: Mapping[datetim
     return [new[start] for start in sorted(new)]
 
 
-def _window_rows(admission: Admission, places: Iterable[WaveformPlace], received_at: datetime) -> list[dict[str, Any]]:
-    return [
-        {
-            "axis_id": admission.axis_id,
-            "measurement_id": item.measurement.id,
-            "started_at": item.window.started_at,
-            "received_at": received_at,
-            "content_sha256": place.content_sha256,
-            "file_path": place.path,
-            "offset_in_file": place.offset,
-            "index_in_frame": place.index,
-            "refusal_reason": None if item.refusal is None else str(item.refusal.reason),
-            "refusal_detail": None if item.refusal is None else item.refusal.detail[:500],
-        }
+def _window_rows(
+    admission: Admission, places: Iterable[WaveformPlace], received_at: datetime
+) -> Iterator[WindowRecord]:
+    return (
+        WindowRecord(
+            axis_id=admission.axis_id,
+            measurement_id=item.measurement.id,
+            started_at=item.window.started_at,
+            received_at=received_at,
+            content_sha256=place.content_sha256,
+            file_path=place.path,
+            offset_in_file=place.offset,
+            index_in_frame=place.index,
+            refusal_reason=None if item.refusal is None else str(item.refusal.reason),
+            refusal_detail=None if item.refusal is None else item.refusal.detail[:500],
+        )
         for item, place in zip(admission.admitted, places, strict=True)
-    ]
+    )
 
 
 def _receipts(windows: Sequence[Window], refusals: Mapping[datetime, Rejection | None]) -> Iterator[WindowReceipt]:

@@ -2,21 +2,23 @@
 
 import logging
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy import Connection
 
+from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, MeasurementOutcome, advance, judge_measurement
 from monitor_core.preload import Calibration, PreloadEstimate
 from monitor_core.recording import Rejection, RejectionReason, Window
+from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.documents.change import not_examined_yet
 from service.documents.measurement import alarm_evidence, finite_or_null, measurement_document, response_document
+from service.json_types import JsonObject
 from service.operations.monitoring.alarms import raise_alarm
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.monitor_state import dump_state, load_design, load_state
 from service.store import intake
-from service.store.intake import JUDGED, REFUSED, AxisRecord, ChartsRecord, MeasurementRecord
+from service.store.intake import JUDGED, REFUSED, AxisRecord, ChartsRecord, JudgedRecord, MeasurementRecord
 
 log = logging.getLogger(__name__)
 
@@ -25,7 +27,8 @@ log = logging.getLogger(__name__)
 class Verdict:
     """What is said about a measurement, and under which names it is counted."""
 
-    document: dict[str, Any]
+    document: JsonObject
+    state: TrendStatus  # of the axis, after it
     outcome: str
     alarm: str | None
 
@@ -67,27 +70,22 @@ def record(
     row.status = JUDGED if refusal is None else REFUSED
     row.calibration_id = axis.active_calibration_id
     row.outcome = document = measurement_document(row, outcome, after, calibration)
-    interval = outcome.preload.interval if isinstance(outcome.preload, PreloadEstimate) else None
-    lower, upper = (
-        (None, None) if interval is None else (finite_or_null(interval.lower), finite_or_null(interval.upper))
+    mode = outcome.modal.mode if isinstance(outcome.modal, ModalMeasurement) else None
+    estimate = outcome.preload if isinstance(outcome.preload, PreloadEstimate) else None
+    judged = JudgedRecord(
+        status=row.status,
+        refusal_reason=reason,
+        judged_at=now(),
+        calibration_id=row.calibration_id,
+        monitor_state=str(after.detector.status),
+        outcome=document,
+        response=response_document(outcome),
+        frequency_hz=None if mode is None else finite_or_null(mode.frequency.value),
+        preload_n=None if estimate is None else finite_or_null(estimate.preload),
+        interval_lower_n=None if estimate is None else finite_or_null(estimate.interval.lower),
+        interval_upper_n=None if estimate is None else finite_or_null(estimate.interval.upper),
     )
-    intake.save_judged(
-        connection,
-        row,
-        {
-            "status": row.status,
-            "refusal_reason": reason,
-            "judged_at": now(),
-            "calibration_id": row.calibration_id,
-            "monitor_state": str(after.detector.status),
-            "outcome": document,
-            "response": response_document(outcome),
-            "frequency_hz": document["frequency_hz"],
-            "preload_n": document["preload_n"],
-            "interval_lower_n": lower,
-            "interval_upper_n": upper,
-        },
-    )
+    intake.save_judged(connection, row, judged)
     intake.save_state(connection, axis, dump_state(after))
     alarm = None
     if calibration is not None and after.detector.alarm is not None and before.detector.alarm is None:
@@ -100,7 +98,7 @@ def record(
             evidence=alarm_evidence(row, outcome, after, calibration),
             explanation=not_examined_yet(axis.configuration),
         )
-    return Verdict(document, reason or row.status, alarm)
+    return Verdict(document, after.detector.status, reason or row.status, alarm)
 
 
 def _state_after(
