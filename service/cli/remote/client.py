@@ -17,7 +17,6 @@ from service.json_types import JsonObject
 
 TIMEOUT_S = 120.0
 
-
 Wire = TypeVar("Wire", bound=BaseModel)
 
 
