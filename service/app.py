@@ -53,6 +53,7 @@ def create_app(settings: Settings) -> FastAPI:
             yield
         finally:
             services.jobs.close()
+            services.ingest.close()
             services.waveforms.close()
             services.database.close()
 

@@ -1,11 +1,12 @@
 """``POST /v1/axes/{axis}/windows``: windows in, outcomes out."""
 
+from asyncio import wrap_future
 from collections import Counter
 from datetime import datetime
+from functools import partial
 from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
@@ -13,10 +14,10 @@ from monitor_core.recording import Conditions, Direction, ExcitationQuantity, Ex
 from monitor_core.recordings.elements.units import metres
 from service.api.fields import AxisId, Label, RequestModel
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
-from service.api.services import Services, services
+from service.api.services import services
 from service.json_types import JsonObject
 from service.operations.fields import Moment, Number
-from service.operations.monitoring.ingest import IngestReceipt, WindowStatus
+from service.operations.monitoring.batch import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])
 
@@ -159,17 +160,18 @@ async def post_windows(axis: AxisId, request: Request) -> Response:
     Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
     the same `started_at` is refused with 409, and then nothing of the request is stored.
     """
-    body = await request.body()  # the only asynchronous step; the rest is done in a worker thread
-    return await run_in_threadpool(_take, await services(request), axis, body, request.headers.get("content-type"))
-
-
-def _take(on: Services, axis: str, body: bytes, content_type: str | None) -> Response:
-    posted = _posted(parse_body(body, content_type))
-    receipt = on.ingest.ingest(axis, [window.to_core() for window in posted.windows], complete=posted.complete)
-    answer = _answer(receipt)
+    body, content_type, on = await request.body(), request.headers.get("content-type"), await services(request)
+    # one thread reads bodies and one takes windows, whoever sends them: more would only wait for each other
+    windows, complete = await on.ingest.read_by(partial(_read, body, content_type))
+    answer = _answer(await wrap_future(on.ingest.submit(axis, windows, complete=complete)))
     # A response of our own: FastAPI would validate what is valid, in yet another thread.
     status = 200 if answer.already_there == len(answer.windows) else 201
     return Response(answer.model_dump_json(), status, media_type=JSON_TYPE)
+
+
+def _read(body: bytes, content_type: str | None) -> tuple[list[Window], bool]:
+    posted = _posted(parse_body(body, content_type))
+    return [window.to_core() for window in posted.windows], posted.complete
 
 
 def _answer(receipt: IngestReceipt) -> WindowsOut:

@@ -12,7 +12,7 @@ from monitor_core.recordings.session_hdf5 import open_session
 from service.api.alarms import AlarmOut, AlarmsOut
 from service.api.axes import AxisOut
 from service.api.jobs import JobsOut
-from service.api.trend import TrendOut, TrendPoint
+from service.api.trend import TrendOut, TrendPointOut
 from service.cli.output import json_option, print_json, print_table
 from service.cli.remote.client import Client
 from service.cli.remote.embedded import embedded_service
@@ -70,11 +70,11 @@ class ReplayedAxis:
 
     name: str
     state: str
-    points: list[TrendPoint]
+    points: list[TrendPointOut]
     alarms: list[AlarmOut]  # oldest first
 
     @property
-    def judged(self) -> list[TrendPoint]:
+    def judged(self) -> list[TrendPointOut]:
         """The measurements that have a preload."""
         return [point for point in self.points if point.preload_n is not None]
 
@@ -168,7 +168,7 @@ def _summary(axis: ReplayedAxis) -> JsonObject:
     }
 
 
-def _point(point: TrendPoint) -> JsonObject:
+def _point(point: TrendPointOut) -> JsonObject:
     return point.model_dump(mode="json")
 
 

@@ -30,10 +30,7 @@ def list_alarms(
     query = select(AlarmRow)
     if axis_id is not None:
         query = query.where(AlarmRow.axis_id == axis_id)
-    if status is None:
-        query = query.where(AlarmRow.status != WITHDRAWN)
-    else:
-        query = query.where(AlarmRow.status == status)
+    query = query.where(AlarmRow.status != WITHDRAWN if status is None else AlarmRow.status == status)
     if before_id is not None:
         query = query.where(AlarmRow.id < before_id)
     return list(session.scalars(query.order_by(AlarmRow.id.desc()).limit(limit)))
@@ -48,7 +45,7 @@ def count_open(session: Session, axis_id: str) -> int:
 def open_by_axis(session: Session) -> dict[str, int]:
     """Count the open alarms of every axis that has any."""
     query = select(AlarmRow.axis_id, func.count()).where(AlarmRow.status.in_(OPEN)).group_by(AlarmRow.axis_id)
-    return {axis_id: count for axis_id, count in session.execute(query)}
+    return dict(session.execute(query).tuples())
 
 
 def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | None) -> list[AlarmRow]:

@@ -21,12 +21,12 @@ def get_axis(session: Session, axis_id: str) -> AxisRow:
 
 
 def new_axis(session: Session, axis_id: str, at: datetime) -> AxisRow:
-    """Return the row of an axis that nothing is known of, not yet stored: name and configuration are still to be set."""
+    """Return the row of an axis that nothing is known of: name and configuration are still to be set."""
     number = session.scalar(select(func.coalesce(func.max(AxisRow.number), 0) + 1))
     return AxisRow(
         id=axis_id, number=number, created_at=at, active_calibration_id=None, monitor_state=None, epoch=0,
-        epoch_after=None, epoch_from=None, since_checkpoint=0, state=str(TrendStatus.UNKNOWN), state_since=None, last_charted_at=None,
-        last_measurement_id=None, last_measured_at=None, refused_windows={}, uncharted={},
+        epoch_after=None, epoch_from=None, since_checkpoint=0, state=str(TrendStatus.UNKNOWN), state_since=None,
+        last_charted_at=None, last_measurement_id=None, last_measured_at=None, refused_windows={}, uncharted={},
     )  # fmt: skip
 
 

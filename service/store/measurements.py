@@ -46,7 +46,7 @@ def member_places(connection: Session | Connection, measurement_id: int) -> list
         )
         .order_by(WindowRow.started_at)
     )
-    return [(WaveformPlace(*place), bool(accepted)) for *place, accepted in connection.execute(query)]
+    return [(WaveformPlace(*row[:4]), bool(row[4])) for row in connection.execute(query)]
 
 
 def calibration_measurements(

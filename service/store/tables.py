@@ -12,7 +12,6 @@ from sqlalchemy import (
     Integer,
     MetaData,
     String,
-    TextClause,
     UniqueConstraint,
     text,
 )
@@ -68,8 +67,9 @@ Identity = BigInteger().with_variant(Integer, "sqlite")
 CountsByReason = dict[str, int]
 
 
-def _where(condition: str) -> dict[str, TextClause]:
-    return {"sqlite_where": text(condition), "postgresql_where": text(condition)}
+def _partial_index(name: str, *columns: str, where: str) -> Index:
+    """Index the rows that meet a condition, so that they are found without passing all that was ever measured."""
+    return Index(name, *columns, sqlite_where=text(where), postgresql_where=text(where))
 
 
 class Base(DeclarativeBase):
@@ -149,10 +149,8 @@ class MeasurementRow(Base):
     __table_args__ = (
         UniqueConstraint("axis_id", "name"),
         Index("ix_measurements_axis_started", "axis_id", "started_at", "id"),
-        # partial: what is open, or was measured for a calibration, is found without passing all that was ever measured
-        Index("ix_measurements_open", "axis_id", **_where("status = 'open'")),
-        Index("ix_measurements_closing", "closes_at", **_where("status = 'open'")),
-        Index("ix_measurements_set_preload", "axis_id", "started_at", **_where("set_preload_n IS NOT NULL")),
+        _partial_index("ix_measurements_closing", "closes_at", where="status = 'open'"),
+        _partial_index("ix_measurements_set_preload", "axis_id", "started_at", where="set_preload_n IS NOT NULL"),
     )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)

@@ -21,8 +21,8 @@ from service.errors import PreconditionError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.lanes import Lanes
-from service.operations.monitoring.monitor_state import begin_epoch
 from service.operations.monitoring.measured_modes import measured_modes
+from service.operations.monitoring.monitor_state import begin_epoch
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
 from service.store.database import Database

@@ -77,6 +77,7 @@ def put_in(
     axis: AxisRecord,
     charts: ChartsRecord,
     new: Sequence[TrendPoint],
+    *,
     replaced: Sequence[TrendPoint],
     calibration: Calibration | None,
 ) -> Folded:

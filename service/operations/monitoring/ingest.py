@@ -4,13 +4,15 @@ One thread takes all requests that wait, computes for each axis, and commits for
 the disk, and to wait once for many costs as much as to wait for one.
 """
 
+import asyncio
 import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
+from typing import TypeVar
 
 from monitor_core.recording import Window
 from monitor_core.trend import TrendStatus
@@ -26,6 +28,8 @@ from service.store.database import Database, reading, writing
 from service.store.waveforms import WaveformStore
 
 log = logging.getLogger(__name__)
+
+Read = TypeVar("Read")
 
 #: So many requests are taken at once: the first of them waits for the computation of all.
 MOST_AT_ONCE = 32
@@ -55,8 +59,13 @@ class Ingest:
         self._lanes = lanes
         self._metrics = metrics
         self._waiting: queue.SimpleQueue[Post | None] = queue.SimpleQueue()
+        self._readers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="bodies")
         self._thread = threading.Thread(target=self._serve, name="ingest", daemon=True)
         self._thread.start()
+
+    def read_by(self, reading: Callable[[], Read]) -> asyncio.Future[Read]:
+        """Read what was sent in the thread that does this for all senders, one body at a time."""
+        return asyncio.get_running_loop().run_in_executor(self._readers, reading)
 
     def submit(self, axis_id: str, windows: Sequence[Window], *, complete: bool) -> Future[IngestReceipt]:
         """Store windows durably and judge the measurements that they complete, as soon as it is their turn.
@@ -76,6 +85,7 @@ class Ingest:
 
     def close(self) -> None:
         """Finish what waits, and take no more."""
+        self._readers.shutdown()
         self._waiting.put(None)
         self._thread.join()
 
@@ -131,7 +141,7 @@ class Ingest:
         for axis_posts in axes.values():
             self._round([post for post in axis_posts if not post.answer.done()])
 
-    def _store(self, axes: dict[str, list[Post]]) -> None:
+    def _store(self, axes: Mapping[str, list[Post]]) -> None:
         with ExitStack() as files:
             connection = files.enter_context(self._database.connect())
             batches = []

@@ -95,7 +95,7 @@ def settle(
         documents[point.measurement_id] = document = measurement_document(row, item.outcome)
         intake.save_document(connection, point.measurement_id, document, response_document(item.outcome))
         new.append(point)
-    folded = put_in(connection, axis, before, new, replaced, calibration)
+    folded = put_in(connection, axis, before, new, replaced=replaced, calibration=calibration)
     sum_up(connection, axis.number, {point.at for point in (*new, *replaced)})
     new_alarms = 0
     if calibration is not None and (folded.raised or folded.again):

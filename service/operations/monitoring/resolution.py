@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import pairwise
 
 from sqlalchemy import Connection
 
@@ -56,7 +57,7 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
 def _extremes_of(held: Sequence[Rollup], n_stretches: int) -> set[datetime]:
     """Return when the extremes of each of so many stretches were measured, alike in how much they hold."""
     edges = [i * len(held) // n_stretches for i in range(n_stretches + 1)]
-    stretches = (merge(held[first].starts_at, held[first:end]) for first, end in zip(edges, edges[1:]) if first < end)
+    stretches = (merge(held[first].starts_at, held[first:end]) for first, end in pairwise(edges) if first < end)
     return {moment for stretch in stretches if stretch is not None for moment in stretch.extremes}
 
 

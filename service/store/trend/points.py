@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, insert, select, tuple_
+from sqlalchemy import ColumnElement, Connection, and_, delete, insert, literal, select, tuple_
 
 from service.store.prepared import PreparedChange
 from service.store.tables import AxisRow
@@ -116,7 +116,7 @@ def page_of_points(
     """Return points in time order, or newest first, beyond a cursor."""
     query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
     if after is not None:  # a row value, which the key of the table answers; an OR would pass all that came before
-        query = query.where(_KEY < tuple_(*after) if newest_first else _KEY > tuple_(*after))
+        query = query.where(_key(after) > _KEY if newest_first else _key(after) < _KEY)
     order = (_POINTS.c.at, _POINTS.c.measurement_id)
     ordered = query.order_by(*(column.desc() for column in order)) if newest_first else query.order_by(*order)
     return [TrendPoint(*row) for row in connection.execute(ordered.limit(limit))]
@@ -158,6 +158,10 @@ def preloads(
     query = select(found.c.at, found.c.preload_n).where(found.c.epoch == epoch, found.c.preload_n.is_not(None))
     chosen = connection.execute(query.order_by(found.c.at.desc() if newest else found.c.at).limit(limit))
     return [preload for _, preload in sorted((at, preload) for at, preload in chosen)]
+
+
+def _key(cursor: Cursor) -> ColumnElement[tuple[datetime, int]]:
+    return tuple_(literal(cursor[0], _POINTS.c.at.type), literal(cursor[1]))
 
 
 def _within(span: Span) -> list[ColumnElement[bool]]:

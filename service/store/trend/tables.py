@@ -1,4 +1,4 @@
-"""Define the tables of the trend. They are as long as the history, so they are narrow and lie in the order of reading."""
+"""Define the tables of the trend: as long as the history, so they are narrow and lie in the order of reading."""
 
 from datetime import datetime
 
