@@ -44,8 +44,10 @@ def count_open(session: Session, axis_id: str) -> int:
 
 def open_by_axis(session: Session) -> dict[str, int]:
     """Count the open alarms of every axis that has any."""
-    query = select(AlarmRow.axis_id, func.count()).where(AlarmRow.status.in_(OPEN)).group_by(AlarmRow.axis_id)
-    return dict(session.execute(query).tuples())
+    query = (
+        select(AlarmRow.axis_id, func.count().label("open")).where(AlarmRow.status.in_(OPEN)).group_by(AlarmRow.axis_id)
+    )
+    return {row.axis_id: row.open for row in session.execute(query)}
 
 
 def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | None) -> list[AlarmRow]:

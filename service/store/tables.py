@@ -91,6 +91,7 @@ class AxisRow(Base):
     """A monitored axis."""
 
     __tablename__ = "axes"
+    __table_args__ = (Index("ix_axes_number", "number", unique=True),)
 
     id: Mapped[str] = mapped_column(String(64), primary_key=True)
     name: Mapped[str] = mapped_column(String(200))
@@ -98,7 +99,7 @@ class AxisRow(Base):
     created_at: Mapped[datetime]
     active_calibration_id: Mapped[int | None] = mapped_column(Identity)
     detector_design: Mapped[JsonObject]  # limits of the charts, as solved for the configuration
-    number: Mapped[int] = mapped_column(unique=True)  # in the tables of the trend
+    number: Mapped[int]  # in the tables of the trend
     monitor_state: Mapped[JsonObject | None]  # of the charts now
     epoch: Mapped[int]  # of the charts: each begins with a new baseline
     epoch_after: Mapped[datetime | None]  # what was measured until then moves no chart any more

@@ -1,8 +1,9 @@
 """The schema: migrations up and down with data in it, equal to the tables, on SQLite and on PostgreSQL."""
 
+import json
 import tempfile
 from collections.abc import Iterator
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +11,19 @@ import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import inspect, select, text
+from sqlalchemy import JSON, Connection, MetaData, select, text
+from sqlalchemy.orm import Session
 
+from service.documents.measurement import with_trend
 from service.store import intake
 from service.store.database import Database, alembic_config, reading, writing
 from service.store.intake import MeasurementRecord
-from service.store.measurements import accepted_places
-from service.store.tables import AxisRow, Base, MeasurementRow, WindowRow
-from service.store.waveforms import WaveformStore
+from service.store.tables import AxisRow, Base, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.trend.points import TrendPoint, point_of
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 
-LATER = START + timedelta(hours=1)
+HOUR = timedelta(hours=1)
+LATER = START + HOUR
 
 
 @pytest.fixture(scope="module")
@@ -72,21 +75,97 @@ def test_migrations_make_the_tables(database_url: str) -> None:
     assert differences == []
 
 
-def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> None:
+def test_a_downgrade_that_would_lose_something_is_refused(database_url: str, tmp_path: Path) -> None:
     with running_service(tmp_path / "var", database_url=database_url) as api:
         fill(api)
+        before = api.trend("axis")
     database = Database(database_url)
-    with database.connect() as connection, writing(connection):
-        assert connection.execute(text("SELECT count(*) FROM windows")).scalar() == 8
+    with (
+        pytest.raises(NotImplementedError, match="cannot go back before version 0005"),
+        database.connect() as connection,
+        writing(connection),
+    ):
         command.downgrade(alembic_config(connection), "base")
-    with database.connect() as connection, writing(connection):
-        assert inspect(connection).get_table_names() == ["alembic_version"]
-    database.migrate()
     database.close()
     with running_service(tmp_path / "var", database_url=database_url) as api:
-        assert api.http.get("/v1/axes").json() == {"axes": []}
+        assert api.trend("axis") == before
+
+
+def test_database_of_an_older_version_says_what_it_said(database_url: str, tmp_path: Path) -> None:
+    """Everything that was stored before 0005, put down as it was then, is answered with as it is now."""
+    with running_service(tmp_path / "var") as api:
         fill(api)
-        assert len(api.trend("axis")) == 1
+        windows = simulated_measurement(np.random.default_rng(2), "refused", n_windows=4, started_at=LATER)
+        api.accept("axis", windows, complete=True)
+        api.accept(
+            "axis", simulated_measurement(np.random.default_rng(3), "open", n_windows=3, started_at=LATER + HOUR)
+        )
+        expected = answers(api)
+    database, old = Database(f"sqlite:///{tmp_path}/var/preload.db"), Database(database_url)
+    with old.connect() as connection, writing(connection):
+        command.upgrade(alembic_config(connection), "0004")
+    with database.read() as session, old.connect() as connection, writing(connection):
+        put_down_as_before_0005(session, connection)
+    database.close()
+    old.migrate()
+    with old.connect() as connection, reading(connection):
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+    old.close()
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        found = answers(api)
+        assert found["trend"] == expected["trend"]
+        assert found == expected
+        api.accept(
+            "axis", simulated_measurement(np.random.default_rng(4), "next", n_windows=8, started_at=LATER + 3 * HOUR)
+        )
+        assert api.trend("axis")[-1]["state"] == "learning"
+
+
+def answers(api: Api) -> dict[str, object]:
+    trend = api.trend("axis")
+    return {
+        "axis": api.axis("axis"),
+        "trend": trend,
+        "days": api.trend("axis", resolution=2),
+        "measurements": [
+            api.http.get(f"/v1/axes/axis/measurements/{point['measurement_id']}").json() for point in trend
+        ],
+    }
+
+
+def put_down_as_before_0005(session: Session, connection: Connection) -> None:
+    """Copy a database into the tables of version 0004."""
+    tables = MetaData()
+    tables.reflect(connection)
+    for name in ("axes", "calibrations", "calibration_activations", "measurements", "windows", "alarms"):
+        rows = [dict(row._mapping) for row in session.connection().execute(select(Base.metadata.tables[name]))]
+        if name == "measurements":
+            rows = [row | said_of(session, row["id"], row["started_at"]) for row in rows]
+        for row in rows:
+            known = {column: value for column, value in row.items() if column in tables.tables[name].c}
+            plain = {
+                column: json.dumps(value) if isinstance(value, dict) else
+                value.replace(tzinfo=None) if isinstance(value, datetime) else value
+                for column, value in known.items()
+            }  # fmt: skip
+            kinds = tables.tables[name].c
+            plain = {
+                column: json.loads(value) if isinstance(kinds[column].type, JSON) and isinstance(value, str) else value
+                for column, value in plain.items()
+            }
+            connection.execute(tables.tables[name].insert(), plain)
+        if rows and connection.dialect.name == "postgresql" and name != "axes":
+            connection.execute(text(f"SELECT setval(pg_get_serial_sequence('{name}', 'id'), {len(rows)})"))
+
+
+def said_of(session: Session, measurement_id: int, started_at: datetime) -> dict[str, object]:
+    document = session.get(MeasurementDocumentRow, measurement_id)
+    point = point_of(session.connection(), 1, started_at, measurement_id)
+    if document is None or point is None:
+        return dict.fromkeys(("outcome", "response", "monitor_state"))
+    said = {name: getattr(point, name) for name in TrendPoint.__slots__}
+    outcome = {name: value for name, value in with_trend(document.outcome, point).items() if "charted" not in name}
+    return said | {"outcome": outcome, "response": document.response, "monitor_state": point.state}
 
 
 @pytest.mark.slow
@@ -98,33 +177,19 @@ def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_p
     starts = {window.started_at for window in windows[1:]}
     database = Database(database_url)
     with database.connect() as connection, reading(connection):
-        axis, measurements = intake.read_axis(connection, "axis", {"m", "open", "new"})
+        axis = intake.read_axis(connection, "axis")
+        measurements = intake.read_measurements(connection, "axis", {"m", "open", "new"})
         contents = intake.contents_at(connection, axis, starts | {LATER - timedelta(seconds=0.5)})
     with database.read() as session:
         row = session.get_one(AxisRow, "axis")
         assert all(getattr(axis, name) == getattr(row, name) for name in ("id", "configuration", "revision"))
-        stored = {one.started_at: one.content_sha256 for one in session.scalars(select(WindowRow))}
+        stored = {window.started_at: window.content_sha256 for window in session.scalars(select(WindowRow))}
         assert contents == {start: stored[start] for start in starts}
         assert axis.newest_window_at == max(stored)
         assert measurements.keys() == {"m", "open"}
-        for one in session.scalars(select(MeasurementRow)):
-            read = measurements[one.name]
-            assert all(getattr(read, name) == getattr(one, name) for name in MeasurementRecord.__slots__)
-    database.close()
-
-
-def test_waveforms_of_an_older_version_are_read(database_url: str, tmp_path: Path) -> None:
-    """Before 0004 each file held one frame."""
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        fill(api)
-    database, store = Database(database_url), WaveformStore(tmp_path / "var")
-    with database.connect() as connection, writing(connection):
-        command.downgrade(alembic_config(connection), "0003")
-    database.migrate()
-    with database.read() as session:
-        places = accepted_places(session, session.scalars(select(MeasurementRow.id)).one())
-    assert len(store.read(places)) == 8
-    store.close()
+        for row in session.scalars(select(MeasurementRow)):
+            read = measurements[row.name]
+            assert all(getattr(read, name) == getattr(row, name) for name in MeasurementRecord.__slots__)
     database.close()
 
 

@@ -1,9 +1,10 @@
 """Windows in: every encoding, every repetition, every order; and what is refused."""
 
 import base64
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -161,15 +162,28 @@ def test_too_few_averages_are_never_judged(shared_api: Api, n_windows: int) -> N
     assert shared_api.axis(axis)["state"] == "unknown"
 
 
-def test_late_window_is_stored_and_refused(shared_api: Api) -> None:
+def test_late_window_changes_the_value_as_if_it_had_come_in_time(shared_api: Api) -> None:
     shared_api.register("late")
+    shared_api.register("in-time", windows_per_measurement=16)
     *windows, late = simulated_measurement(np.random.default_rng(7), "m", n_windows=16)
     shared_api.accept("late", windows)
     (before,) = shared_api.trend("late")
-    answer = shared_api.accept("late", [late])
-    assert answer["windows"][0]["reason"] == "measurement-closed"
-    assert shared_api.trend("late") == [before]
-    assert shared_api.axis("late")["refused_windows"] == {"measurement-closed": 1}
+    (outcome,) = shared_api.accept("late", [late])["measurements"]
+    assert outcome["frequency_hz"] != before["frequency_hz"]
+    shared_api.accept("in-time", [*windows, late])
+    (after,), (in_time,) = shared_api.trend("late"), shared_api.trend("in-time")
+    assert after | {"measurement_id": 0} == in_time | {"measurement_id": 0}
+
+
+def test_window_from_a_clock_ahead_is_stored_and_refused(shared_api: Api) -> None:
+    shared_api.register("ahead", windows_per_measurement=8)
+    rng, ahead = np.random.default_rng(7), datetime.now(UTC) + timedelta(minutes=11)
+    answer = shared_api.accept("ahead", simulated_measurement(rng, "m", n_windows=8, started_at=ahead))
+    assert {window["reason"] for window in answer["windows"]} == {"clock-ahead"}
+    assert shared_api.axis("ahead")["refused_windows"] == {"clock-ahead": 8}
+    # what is measured afterwards is not too old for it
+    (outcome,) = shared_api.accept("ahead", simulated_measurement(rng, "n", n_windows=8))["measurements"]
+    assert outcome["frequency_hz"] is not None
 
 
 def test_window_at_another_position_is_refused(shared_api: Api) -> None:
@@ -203,17 +217,17 @@ def test_bad_windows_are_stored_refused_and_counted(shared_api: Api) -> None:
     assert shared_api.accept("bad", windows)["already_there"] == 15  # NaN equals itself where windows are compared
 
 
-def test_next_measurement_closes_the_one_before(shared_api: Api) -> None:
-    shared_api.register("next")
+def test_measurement_closes_by_time_and_not_by_the_next_one(shared_api: Api) -> None:
+    shared_api.register("next", measurement_timeout_s=2.0)
     rng = np.random.default_rng(10)
     shared_api.accept("next", simulated_measurement(rng, "m1", n_windows=9))
-    assert shared_api.trend("next") == []
-    later = simulated_measurement(rng, "m2", n_windows=9, started_at=START + timedelta(hours=8))
+    later = simulated_measurement(rng, "m2", n_windows=15, started_at=START + timedelta(hours=8))
     answer = shared_api.accept("next", later)
-    assert [outcome["measurement"] for outcome in answer["measurements"]] == ["m1"]
-    assert [outcome["measurement"] for outcome in shared_api.accept("next", later, complete=True)["measurements"]] == [
-        "m2"
-    ]
+    assert [outcome["measurement"] for outcome in answer["measurements"]] == ["m2"]
+    deadline = time.monotonic() + 20.0
+    while len(shared_api.trend("next")) < 2 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert [point["measurement"] for point in shared_api.trend("next")] == ["m1", "m2"]
 
 
 def test_silent_axis_is_unknown(shared_api: Api) -> None:

@@ -12,6 +12,7 @@ from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, Observation, step
 from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
 from service.operations.monitoring.monitor_state import dump_design, dump_state, load_design, load_state, state_now
+from service.store.tables import AxisRow
 
 SETTINGS = DetectorSettings(baseline_size=8, loss=LossDirection.RISE)
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -58,8 +59,13 @@ def test_limits_come_back_as_they_were() -> None:
     assert load_design(through_json(dump_design(design))) == design
 
 
+def axis_in(state: AxisState) -> AxisRow:
+    detector = state.detector
+    return AxisRow(state=str(detector.status), state_since=detector.since, last_charted_at=detector.last_at)
+
+
 def test_axis_nothing_is_known_of_is_unknown() -> None:
-    assert state_now(None, START, 1.0) == ("unknown", None)
+    assert state_now(axis_in(AxisState()), START, 1.0) == ("unknown", None)
 
 
 def test_silence_makes_a_state_unknown_but_does_not_end_an_alarm() -> None:
@@ -71,7 +77,7 @@ def test_silence_makes_a_state_unknown_but_does_not_end_an_alarm() -> None:
         lost = 5.0 if state.detector.baseline is not None else 0.0
         state = AxisState(step(state.detector, Observation(at, rng.normal() + lost), design))
         if str(state.detector.status) == "learning":
-            assert state_now(dump_state(state), at + timedelta(hours=2), 1.0) == ("unknown", at + timedelta(hours=1))
-            assert state_now(dump_state(state), at + timedelta(hours=1), 1.0) == ("learning", START)
+            assert state_now(axis_in(state), at + timedelta(hours=2), 1.0) == ("unknown", at + timedelta(hours=1))
+            assert state_now(axis_in(state), at + timedelta(hours=1), 1.0) == ("learning", START)
         at += timedelta(hours=8)
-    assert state_now(dump_state(state), at + timedelta(days=999), 1.0) == ("alarm", state.detector.since)
+    assert state_now(axis_in(state), at + timedelta(days=999), 1.0) == ("alarm", state.detector.since)

@@ -115,17 +115,32 @@ def test_alarm_is_acknowledged_and_cleared_with_history(worn: Api) -> None:
     assert outcome["state"] == "learning"
 
 
-def test_measurement_from_the_past_does_not_move_the_charts(shared_api: Api) -> None:
+def test_measurement_that_arrives_late_is_put_into_the_charts_at_its_time(shared_api: Api) -> None:
     shared_api.register("past", windows_per_measurement=10)
     shared_api.calibrate("past")
     rng = np.random.default_rng(3)
     shared_api.accept("past", simulated_measurement(rng, "now", n_windows=10))
-    since = shared_api.axis("past")["state_since"]
     earlier = simulated_measurement(rng, "earlier", n_windows=10, started_at=START - timedelta(days=1))
     (outcome,) = shared_api.accept("past", earlier)["measurements"]
-    assert outcome["preload_n"] is not None
-    assert shared_api.axis("past")["state_since"] == since
+    assert outcome["charted"]
+    assert shared_api.axis("past")["state_since"] == shared_api.trend("past")[0]["at"]
     assert [point["measurement"] for point in shared_api.trend("past")] == ["earlier", "now"]
+
+
+def test_measurement_that_arrives_too_late_is_shown_and_counted(shared_api: Api) -> None:
+    shared_api.register("too-late", windows_per_measurement=10)
+    shared_api.calibrate("too-late")
+    rng = np.random.default_rng(3)
+    shared_api.accept("too-late", simulated_measurement(rng, "now", n_windows=10))
+    since = shared_api.axis("too-late")["state_since"]
+    old = simulated_measurement(rng, "old", n_windows=10, started_at=START - timedelta(days=2000))
+    (outcome,) = shared_api.accept("too-late", old)["measurements"]
+    assert (outcome["charted"], outcome["uncharted"]) == (False, "too-late")
+    assert outcome["preload_n"] is not None
+    assert shared_api.axis("too-late")["state_since"] == since
+    assert shared_api.axis("too-late")["uncharted"] == {"too-late": 1}
+    assert [point["uncharted"] for point in shared_api.trend("too-late")] == ["too-late", None]
+    assert 'preload_uncharted_measurements_total{reason="too-late"} 1.0' in shared_api.http.get("/metrics").text
 
 
 def test_calibration_from_stored_measurements(shared_api: Api) -> None:

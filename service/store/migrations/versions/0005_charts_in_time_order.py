@@ -37,9 +37,8 @@ def upgrade() -> None:
             "UPDATE alarms SET measured_at = (SELECT started_at FROM measurements WHERE id = alarms.measurement_id)"
         )
     )
-    with op.batch_alter_table("measurements") as measurements:
-        for name in (*MOVED, "outcome", "response"):
-            measurements.drop_column(name)
+    for name in (*MOVED, "outcome", "response"):  # as it stands: rows of other tables name those of this one
+        op.execute(sa.text(f"ALTER TABLE measurements DROP COLUMN {name}"))
     is_open = sa.text("status = 'open'")
     op.create_index(
         "ix_measurements_closing", "measurements", ["closes_at"], sqlite_where=is_open, postgresql_where=is_open
@@ -187,7 +186,7 @@ def _point(row: sa.Row, number: int, active: int | None) -> dict[str, object]:  
         "drag_torque_nm": said.get("drag_torque_nm"),
         "feature_s2": feature,
         "feature_uncertainty_s2": None if feature is None else said.get("preload_feature_standard_uncertainty_s2"),
-        "epoch": 0 if row.calibration_id == active else -1,  # those of other calibrations belong to no epoch now
+        "epoch": 0 if row.calibration_id == active else -1,  # those of other calibrations: to none of now
         "uncharted": "preload-set" if row.status == "judged" and row.set_preload_n is not None else None,
         "state": row.monitor_state or "unknown",
         "baseline_preload_n": said.get("baseline_preload_n"),
@@ -219,7 +218,7 @@ def _count(connection: sa.Connection, axis: str) -> None:
     """Count what is shown of an axis; its charts go on from where they stand, and are not folded again before."""
     refused = connection.execute(
         sa.text(
-            "SELECT refusal_reason, COUNT(*) FROM windows WHERE axis_id = :axis AND refusal_reason IS NOT NULL "
+            "SELECT refusal_reason AS reason, COUNT(*) AS n FROM windows WHERE axis_id = :axis AND refusal_reason IS NOT NULL "
             "GROUP BY refusal_reason"
         ),
         {"axis": axis},
@@ -256,7 +255,7 @@ def _count(connection: sa.Connection, axis: str) -> None:
             "epoch_from": None,
             "last_measurement_id": None if newest is None else newest.id,
             "last_measured_at": None if newest is None else _micros(newest.started_at),
-            "refused_windows": dict(refused.tuples().all()),
+            "refused_windows": {row.reason: row.n for row in refused},
             "uncharted": {"preload-set": uncharted} if uncharted else {},
         },
     )
