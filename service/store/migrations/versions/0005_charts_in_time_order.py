@@ -218,8 +218,8 @@ def _count(connection: sa.Connection, axis: str) -> None:
     """Count what is shown of an axis; its charts go on from where they stand, and are not folded again before."""
     refused = connection.execute(
         sa.text(
-            "SELECT refusal_reason AS reason, COUNT(*) AS n FROM windows WHERE axis_id = :axis AND refusal_reason IS NOT NULL "
-            "GROUP BY refusal_reason"
+            "SELECT refusal_reason AS reason, COUNT(*) AS n FROM windows "
+            "WHERE axis_id = :axis AND refusal_reason IS NOT NULL GROUP BY refusal_reason"
         ),
         {"axis": axis},
     )
