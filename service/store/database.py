@@ -38,6 +38,12 @@ class Database:
             yield connection
 
     @contextmanager
+    def translated(self) -> Iterator[None]:
+        """Turn errors of the database into those of the service, for a part of what :meth:`connect` is open for."""
+        with _translated(self.engine.dialect.loaded_dbapi):
+            yield
+
+    @contextmanager
     def read(self) -> Iterator[Session]:
         """Open a session for reading."""
         with self.connect() as connection, reading(connection), Session(connection, expire_on_commit=False) as session:

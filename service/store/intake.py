@@ -43,6 +43,7 @@ class ChartsRecord:
     monitor_state: JsonObject | None
     epoch: int
     epoch_after: datetime | None
+    epoch_from: datetime | None
     last_charted_at: datetime | None
     since_checkpoint: int
     state: str

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.exc import OperationalError
 
-from service.operations.monitoring import ingest
+from service.operations.monitoring import batch
 from service.store import database, intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_ingest import stored_frames
@@ -93,7 +93,7 @@ def test_change_by_another_process_meanwhile_is_not_overwritten(api: Api, monkey
     """The windows were judged by what is no more: nothing of them is stored, and sending again judges them anew."""
     api.register("axis")
     windows = simulated_measurement(np.random.default_rng(4), "m")
-    real = ingest.judge
+    real = batch.judge
 
     def judge_while_another_process_activates(*args: Any) -> Any:
         with sqlite3.connect(api.data_dir / "preload.db") as connection:
@@ -102,7 +102,7 @@ def test_change_by_another_process_meanwhile_is_not_overwritten(api: Api, monkey
         return real(*args)
 
     with monkeypatch.context() as meanwhile:
-        meanwhile.setattr(ingest, "judge", judge_while_another_process_activates)
+        meanwhile.setattr(batch, "judge", judge_while_another_process_activates)
         assert_problem(api.post("axis", windows), 503, "busy")
     assert stored_frames(api.data_dir) == []
     assert api.trend("axis") == []

@@ -96,6 +96,7 @@ def put_in(
         fold, old = _again(connection, axis, charts, min(touched))
     else:
         fold, old = _Fold(charts, load_state(charts.monitor_state), None), []
+    fold.begin(min(touched))
     known = {point.measurement_id: point for point in old}
     for point in sorted([*old, *put], key=_in_time):
         fold.over(connection, axis, point, calibration)
@@ -122,6 +123,11 @@ class _Fold:
         self._charts = charts
         self._state = state
         self._design: DetectorDesign = load_design(charts.detector_design)
+
+    def begin(self, first: datetime) -> None:
+        """Note when the first measurement of the epoch was made, as far as is known now."""
+        begun = self._charts.epoch_from
+        self._charts = replace(self._charts, epoch_from=first if begun is None else min(begun, first))
 
     def over(
         self, connection: Connection, axis: AxisRecord, point: TrendPoint, calibration: Calibration | None
@@ -169,7 +175,7 @@ def _again(
         state = load_state(document)
     forget_checkpoints(connection, axis.number, charts.epoch, at)
     begun = replace(charts, since_checkpoint=0)
-    return _Fold(begun, state, at), points_after(connection, axis.number, charts.epoch, at)
+    return _Fold(begun, state, at), points_after(connection, axis.number, charts.epoch, at, charts.epoch_from)
 
 
 def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, design: DetectorDesign) -> AxisState:

@@ -147,8 +147,9 @@ class Ingest:
             batches = []
             for axis_id, posts in axes.items():
                 try:
-                    batch = Batch(connection, axis_id, posts, self._in_force)
-                    batch.compute(connection, self._waveforms, files, self._metrics)
+                    with self._database.translated():
+                        batch = Batch(connection, axis_id, posts, self._in_force)
+                        batch.compute(connection, self._waveforms, files, self._metrics)
                     batches.append(batch)
                 except Exception as error:  # noqa: BLE001 - what is wrong with one axis is not that of the others
                     _refuse(posts, error)

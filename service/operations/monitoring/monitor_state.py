@@ -42,7 +42,7 @@ def begin_epoch(axis: AxisRow) -> None:
     """
     state = AxisState(reset(DetectorState(last_at=axis.last_charted_at)))
     axis.epoch += 1
-    axis.epoch_after, axis.epoch_from = axis.last_charted_at, axis.last_measured_at
+    axis.epoch_after, axis.epoch_from = axis.last_charted_at, None
     axis.since_checkpoint = 0
     axis.monitor_state = dump_state(state)
     axis.state, axis.state_since = str(state.detector.status), None

@@ -96,6 +96,8 @@ class Trend:
         """Compare the first measurements since the charts began with the latest, as the paper does."""
         with self._database.read() as session:
             row, connection = axes.get_axis(session, axis_id), session.connection()
+            if row.epoch_from is None:
+                return None
             first, latest = (
                 preloads(connection, row.number, row.epoch, row.epoch_from, most, newest=newest)
                 for most, newest in ((2 * PAPER_READINGS, False), (PAPER_READINGS, True))

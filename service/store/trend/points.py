@@ -46,7 +46,9 @@ class Span:
     end: datetime | None = None
 
 
-MOST_SEARCHED = 1000
+MOST_SEARCHED = 200
+#: Of moments that one statement names.
+AT_ONCE = 500
 #: Where a page of the trend begins: after this moment and measurement.
 Cursor = tuple[datetime, int]
 
@@ -88,11 +90,15 @@ def point_of(connection: Connection, axis_number: int, at: datetime, measurement
     return None if row is None else TrendPoint(*row)
 
 
-def points_after(connection: Connection, axis_number: int, epoch: int, after: datetime | None) -> list[TrendPoint]:
-    """Return the points of one epoch of the charts that began later than a moment, in time order."""
+def points_after(
+    connection: Connection, axis_number: int, epoch: int, after: datetime | None, begun: datetime | None
+) -> list[TrendPoint]:
+    """Return the points of one epoch of the charts, which begins with a moment, that are later than another one."""
     query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch == epoch)
     if after is not None:
         query = query.where(_POINTS.c.at > after)
+    if begun is not None:
+        query = query.where(_POINTS.c.at >= begun)
     return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
 
 
@@ -140,7 +146,9 @@ def last_points(connection: Connection) -> dict[int, TrendPoint]:
         _POINTS.c.at == axes.c.last_measured_at,
         _POINTS.c.measurement_id == axes.c.last_measurement_id,
     )
-    return {row.axis_number: TrendPoint(*row) for row in connection.execute(select(*_COLUMNS).join(axes, same))}
+    # from the axes outwards: the database would rather pass all points than look up one of each axis
+    found = connection.execute(select(*_COLUMNS).select_from(axes.outerjoin(_POINTS, same)))
+    return {row.axis_number: TrendPoint(*row) for row in found if row.axis_number is not None}
 
 
 def preloads(
@@ -175,4 +183,4 @@ def _within(span: Span) -> list[ColumnElement[bool]]:
 
 def _in_parts(moments: list[datetime]) -> list[list[datetime]]:
     """Return so many moments at a time as a statement may name."""
-    return [moments[first : first + MOST_SEARCHED] for first in range(0, len(moments), MOST_SEARCHED)]
+    return [moments[first : first + AT_ONCE] for first in range(0, len(moments), AT_ONCE)]

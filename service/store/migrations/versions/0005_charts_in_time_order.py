@@ -31,7 +31,7 @@ def upgrade() -> None:
     for number, (axis, active) in enumerate(axes, start=1):
         connection.execute(sa.text("UPDATE axes SET number = :number WHERE id = :id"), {"number": number, "id": axis})
         _move_trend(connection, axis, number, active)
-        _count(connection, axis)
+        _count(connection, axis, number)
     connection.execute(
         sa.text(
             "UPDATE alarms SET measured_at = (SELECT started_at FROM measurements WHERE id = alarms.measurement_id)"
@@ -214,7 +214,7 @@ def _sum_up(sums: dict[tuple[int, int], dict[str, object]], point: dict[str, obj
             held["highest_n"], held["highest_at"] = preload, at
 
 
-def _count(connection: sa.Connection, axis: str) -> None:
+def _count(connection: sa.Connection, axis: str, number: int) -> None:
     """Count what is shown of an axis; its charts go on from where they stand, and are not folded again before."""
     refused = connection.execute(
         sa.text(
@@ -236,6 +236,9 @@ def _count(connection: sa.Connection, axis: str) -> None:
         .order_by(_MEASUREMENTS.c.started_at.desc(), _MEASUREMENTS.c.id.desc())
         .limit(1)
     ).first()
+    first = connection.execute(
+        sa.text("SELECT MIN(at) FROM trend_points WHERE axis_number = :number AND epoch = 0"), {"number": number}
+    ).scalar_one()
     axes = sa.table(
         "axes",
         *(sa.column(name) for name in ("id", "state", "last_measurement_id", "last_measured_at")),
@@ -252,7 +255,7 @@ def _count(connection: sa.Connection, axis: str) -> None:
             "state_since": _naive(detector.get("since")),
             "last_charted_at": charted,
             "epoch_after": charted,
-            "epoch_from": None,
+            "epoch_from": None if first is None else _naive_of(first),
             "last_measurement_id": None if newest is None else newest.id,
             "last_measured_at": None if newest is None else _micros(newest.started_at),
             "refused_windows": {row.reason: row.n for row in refused},
@@ -263,6 +266,10 @@ def _count(connection: sa.Connection, axis: str) -> None:
 
 def _naive(text: str | None) -> datetime | None:
     return None if text is None else datetime.fromisoformat(text).astimezone(UTC).replace(tzinfo=None)
+
+
+def _naive_of(micros: int) -> datetime:
+    return (EPOCH + timedelta(microseconds=micros)).replace(tzinfo=None)
 
 
 def _micros(moment: datetime) -> int:
