@@ -107,9 +107,9 @@ def test_half_of_the_data_and_then_the_other_half_are_all_data_at_once() -> None
         settings = [(x, p) for x in positions for p in preloads]
         halves.append(readings_at(settings, np.random.default_rng(seed), scatter=0.05, stated=stated))
     first, second = halves
-    one, both = fit(first, weighting="std"), fit([*first, *second], weighting="std")
-    assert one.reproducibility == both.reproducibility == 0.0
-    joined = fit(second, prior_from_calibration(one, "first half"), "std")
+    half, both = fit(first, weighting="std"), fit([*first, *second], weighting="std")
+    assert half.reproducibility == both.reproducibility == 0.0
+    joined = fit(second, prior_from_calibration(half, "first half"), "std")
     assert joined.parameters.values == pytest.approx(both.parameters.values, rel=1e-9, abs=0.0)
     assert_same_covariance(joined.parameters.covariance, both.parameters.covariance, 1e-7)
 
@@ -124,7 +124,7 @@ def test_halves_of_nguyens_table_are_the_whole_table(published_data) -> None:
         rows = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(stream)]
     table = [ModalReading(r["frequency_hz"], Conditions(r["position_mm"] * 1e-3, preload=r["preload_n"])) for r in rows]
     preloads = sorted({r["preload_n"] for r in rows})
-    halves = [[one for one in table if one.conditions.preload in preloads[start::2]] for start in (0, 1)]
+    halves = [[reading for reading in table if reading.conditions.preload in preloads[start::2]] for start in (0, 1)]
     joined = fit(halves[1], prior_from_calibration(fit(halves[0]), "first half")).parameters
     whole = [-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8]
     assert np.abs(joined.values - whole) / joined.standard_uncertainties == pytest.approx([0.0] * 4, abs=0.05)

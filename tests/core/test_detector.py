@@ -322,10 +322,10 @@ def test_a_rising_feature_is_a_falling_preload():
 def test_the_unit_does_not_matter(factor, zero):
     values = healthy(np.random.default_rng(4), 60)
     values[40:] -= 25.0
-    one = run(values, standard_uncertainty=3.0)
+    unscaled = run(values, standard_uncertainty=3.0)
     other = run(zero + factor * values, standard_uncertainty=3.0 * factor)
-    assert [s.status for s in other] == [s.status for s in one]
-    assert other[-1].cusum == pytest.approx(one[-1].cusum, rel=1e-6)
+    assert [s.status for s in other] == [s.status for s in unscaled]
+    assert other[-1].cusum == pytest.approx(unscaled[-1].cusum, rel=1e-6)
 
 
 def test_what_the_payload_correction_could_explain_never_alarms(watching):

@@ -72,8 +72,8 @@ def test_another_sign_of_the_torque_channel_changes_the_sign_of_both():
     rng = np.random.default_rng(3)
     windows = [window(rng) for _ in range(5)]
     turned = [replace(w, excitation=-w.excitation) for w in windows]
-    one, other = estimate_drag_torque(windows), estimate_drag_torque(turned)
-    assert (other.drag.value, other.offset.value) == pytest.approx((-one.drag.value, -one.offset.value))
+    estimate, other = estimate_drag_torque(windows), estimate_drag_torque(turned)
+    assert (other.drag.value, other.offset.value) == pytest.approx((-estimate.drag.value, -estimate.offset.value))
 
 
 def test_windows_of_one_direction_each_serve_as_well():

@@ -158,11 +158,11 @@ def ringing(modes: list[tuple[float, float]], template: tuple[Window, ...]) -> l
         for f, amplitude in modes
     )
     made = []
-    for one in template:
+    for window in template:
         excitation = rng.standard_normal(2 * n)
         response = np.fft.irfft(np.fft.rfft(excitation) * accelerance, 2 * n)[n:]
         noise = 0.3 * np.std(response) * rng.standard_normal(n)
-        made.append(replace(one, excitation=excitation[n:], response=response + noise))
+        made.append(replace(window, excitation=excitation[n:], response=response + noise))
     return made
 
 

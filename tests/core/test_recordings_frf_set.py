@@ -87,7 +87,7 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path, excitation, point):
     )
     write_frf_set(path, written)
     back = read_frf_set(path)
-    assert [one.temperature for one in back.measured] == [None, 23.4]
+    assert [response.temperature for response in back.measured] == [None, 23.4]
     for a, b in zip(written.observations, back.observations, strict=True):
         assert (a.conditions, a.excitation, a.response_point) == (b.conditions, b.excitation, b.response_point)
         for name in ("frequency", "response", "standard_deviation"):
@@ -101,7 +101,7 @@ def test_conditions_keep_their_order_beyond_four_digits(tmp_path):
     with h5py.File(path, "r+") as file:
         file["conditions"].move("0001", "10000")
         file["conditions"].move("0002", "9999")
-    assert [one.conditions.position for one in read_frf_set(path).observations] == [0.003, 0.002, 0.001]
+    assert [observation.conditions.position for observation in read_frf_set(path).observations] == [0.003, 0.002, 0.001]
 
 
 def test_the_same_set_gives_the_same_bytes_at_another_time_and_replaces_what_was_there(frf_file, tmp_path):
@@ -162,22 +162,22 @@ def test_a_file_of_another_writer_is_read(tmp_path):
     }  # fmt: skip
     path = foreign(tmp_path / "a.frf.h5", REQUIRED | stated)
     assert read_frf_set(path).measured[0].temperature == 26.5
-    one = only(path)
-    assert one.conditions == DriveConditions(0.1234, 250.0, 5.0, 6.5, 0.02)
-    assert (one.excitation, one.response_point) == (
+    observation = only(path)
+    assert observation.conditions == DriveConditions(0.1234, 250.0, 5.0, 6.5, 0.02)
+    assert (observation.excitation, observation.response_point) == (
         ExcitationPoint.TORQUE_AT_SCREW,
         ResponsePoint.ACCELERATION_AT_TABLE,
     )
-    np.testing.assert_array_equal(one.frequency, FREQUENCY)
-    np.testing.assert_array_equal(one.response, RESPONSE)
-    np.testing.assert_array_equal(one.standard_deviation, DEVIATION)
+    np.testing.assert_array_equal(observation.frequency, FREQUENCY)
+    np.testing.assert_array_equal(observation.response, RESPONSE)
+    np.testing.assert_array_equal(observation.standard_deviation, DEVIATION)
 
 
 def test_a_force_has_its_level_in_newtons(tmp_path):
     force = {"input": "force-at-table", "output": "displacement-at-table", "response_unit": "m/N"}
-    one = only(foreign(tmp_path / "a.frf.h5", REQUIRED | force | {"excitation_rms_n": 7.5}))
-    assert one.conditions.excitation_level == 7.5
-    assert one.excitation is ExcitationPoint.FORCE_AT_TABLE
+    observation = only(foreign(tmp_path / "a.frf.h5", REQUIRED | force | {"excitation_rms_n": 7.5}))
+    assert observation.conditions.excitation_level == 7.5
+    assert observation.excitation is ExcitationPoint.FORCE_AT_TABLE
 
 
 def test_what_is_not_stated_is_not_there(tmp_path):
@@ -190,10 +190,10 @@ def test_whole_frequencies_single_precision_and_big_endian_are_read_by_value(tmp
     path = foreign(
         tmp_path / "a.frf.h5", REQUIRED, FREQUENCY.astype("i4"), RESPONSE.astype(">c16"), DEVIATION.astype(">f4")
     )
-    one = only(path)
-    np.testing.assert_array_equal(one.frequency, FREQUENCY)
-    np.testing.assert_array_equal(one.response, RESPONSE)
-    np.testing.assert_array_equal(one.standard_deviation, DEVIATION.astype("f4").astype("f8"))
+    observation = only(path)
+    np.testing.assert_array_equal(observation.frequency, FREQUENCY)
+    np.testing.assert_array_equal(observation.response, RESPONSE)
+    np.testing.assert_array_equal(observation.standard_deviation, DEVIATION.astype("f4").astype("f8"))
 
 
 def test_compressed_numbers_are_read(frf_file):
@@ -415,10 +415,16 @@ def test_temperatures_without_deviations_are_from_their_mean_and_never_mixed_wit
         first, second = (file["conditions"][name].attrs for name in ("0000", "0001"))
         first["temperature_c"], second["temperature_c"] = 20.0, 20.0
         del first["temperature_delta_c"], second["temperature_delta_c"]
-    assert [one.conditions.temperature_deviation for one in read_frf_set(frf_file).observations] == [0.0, 0.0]
+    assert [observation.conditions.temperature_deviation for observation in read_frf_set(frf_file).observations] == [
+        0.0,
+        0.0,
+    ]
     with h5py.File(frf_file, "r+") as file:
         file[SECOND].attrs["temperature_c"] = 35.0
-    assert [one.conditions.temperature_deviation for one in read_frf_set(frf_file).observations] == [-7.5, 7.5]
+    assert [observation.conditions.temperature_deviation for observation in read_frf_set(frf_file).observations] == [
+        -7.5,
+        7.5,
+    ]
     with h5py.File(frf_file, "r+") as file:
         file[SECOND].attrs["temperature_delta_c"] = 15.0
     assert (

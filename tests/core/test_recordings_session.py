@@ -32,10 +32,10 @@ def window(number=0, *, dtype=np.float32, n_samples=64, **stated):
     return Window(**(facts | stated))
 
 
-def assert_same(one: Session, other: Session) -> None:
-    assert (one.axis_id, one.description, one.created) == (other.axis_id, other.description, other.created)
-    assert len(one.windows) == len(other.windows)
-    for a, b in zip(one.windows, other.windows, strict=True):
+def assert_same(session: Session, other: Session) -> None:
+    assert (session.axis_id, session.description, session.created) == (other.axis_id, other.description, other.created)
+    assert len(session.windows) == len(other.windows)
+    for a, b in zip(session.windows, other.windows, strict=True):
         for name in ("excitation", "response"):
             assert getattr(a, name).dtype == getattr(b, name).dtype
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
