@@ -113,7 +113,7 @@ def test_rigid_bracket_makes_nut_and_table_one() -> None:
     rigid = replace(axis(), joints=replace(axis().joints, bracket_stiffness=1e18))
     conditions = DriveConditions(0.4, PRELOAD)
     at_nut, at_table = (
-        responses(rigid, prepare_lines([ResponseCase(FREQUENCY, conditions, *one)])) for one in (AT_NUT, AT_TABLE)
+        responses(rigid, prepare_lines([ResponseCase(FREQUENCY, conditions, *points)])) for points in (AT_NUT, AT_TABLE)
     )
     np.testing.assert_allclose(at_nut, at_table, rtol=1e-6)
 
@@ -240,7 +240,7 @@ def test_positions_a_few_millimetres_apart_are_one_place() -> None:
         ((POSITION_OFFSET, {"offset_m": 0.015}), Cause.POSITION, 0.015),
         ((TORQUE_DELAY, {"delay_s": -1e-4}), Cause.SENSOR, -1e-4),
     ],
-    ids=lambda one: one if isinstance(one, str) else "",
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_change_is_named_with_its_size(
     change: tuple[Effect[AxisPhysics], dict[str, float]], cause: Cause, size: float
@@ -252,7 +252,7 @@ def test_change_is_named_with_its_size(
     assert first.size is not None
     assert abs(first.size.value - size) < 3.0 * first.size.standard_uncertainty
     assert first.size.standard_uncertainty < 0.2 * abs(size)
-    assert sum(one.probability for one in answer.changes) == pytest.approx(1.0, abs=0.01)
+    assert sum(found.probability for found in answer.changes) == pytest.approx(1.0, abs=0.01)
 
 
 def test_unchanged_axis_has_no_cause() -> None:
@@ -292,7 +292,7 @@ def test_places_that_the_reference_lacks_are_left_out() -> None:
     reference = observed(axis(), rng)
     recent = observed(axis(), rng, positions=(0.05, *POSITIONS[:2], 0.45, *POSITIONS[2:]))
     comparison = compare_times(reference, recent, ChangeTolerances())
-    assert [one.name for one in comparison.layout.settings] == ["150 mm", "350 mm", "550 mm", "750 mm"]
+    assert [setting.name for setting in comparison.layout.settings] == ["150 mm", "350 mm", "550 mm", "750 mm"]
 
 
 def test_two_places_are_too_few() -> None:

@@ -45,7 +45,7 @@ def test_several_misfits_are_whitened_one_by_one() -> None:
     deviation, directions, _ = case()
     whitened = whitening(deviation, directions, SETTING)
     misfits = np.random.default_rng(2).standard_normal((4, N))
-    np.testing.assert_allclose(whitened(misfits), [whitened(one) for one in misfits], rtol=1e-12)
+    np.testing.assert_allclose(whitened(misfits), [whitened(misfit) for misfit in misfits], rtol=1e-12)
 
 
 def test_logarithm_of_the_determinant() -> None:

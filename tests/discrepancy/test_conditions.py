@@ -37,7 +37,7 @@ def test_of_five_positions_two_inner_ones_are_held_out() -> None:
     """At every preload; the ends of the screw are fitted, so that a model is judged within its range."""
     conditions = settings(preloads=(120.0, 220.0, 360.0))
     (fold,) = default_folds(reversed(conditions))
-    assert fold == {one for one in conditions if one.position in (POSITIONS[1], POSITIONS[-2])}
+    assert fold == {setting for setting in conditions if setting.position in (POSITIONS[1], POSITIONS[-2])}
 
 
 @pytest.mark.parametrize(
@@ -54,14 +54,14 @@ def test_of_each_variation_the_last_one_is_held_out(name, values) -> None:
 
 def test_of_a_temperature_that_drifts_the_coldest_and_the_warmest_are_held_out() -> None:
     """Each kelvin comes by twice; each of them held out would leave little to fit."""
-    visits = [one for _ in range(3) for one in settings(preloads=(220.0,))]
-    drifting = [replace(one, temperature_deviation=float(number // 2 - 5)) for number, one in enumerate(visits)]
+    visits = [setting for _ in range(3) for setting in settings(preloads=(220.0,))]
+    drifting = [replace(setting, temperature_deviation=float(number // 2 - 5)) for number, setting in enumerate(visits)]
     (fold,) = default_folds(drifting)
-    inner = {one for one in drifting if one.position in (POSITIONS[1], POSITIONS[-2])}
-    others = Counter(one.temperature_deviation for one in drifting if one not in inner)
+    inner = {setting for setting in drifting if setting.position in (POSITIONS[1], POSITIONS[-2])}
+    others = Counter(setting.temperature_deviation for setting in drifting if setting not in inner)
     twice = sorted(temperature for temperature, count in others.items() if count > 1)
     assert len(twice) > 2
-    held = {one.temperature_deviation for one in fold - inner}
+    held = {setting.temperature_deviation for setting in fold - inner}
     assert held  # the most common one of all is the usual one, and stays
     assert held <= {twice[0], twice[-1]}
 
@@ -77,7 +77,14 @@ def test_a_table_of_few_positions_leaves_out_its_preloads_in_turn() -> None:
     """Nguyen et al. (2018), Table 2: 3 positions at 6 preloads."""
     conditions = settings(positions=(0.25, 0.5, 0.75), preloads=(50.0, 100.0, 150.0, 200.0, 250.0, 300.0))
     folds = default_folds(conditions)
-    assert [{one.preload for one in fold} for fold in folds] == [{50.0}, {100.0}, {150.0}, {200.0}, {250.0}, {300.0}]
+    assert [{setting.preload for setting in fold} for fold in folds] == [
+        {50.0},
+        {100.0},
+        {150.0},
+        {200.0},
+        {250.0},
+        {300.0},
+    ]
     assert set().union(*folds) == set(conditions)
 
 
@@ -93,7 +100,7 @@ def test_preloads_that_nobody_stated_are_not_held_out() -> None:
 
 def test_a_condition_varies_if_it_takes_two_values() -> None:
     stated = [DriveConditions(0.2, 100.0), DriveConditions(0.2, 200.0), DriveConditions(0.2, 200.0, payload_mass=3.0)]
-    layout = replace(layout_of([1, 1, 1], 1.0), settings=tuple(setting_of(one) for one in stated))
+    layout = replace(layout_of([1, 1, 1], 1.0), settings=tuple(setting_of(conditions) for conditions in stated))
     assert varied_conditions(layout) == {ConditionAxis.PRELOAD, ConditionAxis.PAYLOAD}
 
 

@@ -39,13 +39,16 @@ def test_an_axis_that_cannot_be_is_refused() -> None:
 
 
 def test_candidates_are_the_table_and_what_is_uncertain() -> None:
-    found = [one.key for one in subject().candidates()]
-    assert found == [*(one.key for one in DRIVE_EFFECTS), *(f"{PREFIX}{name}" for name in TOLERANCES)]
+    found = [candidate.key for candidate in subject().candidates()]
+    assert found == [*(effect.key for effect in DRIVE_EFFECTS), *(f"{PREFIX}{name}" for name in TOLERANCES)]
 
 
 def test_without_tolerances_any_part_may_be_wrong_but_no_plain_shape() -> None:
     """Lengths, diameters, materials are measured with a rule or taken from a table."""
-    found = {one.key.removeprefix(PREFIX) for one in DescribedDrive(AXIS, {}, {}).candidates()[len(DRIVE_EFFECTS) :]}
+    found = {
+        candidate.key.removeprefix(PREFIX)
+        for candidate in DescribedDrive(AXIS, {}, {}).candidates()[len(DRIVE_EFFECTS) :]
+    }
     assert found == {
         "table_mass_kg", "screw_mass_kg", "nut_mass_kg", "screw_inertia_kg_m2", "bearing_stiffness_n_per_m",
         "bracket_stiffness_n_per_m", "nut_stiffness_n_per_m", "dynamic_load_rating_n", "coupling_stiffness_nm_per_rad",

@@ -78,7 +78,11 @@ def conditions_of(parameters, **changes):
 
 def lines_of(parameters, **changes):
     return prepare_lines(
-        [case_of(parameters, BAND, one, *asked) for one in conditions_of(parameters, **changes) for asked in ASKED]
+        [
+            case_of(parameters, BAND, conditions, *asked)
+            for conditions in conditions_of(parameters, **changes)
+            for asked in ASKED
+        ]
     )
 
 
@@ -94,11 +98,11 @@ def frequencies(axis, conditions):
 
 
 def strong_values(effect):
-    return {one.name: one.null + one.scale for one in effect.parameters}
+    return {parameter.name: parameter.null + parameter.scale for parameter in effect.parameters}
 
 
 def of_key(key, parameters):
-    (effect,) = (one for one in applicable_effects(physics_of(parameters), DRIVE_EFFECTS) if one.key == key)
+    (effect,) = (listed for listed in applicable_effects(physics_of(parameters), DRIVE_EFFECTS) if listed.key == key)
     return effect
 
 
@@ -130,8 +134,8 @@ def test_every_effect_says_what_it_is(effect) -> None:
     assert effect.name
     assert effect.physics.endswith(".")
     assert effect.source
-    for one in effect.parameters:
-        assert one.unit == "-" or one.name.endswith(ENDINGS[one.unit])
+    for parameter in effect.parameters:
+        assert parameter.unit == "-" or parameter.name.endswith(ENDINGS[parameter.unit])
 
 
 # --- null values and others ------------------------------------------------------------------------------------------
@@ -152,8 +156,8 @@ def test_every_parameter_moves_a_prediction(name, effect) -> None:
     axis, lines = physics_of(AXES[name]), lines_of(AXES[name])
     values = strong_values(effect)
     strong = responses(effect.added_to(axis, values), lines)
-    for one in effect.parameters:
-        without = responses(effect.added_to(axis, values | {one.name: one.null}), lines)
+    for parameter in effect.parameters:
+        without = responses(effect.added_to(axis, values | {parameter.name: parameter.null}), lines)
         assert moved(without, strong) > 1e-4
 
 
@@ -185,7 +189,7 @@ def test_it_is_smooth_where_it_is_absent(name, effect) -> None:
     """A search starts at null: half the step makes half the change, so that the slope there is finite."""
     axis, lines, null = physics_of(AXES[name]), lines_of(AXES[name]), effect.null_values()
     base = responses(axis, lines)
-    steps = {one.name: 1e-4 * one.scale for one in effect.parameters}
+    steps = {parameter.name: 1e-4 * parameter.scale for parameter in effect.parameters}
     whole, half = (
         [
             responses(effect.added_to(axis, null | {key: null[key] + share * step}), lines) / base - 1.0
@@ -204,9 +208,9 @@ def test_it_is_smooth_where_it_is_absent(name, effect) -> None:
 def test_effects_of_the_catalogue_commute(name) -> None:
     """Each changes numbers of its own, so that nothing is left of the order, not even rounding."""
     axis = physics_of(AXES[name])
-    for one, other in combinations(applicable_effects(axis, DRIVE_EFFECTS), 2):
-        first = other.added_to(one.added_to(axis, strong_values(one)), strong_values(other))
-        second = one.added_to(other.added_to(axis, strong_values(other)), strong_values(one))
+    for effect, other in combinations(applicable_effects(axis, DRIVE_EFFECTS), 2):
+        first = other.added_to(effect.added_to(axis, strong_values(effect)), strong_values(other))
+        second = effect.added_to(other.added_to(axis, strong_values(other)), strong_values(effect))
         assert first == second
 
 
@@ -339,7 +343,7 @@ def test_a_base_adds_its_own_receptance_to_what_the_force_meets() -> None:
     displacements = (
         response_at(axis, AT, FORCE, ResponsePoint.DISPLACEMENT_AT_TABLE) for axis in (with_base, LUMPED_AXIS)
     )
-    path_with, path = (1.0 / (1.0 / one - inertia) for one in displacements)
+    path_with, path = (1.0 / (1.0 / displacement - inertia) for displacement in displacements)
     ratio = BAND / 70.0
     np.testing.assert_allclose(path_with - path, 2e-9 / (1.0 - ratio**2 + 0.1j * ratio), rtol=0.0, atol=1e-14)
 
@@ -378,7 +382,7 @@ def test_of_a_mass_that_is_spread_a_third_counts() -> None:
     spread = of_key("screw-distributed-mass", RATED).added_to(axis, {"share": 1.0})
     at = DriveConditions(0.999 * RATED.screw_length)
     (with_table,), (along_screw,) = (
-        natural_frequencies(one, [at], [MotorEnd.CLAMPED], 400.0)[0] for one in (axis, spread)
+        natural_frequencies(physics, [at], [MotorEnd.CLAMPED], 400.0)[0] for physics in (axis, spread)
     )
     total = 200.0 + RATED.nut_mass + RATED.screw_mass
     expected = math.sqrt(total / (total - 2.0 / 3.0 * RATED.screw_mass))
@@ -406,11 +410,11 @@ def test_two_wrong_parameters_are_the_model_with_both(family) -> None:
     parameters = PARAMETERS[family]
     names = [effect.key.partition(":")[2] for effect in wrong_parameters(parameters)]
     declared = parameters.to_file_names()
-    for one, other in permutations(names, 2):
+    for part, other in permutations(names, 2):
         axis = physics_of(parameters)
-        for name, ln_ratio in ((one, 0.4), (other, -0.7)):
+        for name, ln_ratio in ((part, 0.4), (other, -0.7)):
             axis = wrong_parameter(name, parameters).added_to(axis, {"ln_ratio": ln_ratio})
-        both = declared | {one: declared[one] * math.exp(0.4), other: declared[other] * math.exp(-0.7)}
+        both = declared | {part: declared[part] * math.exp(0.4), other: declared[other] * math.exp(-0.7)}
         assert_same(axis, physics_of(type(parameters).from_file_names(both, family)))
 
 
@@ -425,9 +429,9 @@ def test_wrong_parameters_and_effects_commute(family) -> None:
             assert_same(first, second)
 
 
-def assert_same(one, other):
+def assert_same(axis, other):
     """Compare every number of two axes to rounding."""
-    for record, theirs in zip(asdict(one).values(), asdict(other).values(), strict=True):
+    for record, theirs in zip(asdict(axis).values(), asdict(other).values(), strict=True):
         for name, value in record.items():
             assert value == theirs[name] or value == pytest.approx(theirs[name], rel=1e-12), name
 
@@ -481,8 +485,8 @@ def test_what_no_axis_could_have_is_refused(key, values, sentence) -> None:
 
 def test_a_loss_factor_is_not_searched_beyond_what_the_record_takes() -> None:
     damped = LumpedParameters(**{**asdict(RATED), "loss_factor": 0.6})
-    (one,) = wrong_parameter("loss_factor", damped).parameters
-    assert 0.6 * math.exp(one.upper) == pytest.approx(0.9)
+    (parameter,) = wrong_parameter("loss_factor", damped).parameters
+    assert 0.6 * math.exp(parameter.upper) == pytest.approx(0.9)
 
 
 def test_an_effect_without_a_size_is_refused() -> None:

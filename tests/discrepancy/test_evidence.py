@@ -26,7 +26,10 @@ def fits(data, *, size=1, n_settings=1):
         layout_of([n] * n_settings, 1.0), np.ones((data.size, size)), data, np.zeros((0, data.size))
     )
     subject = LinearAxis({}, size)
-    return [fit(comparison, one, one.null) for one in (Hypothesis(subject), Hypothesis(subject, (quantity(0),)))]
+    return [
+        fit(comparison, hypothesis, hypothesis.null)
+        for hypothesis in (Hypothesis(subject), Hypothesis(subject, (quantity(0),)))
+    ]
 
 
 def test_a_parameter_that_moves_nothing_costs_nothing() -> None:
@@ -48,8 +51,8 @@ def test_a_parameter_that_moves_nothing_costs_nothing() -> None:
         )
         shaped = replace(quantity(0), parameters=both, add=add)
         plain, fuller = (
-            fit(comparison, one, one.null)
-            for one in (Hypothesis(LinearAxis({}, 2)), Hypothesis(LinearAxis({}, 2), (shaped,)))
+            fit(comparison, hypothesis, hypothesis.null)
+            for hypothesis in (Hypothesis(LinearAxis({}, 2)), Hypothesis(LinearAxis({}, 2), (shaped,)))
         )
         return delta_bic(plain, fuller, by)
 
@@ -84,10 +87,10 @@ def test_series_end_with_their_setting() -> None:
     chosen = np.ones(series.size, bool)
     assert neighbour_correlation(layout, series, chosen) == pytest.approx(0.9, abs=0.02)
     level = np.repeat([1.0, -1.0], 3)  # six values in one setting, the third of them held out
-    one = layout_of([6], 1.0)
-    assert neighbour_correlation(one, level, np.arange(6) != 2) == pytest.approx(1.0)
-    assert neighbour_correlation(one, level, np.ones(6, bool)) < 0.7
-    assert neighbour_correlation(one, level, np.arange(6) < 2) == 0.0  # a single pair tells nothing
+    single = layout_of([6], 1.0)
+    assert neighbour_correlation(single, level, np.arange(6) != 2) == pytest.approx(1.0)
+    assert neighbour_correlation(single, level, np.ones(6, bool)) < 0.7
+    assert neighbour_correlation(single, level, np.arange(6) < 2) == 0.0  # a single pair tells nothing
 
 
 def test_difference_of_bic_by_hand() -> None:
@@ -108,13 +111,13 @@ def test_each_parameter_more_is_paid_for() -> None:
     design = rng.standard_normal((100, 3))
     comparison = LinearComparison(layout_of([100], 1.0), design, data, np.zeros((0, 100)))
     subject = LinearAxis({}, 3)
-    one, three = (
+    smaller, larger = (
         fit(comparison, hypothesis, hypothesis.null)
         for hypothesis in (Hypothesis(subject, tuple(quantity(index) for index in range(n))) for n in (1, 3))
     )
     by = EvidenceScale(1.0, 0.0, 100)
-    assert one.cost - three.cost - delta_bic(one, three, by) == pytest.approx(2.0 * math.log(100))
-    assert delta_bic(three, one, by) == pytest.approx(-delta_bic(one, three, by))
+    assert smaller.cost - larger.cost - delta_bic(smaller, larger, by) == pytest.approx(2.0 * math.log(100))
+    assert delta_bic(larger, smaller, by) == pytest.approx(-delta_bic(smaller, larger, by))
 
 
 def test_evidence_scale_of_a_fit() -> None:

@@ -120,12 +120,15 @@ def test_errors_of_settings_are_fitted_jointly() -> None:
     """
     rng = np.random.default_rng(3)
     off = [
-        replace(one, position=one.position + 2e-3 * step, preload=one.preload * (1.0 + 0.04 * share))
-        for one, (step, share) in zip(CONDITIONS, rng.uniform(-1.0, 1.0, (6, 2)), strict=True)
+        replace(
+            conditions, position=conditions.position + 2e-3 * step, preload=conditions.preload * (1.0 + 0.04 * share)
+        )
+        for conditions, (step, share) in zip(CONDITIONS, rng.uniform(-1.0, 1.0, (6, 2)), strict=True)
     ]
     truth = FAR.added_to(true_subject(1), {"stiffness_n_per_m": 2e7})
     observations = [
-        replace(one, conditions=stated) for one, stated in zip(measured(truth, off), CONDITIONS, strict=True)
+        replace(observation, conditions=stated)
+        for observation, stated in zip(measured(truth, off), CONDITIONS, strict=True)
     ]
     comparison = compared(observations)
     comparison = replace(comparison, tolerances=replace(comparison.tolerances, position=1.5e-3))

@@ -27,7 +27,10 @@ def machine(seed, size=1.0, *, common=False):
     scatter = rng.standard_normal((2, 1 if common else len(conditions), BAND.size)) * size * planted(BAND)
     off = np.broadcast_to(np.exp(scatter[0] + 1j * scatter[1]), (len(conditions), BAND.size))
     clean = measured(true_subject(seed), conditions, seed=seed, noise=NOISE, lines=BAND)
-    return [replace(one, response=one.response * factor) for one, factor in zip(clean, off, strict=True)], subject()
+    return [
+        replace(observation, response=observation.response * factor)
+        for observation, factor in zip(clean, off, strict=True)
+    ], subject()
 
 
 @pytest.mark.slow
@@ -49,11 +52,13 @@ def test_a_planted_error_where_the_response_is_steep_is_recovered() -> None:
     for seed in (1, 2, 3, 4):
         clean, described = machine(seed, size=0.0)
         shifted = []
-        for one in clean:
-            slope = np.gradient(np.log(np.abs(one.response)) + 1j * np.unwrap(np.angle(one.response)), np.log(BAND))
+        for observation in clean:
+            slope = np.gradient(
+                np.log(np.abs(observation.response)) + 1j * np.unwrap(np.angle(observation.response)), np.log(BAND)
+            )
             scatter = 0.001 * (rng.standard_normal(BAND.size) + 1j * rng.standard_normal(BAND.size))
-            shifted.append(replace(one, response=one.response * np.exp(scatter * slope)))
-            steep.append((one.response, np.abs(slope)))
+            shifted.append(replace(observation, response=observation.response * np.exp(scatter * slope)))
+            steep.append((observation.response, np.abs(slope)))
         healthy.append((shifted, described))
     spectrum = learn_form_error(healthy).of(POINT)
     for response, slope in steep:

@@ -30,7 +30,7 @@ def regression(folds, seed=0):
 
 
 def singly():
-    return tuple(np.arange(N) == one for one in range(N))
+    return tuple(np.arange(N) == index for index in range(N))
 
 
 def test_leaving_out_one_after_the_other_is_known_in_closed_form() -> None:
@@ -45,7 +45,7 @@ def test_leaving_out_one_after_the_other_is_known_in_closed_form() -> None:
 
 def test_folds_of_several_values() -> None:
     """(I − H)⁻¹ r of each fold; a value that no fold leaves out is not judged."""
-    folds = tuple((np.arange(N) // 6 == one) for one in range(3))
+    folds = tuple((np.arange(N) // 6 == number) for number in range(3))
     fitted, hat = regression(folds)
     held = fitted.held_out
     np.testing.assert_array_equal(held.chosen, np.arange(N) < 18)
@@ -95,7 +95,7 @@ def test_gain_is_the_difference_of_log_likelihoods() -> None:
     by = EvidenceScale(2.0, 0.25, 10)
 
     def log_likelihood(held):
-        return sum(-0.5 * one**2 / 2.0 for one in held.standardised[:7]) * (0.75 / 1.25)
+        return sum(-0.5 * residual**2 / 2.0 for residual in held.standardised[:7]) * (0.75 / 1.25)
 
     assert gain(before, after, by) == pytest.approx(log_likelihood(after) - log_likelihood(before))
 

@@ -61,12 +61,12 @@ def test_calling_a_parameter_wrong_leaves_the_axis_where_its_tolerance_let_it_go
 
 def test_there_and_back_again() -> None:
     """What another hypothesis lacks is null in it, and its own coordinates stay."""
-    one = Hypothesis(subject(), (FAR, MASS))
-    other = one.without("added-mass").with_effect(MOUNTING)
+    fuller = Hypothesis(subject(), (FAR, MASS))
+    other = fuller.without("added-mass").with_effect(MOUNTING)
     at = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
-    there = other.carried_over(one, at)
+    there = other.carried_over(fuller, at)
     np.testing.assert_allclose(there, [0.1, 0.2, 0.3, 0.4, 0.0, 0.0])
-    np.testing.assert_allclose(one.carried_over(other, there), [0.1, 0.2, 0.3, 0.4, 0.0])
+    np.testing.assert_allclose(fuller.carried_over(other, there), [0.1, 0.2, 0.3, 0.4, 0.0])
 
 
 def test_bounds_hold_sizes_to_a_possible_sign_and_let_them_leave_the_plausible_range() -> None:
@@ -78,18 +78,18 @@ def test_bounds_hold_sizes_to_a_possible_sign_and_let_them_leave_the_plausible_r
     assert lower[far] == 0.0
     assert upper[far] * FAR.parameters[0].scale > 2.0 * FAR.parameters[0].upper
     assert lower[inverse_square] == 0.0
-    for index, one in ((bandwidth, MOUNTING.parameters[1]), (wrong, WRONG_BEARING.parameters[0])):
-        assert one.null + one.scale * lower[index] == pytest.approx(one.lower)
-        assert one.null + one.scale * upper[index] == pytest.approx(one.upper)
-    one = EFFECTS["torque-delay"].parameters[0]
-    assert one.scale * lower[delay] < 2.0 * one.lower
-    assert one.scale * upper[delay] > 2.0 * one.upper
+    for index, parameter in ((bandwidth, MOUNTING.parameters[1]), (wrong, WRONG_BEARING.parameters[0])):
+        assert parameter.null + parameter.scale * lower[index] == pytest.approx(parameter.lower)
+        assert parameter.null + parameter.scale * upper[index] == pytest.approx(parameter.upper)
+    of_delay = EFFECTS["torque-delay"].parameters[0]
+    assert of_delay.scale * lower[delay] < 2.0 * of_delay.lower
+    assert of_delay.scale * upper[delay] > 2.0 * of_delay.upper
     assert searched_range(FAR, FAR.parameters[0]) == pytest.approx((0.0, upper[far] * FAR.parameters[0].scale))
 
 
 def test_textbook_values() -> None:
     """All of the screw's mass and inertia are spread along it, uncertain parameters stay where they were."""
-    known = [one for one in EFFECTS.values() if one.textbook is not None]
+    known = [effect for effect in EFFECTS.values() if effect.textbook is not None]
     hypothesis = Hypothesis(subject(), tuple(known))
     at = hypothesis.at_textbook_values(np.array([0.5, 0.0, 0.0]))
     physics = hypothesis.physics(at)
@@ -101,7 +101,7 @@ def test_textbook_values() -> None:
 
 def test_bounds_of_what_can_only_be_less() -> None:
     """As a user's own effect may be: a preload that was lost, say."""
-    one = EffectParameter("size", "-", lower=-5.0, upper=0.0, scale=-0.5)
-    hypothesis = Hypothesis(subject(), (replace(FAR, parameters=(one,)),))
+    parameter = EffectParameter("size", "-", lower=-5.0, upper=0.0, scale=-0.5)
+    hypothesis = Hypothesis(subject(), (replace(FAR, parameters=(parameter,)),))
     lower, upper = hypothesis.bounds
     assert lower[-1] < upper[-1]

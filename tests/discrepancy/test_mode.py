@@ -85,7 +85,7 @@ def integrated_mode(comparison):
         residual = (a * np.cos(angle) + b * np.sin(angle) - means) / (NOISE / np.sqrt(N_VALUES))
         return np.sum(np.log(simpson(np.exp(-0.5 * (residual**2 + errors**2)), x=errors, axis=1)))
 
-    return float(np.hypot(*minimize(lambda one: -likelihood(*one), [1.0, 0.0], method="Nelder-Mead").x))
+    return float(np.hypot(*minimize(lambda amplitudes: -likelihood(*amplitudes), [1.0, 0.0], method="Nelder-Mead").x))
 
 
 @pytest.mark.slow
@@ -100,7 +100,7 @@ def test_sizes_are_those_of_the_integrated_likelihood() -> None:
         integrated.append(integrated_mode(comparison))
     assert np.mean(np.subtract(by_fit, integrated)) > 0.05
     assert np.max(np.abs(np.subtract(by_mode, integrated))) < 0.005
-    by_fit_off, by_mode_off = (np.sqrt(np.mean(np.subtract(one, 1.0) ** 2)) for one in (by_fit, by_mode))
+    by_fit_off, by_mode_off = (np.sqrt(np.mean(np.subtract(sizes, 1.0) ** 2)) for sizes in (by_fit, by_mode))
     assert by_mode_off < 0.4 * by_fit_off
 
 

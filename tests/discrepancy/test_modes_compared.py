@@ -33,7 +33,7 @@ EXACT = SettingTolerances(position=1e-9, preload_share=1e-9)
 
 
 def observed(frequencies, at, **stated):
-    return [ModalObservation(at, float(one), **stated) for one in frequencies]
+    return [ModalObservation(at, float(frequency), **stated) for frequency in frequencies]
 
 
 # --- whose frequency is whose ----------------------------------------------------------------------------------------
@@ -43,13 +43,13 @@ THERE = DriveConditions(0.8)
 #: Without damping, below 6.1 kHz.
 MODES = np.array(
     [
-        one.frequency
-        for one in natural_frequencies(
+        mode.frequency
+        for mode in natural_frequencies(
             replace(MANY, joints=replace(MANY.joints, bearing_damping=0.0, far_bearing_damping=0.0, nut_damping=0.0,
                                          coupling_damping=0.0)),
             [THERE], [MotorEnd.FREE], 6100.0,
         )[0]
-        if one.frequency > 1.0
+        if mode.frequency > 1.0
     ]
 )  # fmt: skip
 
@@ -80,7 +80,7 @@ def test_assignment_has_the_smallest_sum_of_misfits(frequencies) -> None:
     assert np.sum(np.abs(misfit)) == pytest.approx(smallest_sum(measured, sought), rel=1e-6)
     # each misfit leads to a mode, and to one that no other has
     reached = measured * np.exp(misfit)
-    matched = np.array([np.min(np.abs(MODES / one - 1.0)) < 1e-6 for one in reached])
+    matched = np.array([np.min(np.abs(MODES / frequency - 1.0)) < 1e-6 for frequency in reached])
     np.testing.assert_allclose(misfit[~matched], -MISSED)
     assert np.unique(np.round(reached[matched], 4)).size == np.count_nonzero(matched)
 
@@ -116,7 +116,7 @@ def test_values_stand_by_position_and_rising_frequency() -> None:
     first, second = DriveConditions(0.4), DriveConditions(0.9)
     table = [*observed([MODES[2]], second), *observed([MODES[1], MODES[0]], first), *observed([MODES[0]], second)]
     layout = compare_modes(table, MotorEnd.FREE).layout
-    assert [one.name for one in layout.settings] == ["400 mm", "900 mm"]
+    assert [setting.name for setting in layout.settings] == ["400 mm", "900 mm"]
     np.testing.assert_array_equal(layout.setting, [0, 0, 1, 1])
     np.testing.assert_allclose(layout.frequency, [MODES[0], MODES[1], MODES[0], MODES[2]])
     assert layout.channels == ("mode 1", "mode 2")
@@ -136,11 +136,11 @@ def test_uncertainty_of_a_frequency() -> None:
 
 
 def test_gap_in_hertz_of_one_mode_and_in_per_cent_of_several() -> None:
-    one = compare_modes(observed([200.0], AT[0]) + observed([100.0], AT[1]), MotorEnd.CLAMPED)
+    single = compare_modes(observed([200.0], AT[0]) + observed([100.0], AT[1]), MotorEnd.CLAMPED)
     misfit, both = np.log([1.1, 0.8]), np.ones(2, bool)
-    assert one.unit == "Hz"
-    assert one.gap(misfit, np.zeros(2), both) == pytest.approx(20.0)  # +20 Hz and −20 Hz
-    assert one.gap(misfit, np.zeros(2), np.array([True, False])) == pytest.approx(20.0)
+    assert single.unit == "Hz"
+    assert single.gap(misfit, np.zeros(2), both) == pytest.approx(20.0)  # +20 Hz and −20 Hz
+    assert single.gap(misfit, np.zeros(2), np.array([True, False])) == pytest.approx(20.0)
     several = compare_modes(observed([100.0, 200.0], AT[0]), MotorEnd.CLAMPED)
     assert several.unit == "%"
     assert several.gap(misfit, np.zeros(2), both) == pytest.approx(100.0 * math.sqrt((0.01 + 0.04) / 2.0))
@@ -157,7 +157,7 @@ def test_noise_floor_is_the_gap_of_frequencies_off_by_their_uncertainty() -> Non
 
 def test_errors_of_settings_are_those_of_the_shifted_comparison() -> None:
     physics = physics_of(LUMPED)
-    comparison = compare_modes([one for at in AT for one in observed([180.0], at)], MotorEnd.CLAMPED)
+    comparison = compare_modes([observation for at in AT for observation in observed([180.0], at)], MotorEnd.CLAMPED)
     assert comparison.condition_error_names == ("position", "preload")
     for index in range(2):
         errors = np.zeros((3, 2))
@@ -179,14 +179,16 @@ def test_settings_as_they_truly_were_leave_nothing() -> None:
     ]
     found = natural_frequencies(replace(physics, joints=replace(physics.joints, loss_factor=0.0)), true,
                                 [MotorEnd.CLAMPED] * 3, 400.0)  # fmt: skip
-    table = [one for at, modes in zip(AT, found, strict=True) for one in observed([modes[0].frequency], at)]
+    table = [
+        observation for at, modes in zip(AT, found, strict=True) for observation in observed([modes[0].frequency], at)
+    ]
     comparison = compare_modes(table, MotorEnd.CLAMPED)
     assert np.max(np.abs(comparison.misfit(physics))) > 1e-3
     np.testing.assert_allclose(comparison.shifted(errors).misfit(physics), 0.0, atol=1e-9)
 
 
 def test_folds_are_whole_settings() -> None:
-    table = [one for at in AT for one in observed([150.0, 180.0], at)]
+    table = [observation for at in AT for observation in observed([150.0, 180.0], at)]
     layout = compare_modes(table, MotorEnd.CLAMPED, held_out=[frozenset({at}) for at in AT]).layout
     for index, fold in enumerate(layout.held_out):
         np.testing.assert_array_equal(fold, layout.setting == index)
@@ -234,7 +236,7 @@ def test_misfit_of_a_damping_ratio_is_relative(share) -> None:
 
 def test_each_damping_ratio_is_that_of_its_own_mode() -> None:
     """Whether or not those between are measured."""
-    found = [one for one in natural_frequencies(MANY, [THERE], [MotorEnd.FREE], 1500.0)[0] if one.frequency > 1.0]
+    found = [mode for mode in natural_frequencies(MANY, [THERE], [MotorEnd.FREE], 1500.0)[0] if mode.frequency > 1.0]
     table = [ModalObservation(THERE, MODES[k], damping_ratio=found[k].damping_ratio) for k in (0, 3)]
     table += observed([MODES[1]], THERE)
     comparison = compare_modes(table, MotorEnd.FREE)
@@ -272,8 +274,8 @@ def test_panels_show_damping_ratios_beside_frequencies() -> None:
     lossier = replace(DAMPED, joints=replace(DAMPED.joints, loss_factor=0.06))
     frequency, damping = compare_modes(table, MotorEnd.CLAMPED).panels({"after": lossier})
     assert (frequency.y_name, damping.y_name) == ("natural frequency [Hz]", "damping ratio [-]")
-    np.testing.assert_allclose(frequency.measured, [one.frequency for one in table])
-    np.testing.assert_allclose(damping.measured, [one.damping_ratio for one in table])
+    np.testing.assert_allclose(frequency.measured, [observation.frequency for observation in table])
+    np.testing.assert_allclose(damping.measured, [observation.damping_ratio for observation in table])
     np.testing.assert_allclose(damping.models["after"], 2.0 * damping.measured, rtol=5e-3)
 
 

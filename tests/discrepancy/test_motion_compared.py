@@ -24,21 +24,22 @@ EFFECTS = {effect.key: effect for effect in MOTION_EFFECTS}
 
 def fitted(comparison, keys, chosen):
     """Return the axis with these effects at their least squares over the chosen values, and the effects' values."""
-    unknowns = [(key, one) for key in keys for one in EFFECTS[key].parameters]
+    unknowns = [(key, parameter) for key in keys for parameter in EFFECTS[key].parameters]
 
     def physics(u):
         values = {key: {} for key in keys}
-        for (key, one), at in zip(unknowns, u[2:], strict=True):
-            values[key][one.name] = one.null + one.scale * at
+        for (key, parameter), at in zip(unknowns, u[2:], strict=True):
+            values[key][parameter.name] = parameter.null + parameter.scale * at
         stated = MotionParameters(moving_mass=80.0 * np.exp(u[0]), viscous_friction=200.0 * np.exp(u[1]))
         return with_effects(MotionModel.of(stated), values).physics, values
 
     bounds = [(-3.0, 3.0)] * 2 + [
-        ((one.lower - one.null) / one.scale, (one.upper - one.null) / one.scale) for _, one in unknowns
+        ((parameter.lower - parameter.null) / parameter.scale, (parameter.upper - parameter.null) / parameter.scale)
+        for _, parameter in unknowns
     ]
     found = optimize.least_squares(
         lambda u: comparison.misfit(physics(u)[0])[chosen],
-        np.clip([0.0, 0.0, *(0.5 * (one.null == 0.0) for _, one in unknowns)], *np.transpose(bounds)),
+        np.clip([0.0, 0.0, *(0.5 * (parameter.null == 0.0) for _, parameter in unknowns)], *np.transpose(bounds)),
         bounds=tuple(np.transpose(bounds)),
         diff_step=1e-4,
         x_scale="jac",
@@ -75,10 +76,10 @@ def emps(measured_data):
 
 def test_published_identification_of_the_emps(emps) -> None:
     """Janot et al. (2019): 95.1089 kg, 203.5034 N·s/m, 20.3935 N, −3.1648 N; relative force error 4.0834 %."""
-    one = MotionPhysics(moving_mass=1.0)
-    zero = emps.misfit(one)
+    unit_mass = MotionPhysics(moving_mass=1.0)
+    zero = emps.misfit(unit_mass)
     units = {"moving_mass": 2.0, "viscous_friction": 1.0, "coulomb_friction": 1.0, "force_offset": 1.0}
-    columns = np.transpose([emps.misfit(replace(one, **{name: value})) - zero for name, value in units.items()])
+    columns = np.transpose([emps.misfit(replace(unit_mass, **{name: value})) - zero for name, value in units.items()])
     found, *_ = np.linalg.lstsq(columns, emps.force)
     assert found == pytest.approx([95.1089, 203.5034, 20.3935, -3.1648], rel=3e-3)
     every = np.ones(emps.force.size, dtype=bool)
@@ -213,7 +214,7 @@ def test_a_hesitation_is_no_reversal() -> None:
 
 def test_strokes_are_settings_in_time() -> None:
     layout = MotionComparison.of(simulated_record(), STATED).layout
-    directions = [one.values[ConditionAxis.DIRECTION] for one in layout.settings]
+    directions = [setting.values[ConditionAxis.DIRECTION] for setting in layout.settings]
     assert set(directions) == {1.0, -1.0}
     assert directions[0] == -directions[1]
     assert np.all(np.diff(layout.setting) >= 0)

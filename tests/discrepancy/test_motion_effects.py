@@ -38,7 +38,7 @@ def axis_for(effect):
 
 
 def strong_values(effect):
-    return {one.name: one.null + one.scale for one in effect.parameters}
+    return {parameter.name: parameter.null + parameter.scale for parameter in effect.parameters}
 
 
 def test_keys_are_those_of_the_formats() -> None:
@@ -56,8 +56,8 @@ def test_every_effect_says_what_it_is(effect) -> None:
     assert effect.name
     assert effect.physics.endswith(".")
     assert effect.source
-    for one in effect.parameters:
-        assert one.unit == "-" or one.name.endswith(ENDINGS[one.unit])
+    for parameter in effect.parameters:
+        assert parameter.unit == "-" or parameter.name.endswith(ENDINGS[parameter.unit])
 
 
 @every_effect
@@ -73,8 +73,8 @@ def test_every_parameter_moves_the_force(effect) -> None:
     axis = axis_for(effect)
     strong = strong_values(effect)
     before = forces(effect.added_to(axis, strong), MOTION)
-    for one in effect.parameters:
-        after = forces(effect.added_to(axis, strong | {one.name: one.null + 1.5 * one.scale}), MOTION)
+    for parameter in effect.parameters:
+        after = forces(effect.added_to(axis, strong | {parameter.name: parameter.null + 1.5 * parameter.scale}), MOTION)
         assert np.max(np.abs(after - before)) > 1e-3 * np.max(np.abs(before))
 
 

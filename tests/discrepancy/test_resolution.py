@@ -21,7 +21,7 @@ def case(point, frequency=LINES):
 def hann_power(offset, resolution):
     """Return |W|² of a Hann window of 1/resolution seconds."""
     turns = offset / resolution
-    return np.array([np.sinc(one) / (1.0 - one**2) if abs(abs(one) - 1.0) > 1e-9 else 0.5 for one in turns]) ** 2
+    return np.array([np.sinc(turn) / (1.0 - turn**2) if abs(abs(turn) - 1.0) > 1e-9 else 0.5 for turn in turns]) ** 2
 
 
 @pytest.mark.slow
@@ -73,7 +73,7 @@ def test_it_is_as_exact_as_is_said(lines_wide, error) -> None:
     weight = scipy.signal.fftconvolve(window, window[::-1])[time.size - 1 :] / np.sum(window**2)
     impulse = weight * np.exp((2j * np.pi * frequency - decay) * time)
     around = frequency + np.arange(-4.0, 4.0, 0.25) * resolution
-    exact = np.array([np.trapezoid(impulse * np.exp(-2j * np.pi * one * time), time) for one in around])
+    exact = np.array([np.trapezoid(impulse * np.exp(-2j * np.pi * line * time), time) for line in around])
 
     def response(shift):
         return 1.0 / (decay + 2j * np.pi * (around + shift * resolution - frequency))

@@ -40,7 +40,7 @@ def by_channel(comparison, values):
 
 def test_misfit_is_the_logarithm_of_model_over_measurement() -> None:
     """A measurement that is a tenth too large and leads by 0.2 rad: −ln 1.1 and −0.2, at every line."""
-    comparison = compare_responses([observed(one, factor=1.1 * np.exp(0.2j)) for one in AT])
+    comparison = compare_responses([observed(at, factor=1.1 * np.exp(0.2j)) for at in AT])
     found = by_channel(comparison, comparison.misfit(PHYSICS))
     assert list(found) == ["acceleration-at-table, amplitude", "acceleration-at-table, phase"]
     np.testing.assert_allclose(found["acceleration-at-table, amplitude"], -np.log(1.1), atol=1e-12)
@@ -69,7 +69,7 @@ def test_values_know_their_setting_line_and_point() -> None:
         [observed(AT[0]), observed(AT[1]), observed(AT[0], point=ANGLE), observed(AT[1], point=ANGLE)]
     )
     layout, n = comparison.layout, LINES.size
-    assert [one.name for one in layout.settings] == ["210 mm, 150 N", "520 mm, 150 N"]
+    assert [setting.name for setting in layout.settings] == ["210 mm, 150 N", "520 mm, 150 N"]
     np.testing.assert_array_equal(layout.setting, np.repeat([0, 1], 4 * n))
     np.testing.assert_array_equal(layout.channel, np.tile(np.repeat([0, 1, 2, 3], n), 2))
     np.testing.assert_allclose(layout.frequency, np.tile(LINES, 8))
@@ -104,7 +104,7 @@ def test_an_error_of_a_setting_that_is_known_is_taken_out() -> None:
 @pytest.mark.parametrize("index", range(4))
 def test_changes_by_errors_are_those_of_the_shifted_comparison(index) -> None:
     """Position, preload, and the gain of each of two sensors, at one setting and not at the others."""
-    comparison = compare_responses([observed(one, point=point) for one in AT for point in (ACCELERATION, ANGLE)])
+    comparison = compare_responses([observed(at, point=point) for at in AT for point in (ACCELERATION, ANGLE)])
     step, errors = 1e-3, np.zeros((3, 4))
     errors[1, index] = step
     misfit = comparison.misfit(PHYSICS)
@@ -128,18 +128,18 @@ def smeared(conditions, *, point=ACCELERATION, resolution=2.0, steps=60):
 
 def test_averages_over_windows_agree_with_the_axis_that_they_are_of() -> None:
     """Where they state their resolution: a fiftieth and less of the misfit is left that they show without."""
-    averaged = [smeared(one) for one in AT]
-    plain = compare_responses([replace(one, resolution=0.0) for one in averaged]).misfit(PHYSICS)
+    averaged = [smeared(at) for at in AT]
+    plain = compare_responses([replace(observation, resolution=0.0) for observation in averaged]).misfit(PHYSICS)
     stated = compare_responses(averaged)
     assert np.max(np.abs(plain)) > 0.05
     assert np.max(np.abs(stated.misfit(PHYSICS))) < 0.02 * np.max(np.abs(plain))
-    for panel, one in zip(stated.panels({"after": PHYSICS}), averaged, strict=True):
-        np.testing.assert_allclose(panel.models["after"], np.abs(one.response), rtol=1e-3)
+    for panel, observation in zip(stated.panels({"after": PHYSICS}), averaged, strict=True):
+        np.testing.assert_allclose(panel.models["after"], np.abs(observation.response), rtol=1e-3)
 
 
 def test_resolved_data_have_the_misfit_of_the_averages_where_they_were_resolved() -> None:
     """With errors of the settings, which move the modes; and no resolution is looked at any more."""
-    comparison = compare_responses([smeared(one) for one in AT])
+    comparison = compare_responses([smeared(at) for at in AT])
     errors = np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 0.0], [-1.0, 0.3, 2.0]])
     resolved = comparison.resolved(PHYSICS, errors)
     assert resolved.smearing is None
@@ -179,7 +179,7 @@ def test_floor_is_what_noise_and_a_learnt_form_error_leave(n_settings, noise) ->
     """Over machines, each off by one error at each line in all its settings."""
     spectrum = FormSpectrum((10.0, 2000.0), (0.01, 0.01), frequency_tolerance=(0.0, 0.0), learnt=True)
     conditions = [DriveConditions(x, 150.0) for x in np.linspace(0.1, 0.8, n_settings)]
-    clean = [observed(one, noise=noise) for one in conditions]
+    clean = [observed(at, noise=noise) for at in conditions]
     comparison = compare_responses(clean, form=ModelFormError({ACCELERATION: spectrum}))
     layout, rng = comparison.layout, np.random.default_rng(3)
     none = np.zeros((0, layout.n_values))
@@ -195,7 +195,7 @@ def test_floor_is_what_noise_and_a_learnt_form_error_leave(n_settings, noise) ->
 
 def test_the_form_error_of_a_line_is_common_to_all_settings() -> None:
     """Amplitudes and phases apart, as large as it counts; held-out settings do not see that of the fitted ones."""
-    comparison = compare_responses([observed(one) for one in AT], held_out=[frozenset({AT[1]})])
+    comparison = compare_responses([observed(at) for at in AT], held_out=[frozenset({AT[1]})])
     layout, common = comparison.layout, comparison.layout.common
     np.testing.assert_allclose(np.hypot(comparison.noise, common.deviation), layout.standard_deviation)
     held = layout.setting == 1
@@ -234,23 +234,23 @@ def test_gap_is_the_rms_of_the_chosen_values() -> None:
 
 def test_lines_in_the_noise_are_left_out() -> None:
     """The logarithm of a line below eight times its noise would be biased; here every other line."""
-    one = observed(AT[0])
+    observation = observed(AT[0])
     noisy = np.arange(LINES.size) % 2 == 1
-    deviation = np.where(noisy, 1.0 / 7.9, 1.0 / 8.1) * np.abs(one.response)
-    comparison = compare_responses([replace(one, standard_deviation=deviation)])
+    deviation = np.where(noisy, 1.0 / 7.9, 1.0 / 8.1) * np.abs(observation.response)
+    comparison = compare_responses([replace(observation, standard_deviation=deviation)])
     np.testing.assert_allclose(comparison.layout.frequency, np.tile(LINES[~noisy], 2))
 
 
 def test_responses_without_a_clear_line_are_left_out_and_refused_if_none_has_one() -> None:
     good, bad = observed(AT[0]), observed(AT[1], noise=0.5)
-    assert [one.name for one in compare_responses([bad, good]).layout.settings] == ["210 mm, 150 N"]
+    assert [setting.name for setting in compare_responses([bad, good]).layout.settings] == ["210 mm, 150 N"]
     with pytest.raises(NotIdentifiableError, match="8 times above their noise; got none"):
         compare_responses([bad])
 
 
 def test_folds_are_whole_settings() -> None:
     folds = [frozenset({AT[1]}), frozenset({AT[0], AT[2]})]
-    comparison = compare_responses([observed(one) for one in AT], held_out=folds)
+    comparison = compare_responses([observed(at) for at in AT], held_out=folds)
     layout = comparison.layout
     np.testing.assert_array_equal(layout.held_out[0], layout.setting == 1)
     np.testing.assert_array_equal(layout.held_out[1], layout.setting != 1)
@@ -258,7 +258,7 @@ def test_folds_are_whole_settings() -> None:
 
 def test_pictures_show_measurement_and_models() -> None:
     comparison = compare_responses(
-        [observed(one, factor=1.1) for one in AT], held_out=[frozenset({AT[1]})], form=FORM
+        [observed(at, factor=1.1) for at in AT], held_out=[frozenset({AT[1]})], form=FORM
     )  # fmt: skip
     panels = comparison.panels({"before": PHYSICS, "after": true_subject(1)})
     assert [panel.title for panel in panels] == [
@@ -277,5 +277,5 @@ def test_pictures_show_measurement_and_models() -> None:
 
 
 def test_pictures_of_folds_in_turn_are_fitted_ones() -> None:
-    comparison = compare_responses([observed(one) for one in AT], held_out=[frozenset({one}) for one in AT])
+    comparison = compare_responses([observed(at) for at in AT], held_out=[frozenset({at}) for at in AT])
     assert [panel.held_out for panel in comparison.panels({})] == [False, False, False]

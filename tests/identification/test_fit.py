@@ -100,11 +100,11 @@ def test_units_of_the_coordinates_change_nothing_but_their_own() -> None:
     problem = line()
     factor = np.array([1e6, 1e-5])
     scaled = Linear(problem.design / factor, problem.response, problem.sigma)
-    one, other = (fit_local(p, everywhere(2), np.zeros(2)) for p in (problem, scaled))
-    assert other.chi_squared == pytest.approx(one.chi_squared, rel=1e-12)
-    assert other.coordinates.values == pytest.approx(one.coordinates.values * factor, rel=1e-9)
+    unscaled, other = (fit_local(p, everywhere(2), np.zeros(2)) for p in (problem, scaled))
+    assert other.chi_squared == pytest.approx(unscaled.chi_squared, rel=1e-12)
+    assert other.coordinates.values == pytest.approx(unscaled.coordinates.values * factor, rel=1e-9)
     assert other.coordinates.standard_uncertainties == pytest.approx(
-        one.coordinates.standard_uncertainties * factor, rel=1e-9
+        unscaled.coordinates.standard_uncertainties * factor, rel=1e-9
     )
 
 

@@ -102,16 +102,16 @@ def test_responses_are_those_of_the_analytic_problem(form, excitation, point):
     def residuals(coordinates):
         """Ask the model by the protocol that all families share."""
         parts = []
-        for one in observations:
+        for observation in observations:
             answer = drive.model(coordinates).frequency_response(
-                one.frequency, one.conditions, excitation=excitation, response=point
+                observation.frequency, observation.conditions, excitation=excitation, response=point
             )
             error = (
-                answer.response - one.response
+                answer.response - observation.response
                 if form is ResidualForm.COMPLEX
-                else np.log(answer.response / one.response) * np.abs(one.response)
+                else np.log(answer.response / observation.response) * np.abs(observation.response)
             )
-            parts.append(error / one.standard_deviation)
+            parts.append(error / observation.standard_deviation)
         lines = np.concatenate(parts)
         return np.concatenate([lines.real, lines.imag])
 
@@ -144,8 +144,8 @@ def test_slope_of_a_natural_frequency_is_the_share_of_the_strain_energy():
     tracks = track_modes(axis, conditions, n_modes=4)
     modes = np.argsort(np.argsort(tracks.frequency, axis=1), axis=1) + 1
     peaks = [
-        AssignedPeak(ModalObservation(one, float(tracks.frequency[k, j]), 1.0), int(modes[k, j]))
-        for k, one in enumerate(conditions)
+        AssignedPeak(ModalObservation(at, float(tracks.frequency[k, j]), 1.0), int(modes[k, j]))
+        for k, at in enumerate(conditions)
         for j in range(4)
     ]
     drive = FreeParameters("receptance", axis.to_file_names(), (NUT,))
@@ -156,8 +156,8 @@ def test_slope_of_a_natural_frequency_is_the_share_of_the_strain_energy():
 
 def test_peaks_by_frequency_alone_are_assigned_as_the_paper_does():
     table = tian.measured(*tian.POSITIONS)
-    assert [one.mode for one in assign_by_frequency(ReceptanceModel(tian.axis()), table)] == [
-        one.order for one in table
+    assert [peak.mode for peak in assign_by_frequency(ReceptanceModel(tian.axis()), table)] == [
+        observation.order for observation in table
     ]
 
 
@@ -169,7 +169,7 @@ def test_slopes_of_the_lumped_model_are_shares_of_compliance():
     undamped = {**NGUYEN, LOSS: 0.0}
     problem = nguyen_problem(undamped, BEARING, BRACKET, TABLE)
     parameters = LumpedParameters.from_file_names(undamped, "lumped")
-    k = np.array([axial_stiffness(parameters, one.observation.conditions).real for one in problem.peaks])
+    k = np.array([axial_stiffness(parameters, peak.observation.conditions).real for peak in problem.peaks])
     mass = parameters.table_mass + parameters.screw_mass + parameters.nut_mass
     shares = np.column_stack(
         [
@@ -253,9 +253,9 @@ def test_joints_come_back_from_frequencies(family):
     drive = FreeParameters(family, shipped(family), FOUND[family])
     truth, n_modes = drive.start + np.array([0.03, -0.04]), 1 if family in {"lumped", "hybrid"} else 4
     observations = [
-        ModalObservation(one, found.frequency, 0.1)
-        for one in conditions_of(family)
-        for found in [f for f in drive.model(truth).natural_frequencies(one) if f.frequency][:n_modes]
+        ModalObservation(at, found.frequency, 0.1)
+        for at in conditions_of(family)
+        for found in [f for f in drive.model(truth).natural_frequencies(at) if f.frequency][:n_modes]
     ]
     problem = natural_frequency_problem(drive, assign_by_frequency(drive.model(drive.start), observations))
     fit = fit_local(problem, drive.bounds(), drive.start)
@@ -267,8 +267,8 @@ def test_joints_come_back_from_responses(family):
     drive = FreeParameters(family, shipped(family), FOUND[family])
     truth = drive.start + np.array([0.03, -0.04])
     observations = [
-        as_observation(drive.model(truth), one, ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ACCELERATION_AT_TABLE)
-        for one in conditions_of(family)
+        as_observation(drive.model(truth), at, ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ACCELERATION_AT_TABLE)
+        for at in conditions_of(family)
     ]
     search = response_problem(drive, observations, form=ResidualForm.LOGARITHMIC)
     near = fit_local(search, drive.bounds(), drive.start)
@@ -289,9 +289,9 @@ def test_intervals_cover_as_often_as_they_say_with_a_prior():
         truth = stated.start + rng.standard_normal(3) * np.array(list(share.values())) / math.log(10.0)
         hidden = stated.model(truth)
         peaks = []
-        for one in conditions_of("lumped"):
-            f = hidden.natural_frequencies(one)[0].frequency
-            peaks.append(AssignedPeak(ModalObservation(one, f * math.exp(0.003 * rng.standard_normal()), 0.003 * f), 1))
+        for at in conditions_of("lumped"):
+            f = hidden.natural_frequencies(at)[0].frequency
+            peaks.append(AssignedPeak(ModalObservation(at, f * math.exp(0.003 * rng.standard_normal()), 0.003 * f), 1))
         problem = with_priors(natural_frequency_problem(stated, peaks), stated.priors)
         fit = fit_local(problem, stated.bounds(), stated.start)
         inside.append(np.abs(fit.coordinates.values - truth) <= 1.96 * fit.coordinates.standard_uncertainties)
@@ -321,7 +321,7 @@ def test_a_prior_is_gaussian_in_the_logarithm():
 # --- coordinates
 
 
-@pytest.mark.parametrize("family", [one.name for one in FAMILIES])
+@pytest.mark.parametrize("family", [family.name for family in FAMILIES])
 def test_joints_that_a_model_states_are_free_within_finite_limits(family):
     stated = shipped(family)
     drive = free_joints(family, stated)
@@ -375,10 +375,10 @@ def test_coordinates_of_another_number_are_refused():
 def test_problems_travel_to_another_process():
     modal = nguyen_problem(NGUYEN, BRACKET, NUT, uncertain={NUT: 0.2})
     hybrid = FreeParameters("hybrid", shipped("hybrid"), (NUT,))
-    one = as_observation(
+    observation = as_observation(
         hybrid.model(hybrid.start), DriveConditions(0.3), ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ANGLE_AT_MOTOR
     )
-    for problem in (modal, response_problem(hybrid, [one])):
+    for problem in (modal, response_problem(hybrid, [observation])):
         copy, x = pickle.loads(pickle.dumps(problem)), problem.drive.start + 0.1  # noqa: S301
         np.testing.assert_array_equal(copy.residuals(x), problem.residuals(x))
 
@@ -389,14 +389,14 @@ def test_problems_travel_to_another_process():
 def test_a_parameter_that_no_datum_moves_is_refused():
     hybrid = FreeParameters("hybrid", shipped("hybrid"), (NUT, COUPLING))
     # torque measured between coupling and screw: the coupling plays no part
-    one = as_observation(
+    observation = as_observation(
         hybrid.model(hybrid.start),
         DriveConditions(0.3),
         ExcitationPoint.TORQUE_AT_SCREW,
         ResponsePoint.ACCELERATION_AT_TABLE,
     )
     with pytest.raises(NotIdentifiableError, match=f"{COUPLING} moves no datum and has no prior uncertainty"):
-        response_problem(hybrid, [one])
+        response_problem(hybrid, [observation])
     peaks = [AssignedPeak(ModalObservation(DriveConditions(x), 300.0), 1) for x in (0.2, 0.5)]
     natural_frequency_problem(hybrid, peaks)
     with pytest.raises(NotIdentifiableError, match=f"{COUPLING} moves no datum"):
@@ -418,25 +418,25 @@ def test_too_little_is_refused():
 
 def test_the_logarithm_of_nothing_is_refused():
     drive = FreeParameters("hybrid", shipped("hybrid"), (NUT,))
-    one = FrequencyResponseObservation(
+    observation = FrequencyResponseObservation(
         DriveConditions(0.3), np.array([200.0, 300.0]), np.array([1e-8, 0.0]), np.ones(2) * 1e-9
     )
-    problem = response_problem(drive, [one])
+    problem = response_problem(drive, [observation])
     with pytest.raises(OutsideValidityError, match="got 0 at 300 Hz"):
         replace(problem, form=ResidualForm.LOGARITHMIC)
 
 
 def peaks_at(*frequencies):
-    return [ModalObservation(DriveConditions(0.6), one) for one in frequencies]
+    return [ModalObservation(DriveConditions(0.6), frequency) for frequency in frequencies]
 
 
 def test_peaks_that_are_all_shifted_keep_the_order_of_their_modes():
     # the third and the fourth lie below both of their modes, where |ln f_t/f_c| would not care which has which
     model = build_model("transmission-line", shipped("transmission-line"))
-    elastic = [one.frequency for one in model.natural_frequencies(DriveConditions(0.6)) if one.frequency][:4]
+    elastic = [mode.frequency for mode in model.natural_frequencies(DriveConditions(0.6)) if mode.frequency][:4]
     for order in ((3, 0, 2, 1), (2, 1, 3, 0)):
         shifted = peaks_at(*(0.82 * elastic[k] for k in order))
-        assert [one.mode - 1 for one in assign_by_frequency(model, shifted)] == list(order)
+        assert [peak.mode - 1 for peak in assign_by_frequency(model, shifted)] == list(order)
 
 
 def test_peaks_without_a_mode_of_their_own_are_refused():

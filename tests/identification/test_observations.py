@@ -18,10 +18,12 @@ AT = DriveConditions(1.0)
 def test_tian_s_table_is_read_whole():
     table = tian.measured(*tian.POSITIONS)
     assert len(table) == 23  # six positions, four orders, order 3 of l4 blank
-    assert sum(one.amplitude is not None for one in table) == 12
+    assert sum(observation.amplitude is not None for observation in table) == 12
     first = table[0]
     assert (first.frequency, first.amplitude, first.order) == (24.0, pytest.approx(2.44e-7), 1)
-    assert [one.position for one in conditions_in_order(reversed(table))] == sorted(tian.POSITIONS.values())
+    assert [conditions.position for conditions in conditions_in_order(reversed(table))] == sorted(
+        tian.POSITIONS.values()
+    )
 
 
 @pytest.mark.parametrize(
@@ -65,8 +67,8 @@ def test_an_impossible_resolution_is_refused(resolution):
 
 def test_a_record_keeps_its_own_copy():
     frequency = np.array([1.0, 2.0])
-    one = FrequencyResponseObservation(AT, frequency, np.array([1.0, 1j]), np.array([0.1, 0.1]))
+    observation = FrequencyResponseObservation(AT, frequency, np.array([1.0, 1j]), np.array([0.1, 0.1]))
     frequency[0] = 5.0
-    assert one.frequency[0] == 1.0
+    assert observation.frequency[0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
-        one.response[0] = 0.0
+        observation.response[0] = 0.0

@@ -74,7 +74,7 @@ def test_stiffness_that_the_peaks_determine(weighted):
 @pytest.mark.slow
 def test_what_the_peaks_do_not_determine(weighted):
     judged = assess(published("l1", "l3", "l5"), BOUNDS, weighted.best)
-    verdict = {one.name: one.verdict for one in judged.coordinates}
+    verdict = {coordinate.name: coordinate.verdict for coordinate in judged.coordinates}
     assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
     assert verdict["nut_stiffness_n_per_m"] is Verdict.DETERMINED
     (pair,) = judged.pairs
@@ -103,16 +103,16 @@ def test_one_position_predicts_the_others_badly(position):
 def test_fitted_joints_assign_the_peaks_as_the_paper_does(weighted):
     table = tian.measured(*tian.POSITIONS)
     found = assign_modes(JOINTS.record(weighted.best.coordinates.values), table)
-    assert [one.mode for one in found.peaks] == [one.order for one in table]
+    assert [peak.mode for peak in found.peaks] == [observation.order for observation in table]
 
 
 def test_equation_26_is_the_root_of_the_squared_relative_errors():
     problem = published("l1", "l3", "l5", weighting=Weighting.UNIT)
     model, table = problem.predict(SHIPPED), tian.measured("l1", "l3", "l5")
     y = 0.0
-    for k, one in enumerate(table):
-        y += (abs(model.frequency[k] - one.frequency) / one.frequency) ** 2
-        y += (abs(model.amplitude[k] - one.amplitude) / one.amplitude) ** 2
+    for k, observation in enumerate(table):
+        y += (abs(model.frequency[k] - observation.frequency) / observation.frequency) ** 2
+        y += (abs(model.amplitude[k] - observation.amplitude) / observation.amplitude) ** 2
     assert paper_objective(problem, SHIPPED) == pytest.approx(np.sqrt(y), rel=1e-12)
 
 
@@ -122,7 +122,7 @@ def test_a_missing_peak_counts_one():
     printed = SHIPPED.copy()
     printed[[3, 7]] = np.log10([5.53e3, 3.5])
     residuals = problem.residuals(printed)
-    first = [k for k, one in enumerate(problem.peaks) if one.mode == 1]
+    first = [k for k, peak in enumerate(problem.peaks) if peak.mode == 1]
     np.testing.assert_array_equal(residuals[first], 1.0)
     np.testing.assert_array_equal(residuals[12:][first], 1.0)
     assert not problem.jacobian(printed)[first].any()
@@ -204,9 +204,9 @@ def test_peaks_at_two_preloads_share_one_nut():
     joints = tian.free(nut, "bearing_stiffness", "nut_stiffness")
     places = [DriveConditions(x, preload=p) for x, p in ((0.6, 1000.0), (1.6, 1000.0), (0.6, 3000.0), (1.6, 3000.0))]
     peaks = []
-    for one in places:
-        top = find_peaks(peak_grid(nut, [Place(one, Band(600.0, 860.0))]), nut.joints(one))
-        peaks.append(AssignedPeak(ModalObservation(one, float(top.frequency[0])), 4))
+    for conditions in places:
+        top = find_peaks(peak_grid(nut, [Place(conditions, Band(600.0, 860.0))]), nut.joints(conditions))
+        peaks.append(AssignedPeak(ModalObservation(conditions, float(top.frequency[0])), 4))
     problem = peak_problem(joints, peaks, bands={4: Band(600.0, 860.0)})
     assert problem.frequency[2] > problem.frequency[0] * 1.01
     start = joints.start + 0.05

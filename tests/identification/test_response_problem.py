@@ -79,10 +79,10 @@ def test_peaks_of_the_same_data_know_ten_times_less(exact, fits):
     errors = []
     for _ in range(20):
         peaks = []
-        for one, near in zip(simulated.noisy(exact, rng), modes.frequency.reshape(3, 4), strict=True):
+        for observation, near in zip(simulated.noisy(exact, rng), modes.frequency.reshape(3, 4), strict=True):
             for mode, frequency in enumerate(near, start=1):
-                f, a = simulated.picked_peak(one, frequency)
-                peaks.append(AssignedPeak(ModalObservation(one.conditions, f, 0.002 * f, a, 0.05 * a), mode))
+                f, a = simulated.picked_peak(observation, frequency)
+                peaks.append(AssignedPeak(ModalObservation(observation.conditions, f, 0.002 * f, a, 0.05 * a), mode))
         fit = fit_local(peak_problem(JOINTS, peaks, bands=bands), WIDE, TRUTH)
         errors.append(fit.coordinates.values[NUT] - TRUTH[NUT])
     whole = [fit.coordinates.values[NUT] - TRUTH[NUT] for fit in fits]
@@ -101,10 +101,10 @@ def test_jacobian_is_the_slope_of_the_residuals_at_all_points(form, excitation, 
     )
     if not np.any(measured.response):
         pytest.skip("the model says zero there")
-    one = FrequencyResponseObservation(
+    observation = FrequencyResponseObservation(
         conditions, frequency, measured.response, 0.05 * np.abs(measured.response), excitation, response
     )
-    problem, x, h = ResponseProblem(JOINTS, (one,), form), TRUTH + 0.03, 3e-6
+    problem, x, h = ResponseProblem(JOINTS, (observation,), form), TRUTH + 0.03, 3e-6
     slope = np.array([problem.residuals(x + e) - problem.residuals(x - e) for e in h * np.eye(8)]).T / (2 * h)
     # 1e-8: rounding of residuals of a few tens, over the step; a joint that plays no part has slopes of exactly 0
     assert np.all(np.abs(problem.jacobian(x) - slope) <= 1e-5 * np.abs(slope).max(axis=0) + 1e-8 * slope.any(axis=0))
@@ -116,11 +116,11 @@ def test_at_its_own_joints_a_response_leaves_nothing():
         values = ReceptanceModel(AXIS).frequency_response(
             frequency, conditions, excitation=excitation, response=response
         )
-        one = FrequencyResponseObservation(
+        observation = FrequencyResponseObservation(
             conditions, frequency, values.response, np.abs(values.response) + 1e-30, excitation, response
         )
         for form in ResidualForm:
-            assert np.max(np.abs(ResponseProblem(JOINTS, (one,), form).residuals(TRUTH))) < 1e-9
+            assert np.max(np.abs(ResponseProblem(JOINTS, (observation,), form).residuals(TRUTH))) < 1e-9
 
 
 @pytest.mark.slow
@@ -128,27 +128,29 @@ def test_both_forms_are_one_near_the_truth(exact):
     rng = np.random.default_rng(4)
     observations = simulated.noisy(exact, rng, noise=1e-4)
     by_form = [response_problem(JOINTS, observations, form=form).residuals(TRUTH) for form in ResidualForm]
-    chi_squared = [np.sum(one**2) for one in by_form]
+    chi_squared = [np.sum(residuals**2) for residuals in by_form]
     assert chi_squared[0] == pytest.approx(chi_squared[1], rel=1e-3)
 
 
 def test_too_little_is_refused():
-    one = FrequencyResponseObservation(DriveConditions(1.0), np.array([20.0, 30.0]), np.array([1e-7, 1e-8]), np.ones(2))
+    observation = FrequencyResponseObservation(
+        DriveConditions(1.0), np.array([20.0, 30.0]), np.array([1e-7, 1e-8]), np.ones(2)
+    )
     with pytest.raises(NotIdentifiableError, match="need 8 real and imaginary parts of lines at least; got 0"):
         response_problem(JOINTS, [])
     with pytest.raises(NotIdentifiableError, match="at 2 positions at least; got 1"):
-        response_problem(JOINTS, [one], minimum_positions=2)
+        response_problem(JOINTS, [observation], minimum_positions=2)
     with pytest.raises(NotIdentifiableError, match="need 8 real and imaginary parts of lines at least; got 4"):
-        response_problem(JOINTS, [one])
+        response_problem(JOINTS, [observation])
 
 
 def test_the_logarithm_of_nothing_is_refused():
     response = np.full(9, 1e-7)
     response[3] = 0.0
-    one = FrequencyResponseObservation(DriveConditions(1.0), np.linspace(20.0, 60.0, 9), response, np.ones(9))
+    observation = FrequencyResponseObservation(DriveConditions(1.0), np.linspace(20.0, 60.0, 9), response, np.ones(9))
     with pytest.raises(OutsideValidityError, match="got 0 at 35 Hz"):
-        response_problem(JOINTS, [one], form=ResidualForm.LOGARITHMIC)
-    response_problem(JOINTS, [one], form=ResidualForm.COMPLEX)
+        response_problem(JOINTS, [observation], form=ResidualForm.LOGARITHMIC)
+    response_problem(JOINTS, [observation], form=ResidualForm.COMPLEX)
 
 
 def test_joints_that_are_no_coordinates_are_refused():

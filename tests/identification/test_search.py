@@ -71,8 +71,14 @@ def box(n: int, half: float) -> Bounds:
 def numbers(found: Search) -> list[tuple[object, ...]]:
     """Everything of a search that could differ."""
     return [
-        (one.origin, one.start.tolist(), one.fit.coordinates.values.tolist(), one.fit.chi_squared, one.same_as_best)
-        for one in found.fits
+        (
+            attempt.origin,
+            attempt.start.tolist(),
+            attempt.fit.coordinates.values.tolist(),
+            attempt.fit.chi_squared,
+            attempt.same_as_best,
+        )
+        for attempt in found.fits
     ] + [(found.n_evaluations, found.not_compared)]
 
 
@@ -107,24 +113,26 @@ def test_populations_find_the_least_of_many_minima_where_local_fits_do_not() -> 
     assert found.agreement(StartOrigin.POPULATION) == 1.0
     assert found.agreement(StartOrigin.RANDOM) < 0.5
     assert found.not_compared == ("unseen",)
-    assert [one.fit.chi_squared for one in found.fits] == sorted(one.fit.chi_squared for one in found.fits)
+    assert [attempt.fit.chi_squared for attempt in found.fits] == sorted(
+        attempt.fit.chi_squared for attempt in found.fits
+    )
 
 
 def test_agreement_is_the_share_that_reached_the_lower_of_two_minima() -> None:
     settings = SearchSettings(n_populations=1, n_random_starts=40, n_generations=10)
     found = search(Wells(), box(1, 2.0), 5, settings)
-    ends = np.array([one.fit.coordinates.values[0] for one in found.fits])
+    ends = np.array([attempt.fit.coordinates.values[0] for attempt in found.fits])
     higher = (-1.0 - np.sqrt(1.0 - 2.0 * 0.09)) / 2.0
     lower_reached, higher_reached = np.abs(ends - 1.0) < 1e-4, np.abs(ends - higher) < 1e-3
     assert (lower_reached | higher_reached).all()
     assert 0 < higher_reached.sum() < 40
     assert found.agreement() == pytest.approx(lower_reached.mean())
-    assert [one.same_as_best for one in found.fits] == lower_reached.tolist()
+    assert [attempt.same_as_best for attempt in found.fits] == lower_reached.tolist()
 
 
 def test_two_equally_low_minima_do_not_agree() -> None:
     found = search(Wells(tilt=0.0), box(1, 2.0), 5, SearchSettings(n_populations=1, n_random_starts=20))
-    ends = np.array([one.fit.coordinates.values[0] for one in found.fits])
+    ends = np.array([attempt.fit.coordinates.values[0] for attempt in found.fits])
     assert found.fits[-1].fit.chi_squared < 1e-12
     assert found.agreement() == pytest.approx((np.sign(ends) == np.sign(ends[0])).mean())
     assert found.agreement() < 1.0
@@ -163,9 +171,9 @@ def test_cancelling_stops_at_the_next_generation_or_start(after: int) -> None:
 def test_failed_starts_are_reported_and_count_against_agreement() -> None:
     settings = SearchSettings(n_populations=1, n_random_starts=20, n_generations=5)
     found = search(NoAnswer(0.0), box(1, 1.0), 5, settings)
-    n_below = sum(one.start[0] < 0.0 for one in found.failed)
+    n_below = sum(failure.start[0] < 0.0 for failure in found.failed)
     assert n_below == len(found.failed) > 0
-    assert {one.reason for one in found.failed} == {"the mode list cannot be assigned"}
+    assert {failure.reason for failure in found.failed} == {"the mode list cannot be assigned"}
     assert found.agreement() == pytest.approx(1.0 - n_below / 21)
 
 

@@ -32,10 +32,10 @@ FAR = "far_bearing_stiffness_n_per_m"
 
 def machine(axis: DriveModel, seed: int) -> list[FrequencyResponseObservation]:
     """Measure an axis three times; the model misses it by its form, at all positions alike."""
-    observations = [one for day in range(3) for one in measured(axis, seed + 100 * day)]
+    observations = [observation for day in range(3) for observation in measured(axis, seed + 100 * day)]
     off = FORM * np.random.default_rng([seed, 3]).standard_normal((2, observations[0].frequency.size))
     factor = np.exp(off[0] + 1j * off[1])
-    return [replace(one, response=one.response * factor) for one in observations]
+    return [replace(observation, response=observation.response * factor) for observation in observations]
 
 
 @pytest.fixture(scope="module")
