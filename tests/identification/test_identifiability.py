@@ -13,8 +13,8 @@ from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
 from monitor_core.identification.directions import Thresholds, Verdict, directions
 from monitor_core.identification.identifiability import assess, correlations, inseparable_pairs, judge
 from monitor_core.identification.profiles import profile_interval
-from tests.identification.test_fit import Linear, everywhere, line
-from tests.identification.test_search import Wells
+from tests.fitting.test_global_search import Wells
+from tests.fitting.test_least_squares import Linear, everywhere, line
 
 Z = 1.959963984540054
 

@@ -21,7 +21,7 @@ from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredRespon
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import write_motion_record
 from tests.conftest import PROJECT_ROOT
-from tests.discrepancy.simulated_motion import Truth, simulated_record
+from tests.models.simulated_motion import Truth, simulated_record
 from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 

@@ -10,7 +10,7 @@ import pytest
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.motion_csv import write_motion_record
-from tests.discrepancy.simulated_motion import Truth, simulated_record
+from tests.models.simulated_motion import Truth, simulated_record
 from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 from tests.service.test_cli_explain import (

@@ -24,7 +24,7 @@ from monitor_core.recordings.frf_set import (
 )
 from service.cli.check import check
 from tests.conftest import PROJECT_ROOT
-from tests.core.test_recordings_damage import damaged
+from tests.recordings.test_damage import damaged
 
 N_LINES = 16
 SECOND = "conditions/0001"
@@ -491,7 +491,7 @@ def test_damaged_bytes_are_read_or_refused(frf_file, tmp_path):
     for number in range(150):
         (folder / f"{number:03d}").write_bytes(damaged(frf_file.read_bytes(), rng))
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "tests.core.test_recordings_damage", "frf_set.read_frf_set", str(folder)],
+        [sys.executable, "-W", "error", "-m", "tests.recordings.test_damage", "frf_set.read_frf_set", str(folder)],
         cwd=PROJECT_ROOT, capture_output=True, text=True, timeout=240, check=False,
     )  # fmt: skip
     assert run.returncode == 0, f"last file {run.stdout.splitlines()[-1:]}: {run.stderr[-2000:]}"

@@ -14,7 +14,7 @@ from monitor_core.effects import (
 )
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import Kinematics, MotionModel, MotionParameters, forces
-from tests.discrepancy.simulated_motion import RATE, Motion, Truth
+from tests.models.simulated_motion import RATE, Motion, Truth
 
 STATED = MotionParameters(moving_mass=95.0, viscous_friction=200.0, screw_lead=0.02)
 WITHOUT_FRICTION = MotionParameters(moving_mass=95.0)

@@ -15,8 +15,8 @@ from monitor_core.models.motion import (
     kinematics_of,
 )
 from monitor_core.recordings.model_file import read_model_file, write_model_file
-from tests.discrepancy.simulated_motion import Motion
 from tests.models.extended_axes import bundled
+from tests.models.simulated_motion import Motion
 from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 

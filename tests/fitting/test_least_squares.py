@@ -10,7 +10,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
-from tests.identification.strd import MODELS, agreed_digits, certified, regression
+from tests.fitting.strd import MODELS, agreed_digits, certified, regression
 
 SCATTER = FitSettings(uncertainties_stated=False, max_evaluations=5000)
 

@@ -15,7 +15,7 @@ from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
 from monitor_core.fitting.solver.integrated_cost import integrated_cost
 from monitor_core.fitting.solver.posterior_mode import at_mode
 from tests.discrepancy.axes import LinearAxis, layout_of, quantity
-from tests.discrepancy.test_fit import linear
+from tests.fitting.test_hypothesis_fit import linear
 
 N_SETTINGS, N_VALUES = 24, 6
 NOISE, TAG = 0.1, 0.5  # of a value; of the phase of a setting [rad]

@@ -21,7 +21,7 @@ import scipy.io
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import write_session
-from tests.core.test_recordings_raw import SAMPLES, uff_set
+from tests.recordings.test_raw import SAMPLES, uff_set
 
 N_DAMAGED = 150
 MEMORY = 2**31  # [bytes] of address space; the readers themselves need about a quarter
@@ -86,7 +86,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, case):
     for number in range(N_DAMAGED):
         (folder / f"{number:03d}").write_bytes(damaged(good.read_bytes(), rng))
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "tests.core.test_recordings_damage", case.split()[0], str(folder)],
+        [sys.executable, "-W", "error", "-m", "tests.recordings.test_damage", case.split()[0], str(folder)],
         cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=240, check=False,
     )  # fmt: skip
     assert run.returncode == 0, f"last file {run.stdout.splitlines()[-1:]}: {run.stderr[-2000:]}"

@@ -12,7 +12,7 @@ from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.solver.global_search import Search, SearchSettings, StartOrigin, search
 from monitor_core.fitting.solver.least_squares import FitSettings
 from monitor_core.fitting.solver.population import MapFunction, SearchCancelledError
-from tests.identification.strd import agreed_digits, certified, regression
+from tests.fitting.strd import agreed_digits, certified, regression
 
 QUICK = SearchSettings(n_populations=2, candidates_per_coordinate=5, n_generations=8, n_random_starts=5)
 

@@ -15,8 +15,8 @@ from monitor_core.fitting.residuals.motion.strokes import strokes_of
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.motion import MotionRecord
 from monitor_core.recording import ExcitationQuantity
-from tests.discrepancy.emps import emps_record
-from tests.discrepancy.simulated_motion import Motion, Truth, simulated_record
+from tests.fitting.emps import emps_record
+from tests.models.simulated_motion import Motion, Truth, simulated_record
 
 STATED = MotionParameters(moving_mass=95.0, viscous_friction=200.0)
 EFFECTS = {effect.key: effect for effect in MOTION_EFFECTS}
