@@ -19,7 +19,7 @@ from monitor_core.recording import (
 )
 from monitor_core.response import ModalParameters
 from monitor_core.uncertainty import Estimate
-from tests.core.simulated_axis import RATE, clean_windows
+from tests.modal.simulated_axis import RATE, clean_windows
 
 BAND = (120.0, 240.0)
 GATE = ModeGate()

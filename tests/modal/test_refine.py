@@ -7,7 +7,7 @@ import scipy.stats
 from monitor_core.modal import fit_modes
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.spectral import BandSpectra, band_spectra, cross_spectra, estimate_frf
-from tests.core.simulated_axis import (
+from tests.modal.simulated_axis import (
     BAND,
     FREQUENCY,
     N_SAMPLES,
@@ -156,8 +156,8 @@ def test_two_modes_are_seen_as_two_and_the_first_is_unbiased(modes):
     # 25 trials: mean of z within 0.2 × 3, its deviation within 14 % × 3; one mode would be off by 5 to 100 σ.
     assert abs(np.mean(z)) < 0.6
     assert np.std(z) < 1.4
-    one = errors_in_sigma(fits_of(11, 5, modes, 20, maximum_modes=1))
-    assert np.all(np.abs(one) > 3.0)
+    alone = errors_in_sigma(fits_of(11, 5, modes, 20, maximum_modes=1))
+    assert np.all(np.abs(alone) > 3.0)
 
 
 @pytest.mark.slow
