@@ -8,6 +8,7 @@ from importlib.metadata import version
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
+from starlette.middleware.gzip import GZipMiddleware
 
 from service.api import alarms, axes, calibrations, discrepancies, health, identifications, jobs, trend, windows
 from service.api.http.body import require_json
@@ -71,6 +72,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(
         RequestLimits, largest_body=settings.max_body_mib * 2**20, most_waiting=settings.max_waiting_requests
     )
+    app.add_middleware(GZipMiddleware, minimum_size=1000)
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     for resource in (axes, trend, calibrations, identifications, discrepancies, alarms, jobs):

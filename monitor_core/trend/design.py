@@ -122,12 +122,14 @@ def expected_false_alarms(run_length: FloatArray, weight: FloatArray, n_measurem
     """
     hazard = 1.0 / run_length
     watching = weight
-    total = 0.0
-    for _ in range(n_measurements):
-        alarms = float(hazard @ watching)
-        watching = (1.0 - hazard) * watching + alarms * weight
-        total += alarms
-    return total
+    # the sum over the measurements of hazard·stepᵗ·watching, by doubling: a year may have a million of them
+    step = np.diag(1.0 - hazard) + np.outer(weight, hazard)
+    power, total = np.eye(hazard.size), np.zeros_like(step)
+    for bit in f"{n_measurements:b}":
+        total, power = total + power @ total, power @ power
+        if bit == "1":
+            total, power = total + power, power @ step
+    return float(hazard @ total @ watching)
 
 
 def cusum_reference(false_alarms_per_year: float, baseline_size: int) -> float:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from pydantic import TypeAdapter
 
 from monitor_core.change import ChangeAttribution, TriedChange
+from service.clock import text_of
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
 from service.store.tables import MeasurementRow
@@ -50,7 +51,7 @@ def examined_document(
     """Return what an alarm says of its cause, with all that was tried and what it rests on."""
     return finite_or_null({
         "examined": True,
-        "at": at.isoformat(),
+        "at": text_of(at),
         "outcome": str(found.outcome),
         "cause": str(found.cause),
         "confidence": found.confidence,
@@ -104,6 +105,6 @@ def _change(change: TriedChange) -> JsonObject:
 def _measured(rows: Sequence[MeasurementRow]) -> JsonObject:
     return {
         "n_measurements": len(rows),
-        "first_at": rows[0].started_at.isoformat(),
-        "last_at": rows[-1].started_at.isoformat(),
+        "first_at": text_of(rows[0].started_at),
+        "last_at": text_of(rows[-1].started_at),
     }

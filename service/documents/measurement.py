@@ -16,6 +16,7 @@ from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, prelo
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart
+from service.clock import text_of
 from service.json_types import Json, JsonObject
 from service.store.intake import MeasurementRecord
 from service.store.trend.points import TrendPoint
@@ -94,7 +95,7 @@ def measurement_document(row: MeasurementRecord, outcome: MeasurementOutcome) ->
     document: JsonObject = {
         "measurement_id": row.id,
         "measurement": row.name,
-        "started_at": row.started_at.isoformat(),
+        "started_at": text_of(row.started_at),
         "position_mm": row.position_mm,
         "frequency_hz": None,
         "preload_n": None,
@@ -161,7 +162,7 @@ def alarm_evidence(point: TrendPoint, state: AxisState, calibration: Calibration
     healthy = preload_from_feature(baseline.mean, calibration.coefficients)
     lost_since_onset = healthy - preload_from_feature(baseline.mean + alarm.change.value, calibration.coefficients)
     return finite_or_null({
-        "at": point.at.isoformat(),
+        "at": text_of(point.at),
         "measurement": point.name,
         "preload_n": point.preload_n,
         "interval": [point.interval_lower_n, point.interval_upper_n],
@@ -171,9 +172,9 @@ def alarm_evidence(point: TrendPoint, state: AxisState, calibration: Calibration
         "chart": str(alarm.chart),
         "chart_value": alarm.value,
         "chart_limit": alarm.limit,
-        "onset": alarm.onset.isoformat(),
-        "baseline_started_at": baseline.started_at.isoformat(),
-        "baseline_ended_at": baseline.ended_at.isoformat(),
+        "onset": text_of(alarm.onset),
+        "baseline_started_at": text_of(baseline.started_at),
+        "baseline_ended_at": text_of(baseline.ended_at),
         "mean_loss_since_onset_n": lost_since_onset,
         "sentence": (
             f"since {alarm.onset:%Y-%m-%d} the preload is on average {lost_since_onset:.0f} N below the baseline's "
@@ -219,6 +220,6 @@ def baseline_document(state: AxisState, calibration: Calibration) -> JsonObject 
         "prediction_interval_95_n": [lower, upper],
         "size": baseline.size,
         "autocorrelation": baseline.autocorrelation,
-        "started_at": baseline.started_at.isoformat(),
-        "ended_at": baseline.ended_at.isoformat(),
+        "started_at": text_of(baseline.started_at),
+        "ended_at": text_of(baseline.ended_at),
     }

@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 
 from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import to_millimetres
+from service.clock import text_of
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.charts import too_late
 from service.store.intake import OPEN, ChartsRecord, MeasurementRecord
@@ -82,8 +83,8 @@ class Admission:
     def _clock(self, window: Window) -> Rejection:
         return Rejection(
             RejectionReason.CLOCK_AHEAD,
-            f"a window may begin {MOST_AHEAD} after it arrives at most; got {window.started_at.isoformat()} at "
-            f"{self.received_at.isoformat()}: set the clock of the sender",
+            f"a window may begin {MOST_AHEAD} after it arrives at most; got {text_of(window.started_at)} at "
+            f"{text_of(self.received_at)}: set the clock of the sender",
         )
 
     def _closed(self, row: MeasurementRecord) -> Rejection | None:

@@ -34,7 +34,7 @@ class AxisConfiguration(BaseModel):
     position_span_limit_mm: Positive = 20.0
     moving_mass_kg: Positive | None = Field(default=None, description="table, nut and what moves with them")
     moving_mass_standard_uncertainty_kg: Positive | None = Field(default=None, description="goes with moving_mass_kg")
-    measurements_per_year: Positive = 365.0
+    measurements_per_year: Positive = Field(default=365.0, le=3.2e7)
     false_alarms_per_year: Positive = 1.0
     baseline_size: int = Field(default=20, ge=5, le=1000, description="measurements that make the baseline")
     silent_after_hours: Positive = Field(

@@ -13,7 +13,7 @@ from sqlalchemy import Connection
 from monitor_core.pipeline import check_window
 from monitor_core.preload import Calibration
 from monitor_core.recording import Rejection, RejectionReason, Window
-from service.clock import now
+from service.clock import now, text_of
 from service.documents.measurement import with_trend
 from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
@@ -163,7 +163,7 @@ class Batch:
             elif content_sha256(window) != (self._contents[start] if there is None else content_sha256(there)):
                 post.answer.set_exception(
                     ConflictError(
-                        f"axis '{self.axis.id}' has another window that started at {start.isoformat()}; "
+                        f"axis '{self.axis.id}' has another window that started at {text_of(start)}; "
                         "a window is never replaced, and nothing of this request was stored"
                     )
                 )

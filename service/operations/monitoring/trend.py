@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from monitor_core.trend import paper_rule
-from service.clock import now
+from service.clock import now, text_of
 from service.documents.measurement import baseline_document, with_trend
 from service.errors import UnreadableBodyError
 from service.json_types import JsonObject
@@ -158,7 +158,7 @@ def _status(row: AxisRow, last_measurement: JsonObject | None, open_alarms: int)
 
 
 def _encode_cursor(point: TrendPoint) -> str:
-    return base64.urlsafe_b64encode(f"{point.at.isoformat()}|{point.measurement_id}".encode()).decode()
+    return base64.urlsafe_b64encode(f"{text_of(point.at)}|{point.measurement_id}".encode()).decode()
 
 
 def _decode_cursor(cursor: str) -> Cursor:
