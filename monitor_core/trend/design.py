@@ -122,14 +122,23 @@ def expected_false_alarms(run_length: FloatArray, weight: FloatArray, n_measurem
     """
     hazard = 1.0 / run_length
     watching = weight
-    # the sum over the measurements of hazard·stepᵗ·watching, by doubling: a year may have a million of them
-    step = np.diag(1.0 - hazard) + np.outer(weight, hazard)
-    power, total = np.eye(hazard.size), np.zeros_like(step)
-    for bit in f"{n_measurements:b}":
-        total, power = total + power @ total, power @ power
-        if bit == "1":
-            total, power = total + power, power @ step
-    return float(hazard @ total @ watching)
+    # a year may have a million measurements: they are passed block by block
+    block = 1 << max(n_measurements.bit_length() // 2 - 1, 0)
+    over_block = np.linalg.matrix_power(np.diag(1.0 - hazard) + np.outer(weight, hazard), block)
+    alarms_of_block, total = _alarms_of(hazard, weight, block), 0.0
+    for _ in range(n_measurements // block):
+        total += float(alarms_of_block @ watching)
+        watching = over_block @ watching
+    return total + float(_alarms_of(hazard, weight, n_measurements % block) @ watching)
+
+
+def _alarms_of(hazard: FloatArray, weight: FloatArray, n_measurements: int) -> FloatArray:
+    """Return how many alarms an axis on each baseline has in the next measurements, shape (n_nodes,)."""
+    alarms, total = hazard, np.zeros_like(hazard)
+    for _ in range(n_measurements):
+        total = total + alarms
+        alarms = (1.0 - hazard) * alarms + float(weight @ alarms) * hazard
+    return total
 
 
 def cusum_reference(false_alarms_per_year: float, baseline_size: int) -> float:
