@@ -1,5 +1,7 @@
 """What is said of an axis follows from what was measured, not from the order in which it arrived."""
 
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from monitor_core.recording import Window
 from tests.service.arrivals import hashed, history, outcome_of
+from tests.service.conftest import START
 
 SEED = 5
 
@@ -41,3 +44,19 @@ def test_any_order_cut_and_number_of_senders_says_the_same(
 @pytest.mark.slow
 def test_newest_first_says_the_same(windows: list[Window], in_order: dict, tmp_path: Path) -> None:
     assert outcome_of(windows[::-1], tmp_path, np.random.default_rng(0), 1) == in_order
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("away", [timedelta(days=-2000), datetime(2099, 1, 1, tzinfo=UTC) - START])
+def test_one_clock_that_is_wrong_does_not_blind_the_axis(
+    windows: list[Window], in_order: dict, tmp_path: Path, away: timedelta
+) -> None:
+    rogue = [
+        replace(window, started_at=window.started_at + away, measurement="rogue") for window in windows if
+        window.measurement == "m012"
+    ]  # fmt: skip
+    half = next(i for i, window in enumerate(windows) if window.measurement == "m012")
+    found = outcome_of([*windows[:half], *rogue, *windows[half:]], tmp_path, np.random.default_rng(0), 1)
+    assert found["alarms"] == in_order["alarms"]
+    assert found["axis"]["state"] == "alarm"
+    assert found["axis"]["refused_windows"].get("clock-ahead", 0) + found["axis"]["uncharted"].get("too-late", 0) > 0
