@@ -46,6 +46,8 @@ _KNOWN_ATTRIBUTES = frozenset((
     "response_unit", "position_mm", "position_span_mm", "direction", "measurement", "payload_kg", "temperature_c",
     "preload_n",
 ))  # fmt: skip
+#: What the frame of a session says of each window; the others are read with its samples.
+_FRAME_ATTRIBUTES = frozenset(("started_at", "measurement"))
 _SAMPLES = ("float32", "float64")
 
 
@@ -149,7 +151,7 @@ def write_session(path: Path, session: Session) -> None:
 def _session_reader(file: "h5py.File", where: str) -> SessionReader:
     root = attributes(file, _KNOWN_ATTRIBUTES, f"{where} /")
     root.require_format(FORMAT, VERSION)
-    windows, stated = numbered_groups(file, "windows", 6, _KNOWN_ATTRIBUTES, where)
+    windows, stated = numbered_groups(file, "windows", 6, _FRAME_ATTRIBUTES, where)
     measurement_of = {
         name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()
     }

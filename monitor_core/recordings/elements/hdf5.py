@@ -45,16 +45,25 @@ def attributes(group: "h5py.Group", known: frozenset[str], where: str) -> Fields
     import h5py  # noqa: PLC0415
 
     values: dict[str, object] = {}
-    for name in sorted(known.intersection(group.attrs)):
-        stored = group.attrs.get_id(name)
-        readable = stored.get_type().get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    attrs, readable = group.attrs, (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    for name in sorted(known.intersection(attrs)):
+        stored = attrs.get_id(name)
+        kind, shape = stored.get_type(), stored.shape
         # MATLAB and LabVIEW write a single value as an array of one
-        if not readable or stored.shape not in ((), (1,), (1, 1)):
+        if kind.get_class() not in readable or shape not in ((), (1,), (1, 1)):
             raise RecordingFormatError(
-                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {stored.shape}"
+                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {shape}"
             )
-        values[name] = np.asarray(group.attrs[name]).reshape(-1)[0]
+        values[name] = _value_of(stored, np.zeros(shape, dtype=kind.dtype))
     return Fields(values, where)
+
+
+def _value_of(stored: "h5py.h5a.AttrID", array: npt.NDArray[np.generic]) -> object:
+    """Read a single value, of an attribute that is open, by way of an array of its type and shape."""
+    stored.read(array)
+    value: object = array.reshape(-1)[0]
+    of_any_length = array.dtype.hasobject
+    return value.decode("utf-8", "surrogateescape") if of_any_length and isinstance(value, bytes) else value
 
 
 def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group":
