@@ -70,10 +70,7 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
 
     Eqs. (1), (2), (10) and (11) of Tian et al.
 
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 2, 2)
-        Between the near end and the far end. [m/N] or [rad/(N·m)]
+    Returned: between the near end and the far end. [m/N] or [rad/(N·m)], shape (n_frequencies, 2, 2).
 
     Notes
     -----
@@ -90,10 +87,7 @@ def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> 
 
         \mathbf D = z \begin{bmatrix} \cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & \cot\lambda l \end{bmatrix}
 
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 2, 2)
-        Between the near end and the far end. [N/m] or [N·m/rad]
+    Returned: between the near end and the far end. [N/m] or [N·m/rad], shape (n_frequencies, 2, 2).
     """
     waves = rod_waves(rigidity, wave_number, length)
     return _symmetric(waves.cosine / waves.sine_over_z, -1.0 / waves.sine_over_z)
@@ -110,17 +104,9 @@ def condensed_stiffness(
 
     The wave equation with the end's condition put in; a free end has k = 0.
 
-    Parameters
-    ----------
-    rigidity, wave_number, length
-        As for all functions.
-    end_stiffness : ndarray, shape (n_frequencies,) or ()
-        k(ω): spring, damper and mass at the other end together. [N/m] or [N·m/rad]
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        [N/m] or [N·m/rad]
+    ``rigidity``, ``wave_number``, ``length``: as for all functions; ``end_stiffness``: k(ω): spring, damper and
+    mass at the other end together. [N/m] or [N·m/rad], shape (n_frequencies,). Returned: [N/m] or [N·m/rad], shape
+    (n_frequencies,).
 
     Examples
     --------

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 def open_hdf5(path: Path) -> Iterator["h5py.File"]:
     """Open an HDF5 file for reading, after a look at what the library would crash on.
 
-    Raises
-    ------
-    RecordingFormatError
-        If it is no HDF5 file, or a damaged one.
+    ``RecordingFormatError`` if it is no HDF5 file, or a damaged one.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
 
@@ -85,22 +82,9 @@ def numbered_groups(
 ) -> tuple["h5py.Group", dict[str, Fields]]:
     """Return a folder whose groups are named by numbers, and the known attributes of each of them, in order.
 
-    Parameters
-    ----------
-    file : h5py.File
-    folder : str
-        Name of the folder in the file.
-    digits : int
-        Fewest digits of a name.
-    known : frozenset of str
-        Attributes to read.
-    where : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the folder is missing, or something in it is no group or not named by a number.
+    ``folder``: name of the folder in the file; ``digits``: fewest digits of a name; ``known``: attributes to read;
+    ``where``: name of the file, for messages. ``RecordingFormatError`` if the folder is missing, or something in it
+    is no group or not named by a number.
     """
     found = member(file, folder, "Group", f"{where} /{folder}")
     fields = {}
