@@ -169,8 +169,7 @@ def advance(
     """Carry the state of an axis over one measurement.
 
     A refused measurement changes nothing; nor does one whose preload was set on purpose, which tells nothing about
-    wear. What is watched is the preload feature: it is nearly normally distributed where newtons
-    are not.
+    wear. What is watched is the preload feature: it is nearly normally distributed where newtons are not.
     """
     if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
         return state

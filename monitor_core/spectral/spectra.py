@@ -20,9 +20,8 @@ TAPERS: tuple[Taper, ...] = ("hann", "rectangular")
 class BandSpectra:
     """Un-windowed DFT lines of excitation and response, one row per window.
 
-    The rectangular window is kept on purpose: the same lines serve the Hann-tapered average
-    (:meth:`tapered`) and the transient-aware fit of :mod:`monitor_core.modal`, which needs lines whose noise is
-    independent from one to the next.
+    The rectangular window is kept on purpose: the same lines serve the Hann-tapered average (:meth:`tapered`) and the
+    transient-aware fit of :mod:`monitor_core.modal`, which needs lines whose noise is independent from one to the next.
     """
 
     frequency: FloatArray  # neighbouring lines, shape (n_frequencies,) [Hz]

@@ -33,8 +33,7 @@ _STEP_TOLERANCE = 0.01
 def read_channels(path: Path) -> Channels:
     """Read the channels of a raw file by the ending of its name.
 
-    ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending
-    says.
+    ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
     """
     try:
         reader = READERS[path.suffix.lower()]

@@ -22,10 +22,9 @@ def drive_receptance(
 ) -> ComplexArray:
     """Couple the axial, the torsional and the worktable substructure, Eqs. (23) and (24) of Tian et al.
 
-    ``omega``: above zero [rad/s], shape (n_frequencies,). Returned: between table (6a), screw inside the nut
-    axially (5a) and in torsion (5t). [m/N], [rad/N], [rad/(N·m)], shape (n_frequencies, 3, 3).
-    ``OutsideValidityError`` if the position is not on the screw, or the piece inside the nut has no mass or no
-    inertia.
+    ``omega``: above zero [rad/s], shape (n_frequencies,). Returned: between table (6a), screw inside the nut axially
+    (5a) and in torsion (5t). [m/N], [rad/N], [rad/(N·m)], shape (n_frequencies, 3, 3). ``OutsideValidityError`` if the
+    position is not on the screw, or the piece inside the nut has no mass or no inertia.
     """
     joints = parameters.joints(conditions)
     worktable = worktable_receptance(parameters, joints, omega, conditions.payload_mass)
