@@ -57,9 +57,8 @@ def gate_window(
     - a length whose FFT costs several times that of a slightly shorter one;
     - too little excitation in the band.
 
-    ``window``: the record; ``gate``: what must be met; ``band``: where the mode is looked for; without it the
-    excitation is not judged [Hz]. Returned: figures, or the first reason against the window.
-    ``OutsideValidityError`` if the band does not lie between 0 Hz and half the sampling rate.
+    The band [Hz] is where the mode is looked for; without it the excitation is not judged. ``OutsideValidityError`` if
+    it does not lie between 0 Hz and half the sampling rate.
     """
     refusal = (
         _check_sampling(window, gate)

@@ -76,8 +76,7 @@ def judge_session(
 ) -> Iterator[SessionMeasurement]:
     """Judge the measurements of a session one after another.
 
-    ``settings``: of the axis; ``calibration``: without one modes are measured, and preloads refused as
-    ``not-calibrated``.
+    Without a calibration modes are measured, and preloads refused as ``not-calibrated``.
     """
     for gated in gate_session(session, settings, calibration):
         if gated.accepted:
@@ -105,8 +104,8 @@ def calibrate_session(
 ) -> Calibration:
     """Fit k1…k4 to the measurements of a session whose preload was set on purpose.
 
-    ``settings``: of the axis; ``prior``: what was known of k1…k4 before: fewer measurements will do.
-    ``NotIdentifiableError`` if none of them can be judged, or they determine no calibration.
+    With a prior, what was known of k1…k4 before, fewer measurements will do. ``NotIdentifiableError`` if none of the
+    measurements can be judged, or they determine no calibration.
     """
     modes = modes_at_set_preloads(list(judge_session(session, settings)))
     if not modes:

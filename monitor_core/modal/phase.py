@@ -37,10 +37,8 @@ def calibrate_phase(modes: Sequence[ModalParameters]) -> PhaseReference:
     .. math:: \arg(\pm R_i) = -2\pi f_i \tau
 
     by least squares over the modes; of the two polarities the one with the smaller delay is taken, so that the delay
-    stays below a quarter of a period.
-
-    ``modes``: modes of the same axis and channels, e.g. of the calibration's measurements. Returned: polarity and
-    delay. ``NotIdentifiableError`` if there is no mode, or the residues' phases cancel.
+    stays below a quarter of a period. The modes are of the same axis and channels, e.g. of the calibration's
+    measurements. ``NotIdentifiableError`` if there is none, or the residues' phases cancel.
 
     Examples
     --------

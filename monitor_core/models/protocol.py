@@ -125,9 +125,9 @@ class DriveModel(Protocol):
     ) -> FrequencyResponse:
         """Return the response per unit excitation, named by ISO 7626.
 
-        ``frequency``: above zero [Hz], shape (n_frequencies,); ``excitation``, ``response``: where the drive is
-        driven and where it answers; a torque says what holds the motor end. ``OutsideValidityError`` if a
-        frequency is not positive or a condition is out of the model's range.
+        The frequencies [Hz] have the shape (n_frequencies,). The two points say where the drive is driven and where it
+        answers; a torque also says what holds the motor end. ``OutsideValidityError`` if a frequency is not positive or
+        a condition is out of the model's range.
         """
         ...
 
