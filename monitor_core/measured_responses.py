@@ -30,18 +30,9 @@ def measured_responses(
     (Bendat and Piersol, Random Data, Eq. 9.90). Lines whose coherence could be chance are left out, and so are those
     that a taper ties to their neighbours: the rest are independent.
 
-    Parameters
-    ----------
-    measurements : iterable of ModalMeasurement
-        As the product's own road judges them. A measured torque acts at the end of the screw, a drive's torque on the
-        rotor.
-    usual_temperature : float, optional
-        From which stated temperatures are counted; without it they are not looked at. [°C]
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is none.
+    The measurements are those that the product's own road judges. A measured torque acts at the end of the screw, a
+    drive's torque on the rotor. Stated temperatures are counted from the usual one [°C]; without it they are not looked
+    at. ``NotIdentifiableError`` if there is no measurement.
     """
     return _some(_response(modal, usual_temperature) for modal in measurements)
 
@@ -61,18 +52,9 @@ def responses_of_windows(
 
     Where all of them state their temperature, it is counted from the median, to the kelvin: told closer, no two
     measurements would be of one temperature. Of a rectangular taper, which is chosen where it leaves the higher
-    coherence, mostly of impacts that ring out within their window, nothing is said: what rings on beyond the end is
-    not corrected.
-
-    Parameters
-    ----------
-    measured : iterable of (ModalMeasurement or Rejection, sequence of Window)
-        Each measurement, or why it cannot be judged, with all the windows that it was judged by.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is no response.
+    coherence, mostly of impacts that ring out within their window, nothing is said: what rings on beyond the end is not
+    corrected. Each measurement, or why it cannot be judged, comes with all the windows that it was judged by.
+    ``NotIdentifiableError`` if there is no response.
     """
     found, refusals = [], []
     for modal, windows in measured:
@@ -100,16 +82,7 @@ def responses_of_windows(
 def responses_of_session(session: RecordedMeasurements, settings: AxisSettings) -> SessionResponses:
     """Return the averaged responses of the measurements of a session that can be judged, on all their lines.
 
-    Parameters
-    ----------
-    session : RecordedMeasurements
-    settings : AxisSettings
-        Of the axis. All lines of a measurement count, wherever its mode is looked for.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is none.
+    All lines of a measurement count, wherever its mode is looked for. ``NotIdentifiableError`` if there is no response.
     """
     return responses_of_windows(
         (measure_response(gated.accepted, settings) if gated.accepted else gated.rejection, gated.accepted)

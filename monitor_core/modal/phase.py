@@ -37,22 +37,8 @@ def calibrate_phase(modes: Sequence[ModalParameters]) -> PhaseReference:
     .. math:: \arg(\pm R_i) = -2\pi f_i \tau
 
     by least squares over the modes; of the two polarities the one with the smaller delay is taken, so that the delay
-    stays below a quarter of a period.
-
-    Parameters
-    ----------
-    modes : sequence of ModalParameters
-        Modes of the same axis and channels, e.g. of the calibration's measurements.
-
-    Returns
-    -------
-    PhaseReference
-        Polarity and delay.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is no mode, or the residues' phases cancel.
+    stays below a quarter of a period. The modes are of the same axis and channels, e.g. of the calibration's
+    measurements. ``NotIdentifiableError`` if there is none, or the residues' phases cancel.
 
     Examples
     --------

@@ -67,24 +67,10 @@ def fit_modes(
     poles. A second mode is tried where the first leaves something that the excitation explains, and kept if the
     (quasi-)Bayesian information criterion says so.
 
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Un-windowed lines of a band wide enough for the fit.
-    frequency : float
-        Where to start, e.g. a candidate peak. [Hz]
-    damping_ratio : float
-        Where to start; a factor of three off does no harm. [-]
-    maximum_modes : int
-        1 or 2.
+    The un-windowed lines are those of a band wide enough for the fit, which starts at the given frequency [Hz], e.g. a
+    candidate peak, and damping ratio, where a factor of three off does no harm. At most one or two modes are fitted.
+    ``FIT_FAILED`` is the rejection if there are too few lines or no optimum near the start.
 
-    Returns
-    -------
-    ModeFit or Rejection
-        ``FIT_FAILED`` if there are too few lines or no optimum near the start.
-
-    Notes
-    -----
     The formal covariance :math:`\tfrac12 (\mathrm{Re}\,J^H J)^{-1}` of the whitened problem is right if the noise is on
     the response alone. Noise on the torque makes it too small; the scatter of the windows' own pulls on the estimate
     (sandwich covariance) does not rest on that. Of frequency and of damping the larger of the two variances is stated,

@@ -53,40 +53,19 @@ def preload_feature(
 def preload_feature(
     axial_frequency: float | FloatArray, position: float | FloatArray, coefficients: PreloadFeatureCoefficients
 ) -> float | FloatArray:
-    r"""Remove the table position from the axial natural frequency.
+    r"""Remove the table position from the axial natural frequency [Hz], which leaves the feature :math:`1/P^2` [s²].
 
-    .. math::
+    .. math:: \frac{1}{P^2} = \frac{1}{f_{ax}^2} - k_1 x^2 - k_2 x - k_4 = \frac{k_3}{\sqrt[3]{\mathrm{preload}}}
 
-        \frac{1}{P^2} = \frac{1}{f_{ax}^2} - k_1 x^2 - k_2 x - k_4 = \frac{k_3}{\sqrt[3]{\mathrm{preload}}}
+    Eq. (8) of Nguyen et al. (2018). What is left depends on the preload alone, and falls as it rises; it is not
+    positive where the frequency is above what any preload gives. The position [m] is counted from the fixed bearing,
+    the coefficients come from :func:`monitor_core.preload.calibrate`. ``OutsideValidityError`` if a frequency is not
+    positive.
 
-    Eq. (8) of Nguyen et al. (2018). What is left depends on the preload alone.
-
-    Parameters
-    ----------
-    axial_frequency : float or ndarray, shape (n_windows,)
-        First axial natural frequency :math:`f_{ax}`. [Hz]
-    position : float or ndarray, shape (n_windows,)
-        Table position :math:`x` from the fixed bearing. [m]
-    coefficients : PreloadFeatureCoefficients
-        From :func:`monitor_core.preload.calibrate`.
-
-    Returns
-    -------
-    float or ndarray, shape (n_windows,)
-        :math:`1/P^2`; it falls as the preload rises. Not positive where the frequency is above what any preload
-        gives. [s²]
-
-    Raises
-    ------
-    OutsideValidityError
-        If a frequency is not positive.
-
-    Notes
-    -----
     The paper writes :math:`P` for this feature and, in Eq. (1), for the preload itself; here the force is always
-    ``preload``. It calls :math:`P^2` "proportional to the preload level"; by its own Eq. (8) :math:`P^2` grows with
-    the cube root of it (``docs/reference/errata.md``). Eq. (1) is stated for preloads up to 10 % of the dynamic
-    load rating.
+    ``preload``. It calls :math:`P^2` "proportional to the preload level"; by its own Eq. (8) :math:`P^2` grows with the
+    cube root of it (``docs/reference/errata.md``). Eq. (1) is stated for preloads up to 10 % of the dynamic load
+    rating.
 
     Examples
     --------

@@ -15,17 +15,7 @@ def coherence_bias(coherence: FloatArray | float, n_averages: float) -> FloatArr
 
     .. math:: b[\hat\gamma^2] \approx \frac{1}{n}\,(1-\gamma^2)^2\,\Bigl(1 + \frac{2\gamma^2}{n}\Bigr)
 
-    Carter, Knapp and Nuttall [1]_, Eq. (5).
-
-    Parameters
-    ----------
-    coherence : float or ndarray
-        True ordinary coherence γ². [-]
-
-    Returns
-    -------
-    ndarray
-        Expected excess over the true value. [-]
+    Carter, Knapp and Nuttall [1]_, Eq. (5), where γ² is the true ordinary coherence.
 
     Examples
     --------
@@ -49,17 +39,7 @@ def significance_level(n_averages: float, *, false_alarm_probability: float = 0.
 
     .. math:: \gamma^2_\alpha = 1 - \alpha^{1/(n-1)}
 
-    Exact for Gaussian channels, [1]_ Eq. (9).
-
-    Parameters
-    ----------
-    false_alarm_probability : float
-        α. [-]
-
-    Returns
-    -------
-    float
-        Threshold. [-]
+    Exact for Gaussian channels, [1]_ Eq. (9); α is the false-alarm probability.
 
     Examples
     --------
@@ -81,17 +61,8 @@ def random_error(coherence: FloatArray | float, n_averages: float) -> FloatArray
         \varepsilon[|\hat H|] = \frac{\sqrt{1-\gamma^2}}{|\gamma|\sqrt{2n}},\qquad
         \sigma[\hat\varphi] \approx \varepsilon[|\hat H|]
 
-    Bendat and Piersol [1]_, Eqs. (9.90) and (9.91), first order, good while it is below about 0.2.
-
-    Parameters
-    ----------
-    coherence : float or ndarray
-        Ordinary coherence γ², above 0. [-]
-
-    Returns
-    -------
-    ndarray
-        Relative standard deviation of the magnitude [-], and standard deviation of the phase [rad].
+    Bendat and Piersol [1]_, Eqs. (9.90) and (9.91), first order, good while it is below about 0.2, for an ordinary
+    coherence γ² above 0; as the deviation of the phase it is in radians.
 
     Examples
     --------
@@ -112,26 +83,8 @@ def effective_averages(n_windows: int, overlap: float = 0.0, *, taper: Taper = "
     .. math:: n_e = \frac{n}{1 + 2\sum_{i\ge 1} (1 - i/n)\,\rho_i},\qquad
         \rho_i = \Bigl[\frac{\int w(t)\,w(t + i(1-o)T)\,dt}{\int w^2\,dt}\Bigr]^2
 
-    Welch [1]_, for a white record. Separate windows are worth their number.
-
-    Parameters
-    ----------
-    n_windows : int
-        Windows averaged.
-    overlap : float
-        Share of a window that the next one repeats, from 0 to below 1. [-]
-    taper : {"hann", "rectangular"}
-        Window w.
-
-    Returns
-    -------
-    float
-        Effective number, at most ``n_windows``. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the overlap lies outside its range.
+    Welch [1]_, for a white record. Separate windows are worth their number, overlapped ones less. The overlap o is the
+    share of a window w that the next one repeats; ``OutsideValidityError`` if it does not lie from 0 to below 1.
 
     Examples
     --------
@@ -160,21 +113,9 @@ def effective_averages(n_windows: int, overlap: float = 0.0, *, taper: Taper = "
 
 
 def band_average(frequency: FloatArray, coherence: FloatArray, band: tuple[float, float]) -> float:
-    """Return the mean coherence over a band, or at its nearest line if it is narrower than a line.
+    """Return the mean ordinary coherence over a band [Hz], or at its nearest line if it is narrower than a line.
 
-    Parameters
-    ----------
-    frequency : ndarray, shape (n_frequencies,)
-        Lines. [Hz]
-    coherence : ndarray, shape (n_frequencies,)
-        Ordinary coherence. [-]
-    band : tuple of float
-        Lowest and highest frequency. [Hz]
-
-    Returns
-    -------
-    float
-        Mean coherence. [-]
+    Lines [Hz] and coherence have the shape (n_frequencies,).
     """
     inside = (frequency >= band[0]) & (frequency <= band[1])
     if not inside.any():

@@ -50,19 +50,8 @@ def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann") -> CrossSpectr
     """Sum the tapered powers of windows.
 
     Window by window (``cross_spectra(first) + cross_spectra(second)``) or all at once give the same numbers, because
-    the sums are in double precision whatever the samples were.
-
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Raw lines, of which the outermost two are used up by the taper.
-    taper : {"hann", "rectangular"}
-        See :meth:`BandSpectra.tapered`.
-
-    Returns
-    -------
-    CrossSpectra
-        Sums at the inner lines.
+    the sums are in double precision whatever the samples were. The taper (see :meth:`BandSpectra.tapered`) uses up the
+    outermost two of the raw lines.
     """
     frequency, x, y = spectra.tapered(taper)
     return CrossSpectra(
@@ -85,26 +74,9 @@ def estimate_frf(cross: CrossSpectra, *, estimator: Estimator = "H1", quantity: 
         \gamma^2 = \frac{|S_{xy}|^2}{S_{xx} S_{yy}}
 
     [1]_, sections 6.1 and 9.2. :math:`H_1` is unbiased under noise on the response, :math:`H_2` under noise on the
-    excitation, :math:`H_v` (total least squares, both noises alike after scaling) lies between them.
-
-    Parameters
-    ----------
-    cross : CrossSpectra
-        Sums over windows.
-    estimator : {"H1", "H2", "Hv"}
-        Which of the three.
-    quantity : str
-        What the ratio is, e.g. ``"torque_accelerance"``.
-
-    Returns
-    -------
-    FrequencyResponse
-        With ``coherence=None`` for a single average, where it is 1 whatever the data: it must not be judged.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a channel has no power at all at a line.
+    excitation, :math:`H_v` (total least squares, both noises alike after scaling) lies between them. The quantity says
+    what the ratio is, e.g. ``"torque_accelerance"``. Of a single average the coherence is ``None``: it is 1 whatever
+    the data and must not be judged. ``OutsideValidityError`` if a channel has no power at all at a line.
 
     References
     ----------
@@ -129,21 +101,11 @@ def estimate_frf(cross: CrossSpectra, *, estimator: Estimator = "H1", quantity: 
 
 
 def least_leaking_taper(spectra: BandSpectra) -> Taper:
-    """Choose the taper that leaves the higher mean coherence.
+    """Choose the taper that leaves the higher mean coherence over the un-windowed lines of a band.
 
     What a window cuts off (ringing across its ends under a rectangular taper) and what a taper erases (an impact near
     an end under Hann) both lower the coherence; nothing about a taper raises it. With a single window there is nothing
     to compare, and Hann is taken.
-
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Un-windowed lines of the band of interest.
-
-    Returns
-    -------
-    {"hann", "rectangular"}
-        The better taper.
     """
     return max(TAPERS, key=lambda taper: mean_coherence(spectra, taper)) if spectra.n_windows > 1 else "hann"
 

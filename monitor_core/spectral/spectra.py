@@ -70,18 +70,10 @@ class BandSpectra:
 
         .. math:: X_h(k) = X(k) - \tfrac12\,[X(k-1) + X(k+1)]
 
-        and uses up the outermost line on either side. The rectangular one drops the same two lines.
-
-        Parameters
-        ----------
-        taper : {"hann", "rectangular"}
-            Hann for what goes on across the ends of the window, rectangular for an impact that rings out inside it: a
-            hit near an end is all but erased by Hann.
-
-        Returns
-        -------
-        tuple of ndarray
-            Frequency, shape (n_frequencies − 2,) [Hz]; excitation and response, shape (n_windows, n_frequencies − 2).
+        and uses up the outermost line on either side. The rectangular one drops the same two lines. Hann is for what
+        goes on across the ends of the window, rectangular for an impact that rings out inside it: a hit near an end is
+        all but erased by Hann. Returned are the frequency [Hz], shape (n_frequencies − 2,), and excitation and
+        response, shape (n_windows, n_frequencies − 2).
         """
         inner = self.frequency[1:-1]
         if taper == "rectangular":
@@ -97,26 +89,9 @@ def band_spectra(
     One batched real FFT per channel, in the precision of the samples. The extra line is what the Hann taper in the
     frequency domain needs. The mean of each window is removed with the line at 0 Hz.
 
-    Parameters
-    ----------
-    excitation : ndarray, shape (n_windows, n_samples)
-        Motor torque or force. [N·m or N]
-    response : ndarray, shape (n_windows, n_samples)
-        Acceleration. [m/s²]
-    sample_rate : float
-        Samples per second. [Hz]
-    band : tuple of float
-        Lowest and highest frequency wanted. [Hz]
-
-    Returns
-    -------
-    BandSpectra
-        Lines from one below to one above the band, as far as they exist between 0 Hz and half the sampling rate.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the channels differ in shape, or the band holds no line between 0 Hz and half the sampling rate.
+    Excitation [N·m or N] and response [m/s²] have the shape (n_windows, n_samples); rate and band are in hertz. The
+    lines reach from one below to one above the band, as far as they exist. ``OutsideValidityError`` if the channels
+    differ in shape, or the band holds no line between 0 Hz and half the sampling rate.
 
     Examples
     --------

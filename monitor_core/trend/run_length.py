@@ -33,26 +33,15 @@ def cusum_run_length(
     r"""Return the average run length of the one-sided CUSUM, from an empty chart to a value above its limit.
 
     Markov chain of [1]_: [0, h] in cells of width w = 2h/(2n − 1), the first of which is half a cell around zero. With
-    a second rule, by which two residuals in a row beyond a limit signal as well, the chain also remembers
-    whether the last residual was beyond. With the transitions P₀ of a residual within and P₁ of one beyond, the mean
-    lengths a after one within and b after one beyond are
+    a second rule, by which two residuals in a row beyond a limit signal as well, the chain also remembers whether the
+    last residual was beyond. With the transitions P₀ of a residual within and P₁ of one beyond, the mean lengths a
+    after one within and b after one beyond are
 
-    .. math::
+    .. math:: a = 1 + P_0 a + P_1 b, \qquad b = 1 + P_0 a
 
-        a = 1 + P_0 a + P_1 b, \qquad b = 1 + P_0 a
-
-    Parameters
-    ----------
-    limit : float
-        h. [-]
-    reference : float
-        k. [-]
-    largest_increment : float
-        Winsorising constant of :func:`monitor_core.trend.charts.cusum_step`. [-]
-    confirmed_limit : float
-        Shewhart limit of the second rule; infinite without it. [-]
-    n_cells : int
-        Cells of the chain. The error falls with its square; 80 give 0.1 % at k = 0.5, h = 5. [-]
+    with h the limit and k the reference. The largest increment is the winsorising constant of
+    :func:`monitor_core.trend.charts.cusum_step`; the confirmed limit, the Shewhart limit of the second rule, is
+    infinite without it. The error falls with the square of the number of cells; 80 give 0.1 % at k = 0.5, h = 5.
 
     Examples
     --------
@@ -102,18 +91,9 @@ def ewma_run_length(
 ) -> FloatArray:
     r"""Return the average run length of an EWMA from zero to beyond its limit.
 
-    Markov chain of [1]_ on [−c, c].
-
-    Parameters
-    ----------
-    limit : float
-        c, the limit of the average itself; :math:`c = L \sqrt{\lambda/(2-\lambda)}`. [-]
-    weight : float
-        λ. [-]
-    largest_residual : float
-        Magnitude at which residuals are winsorised. [-]
-    n_cells : int
-        Cells of the chain; odd, so that zero is the middle of one. 81 give 0.6 % at λ = 0.1, ARL 500. [-]
+    Markov chain of [1]_ on [−c, c], where :math:`c = L \sqrt{\lambda/(2-\lambda)}` is the limit of the average itself
+    and λ the weight. Residuals are winsorised at the largest magnitude. The number of cells is odd, so that zero is the
+    middle of one; 81 give 0.6 % at λ = 0.1, ARL 500.
 
     Examples
     --------
@@ -153,20 +133,10 @@ def shewhart_run_length(
 ) -> FloatArray:
     r"""Return the average run length of a Shewhart chart that signals after consecutive residuals beyond the limit.
 
-    .. math::
+    .. math:: \mathrm{ARL} = \frac{1 - p^r}{(1 - p)\, p^r}
 
-        \mathrm{ARL} = \frac{1 - p^r}{(1 - p)\, p^r}
-
-    Mean waiting time for a run of r successes, section XIII.7 of [1]_; 1/p for r = 1.
-
-    Parameters
-    ----------
-    limit : float
-        In standard deviations. [-]
-    consecutive : int
-        r. [-]
-    two_sided : bool
-        Residuals beyond the limit on either side count. [-]
+    Mean waiting time for a run of r successes, section XIII.7 of [1]_; 1/p for r = 1. The limit is in standard
+    deviations, r the number of consecutive residuals; two-sided, those beyond the limit on either side count.
 
     Examples
     --------

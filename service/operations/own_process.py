@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import TypeVar, cast
 
-from threadpoolctl import threadpool_limits
+from service.blas import use_one_thread
 
 Answer = TypeVar("Answer")
 
@@ -78,7 +78,7 @@ def _answer(receiver: Connection, report: Report, first: Progress) -> object:
 
 def _do(sender: Connection, work: Callable[[Report], object]) -> None:
     """Work in the process, and report progress, last the answer."""
-    threadpool_limits(1)
+    use_one_thread()
     answer: object
     try:
         answer = work(sender.send)

@@ -109,31 +109,11 @@ def simulate_session(
     some millimetres moves them by less than the friction does. To the torque the table answers as the model's frequency
     response says, to friction by its normal modes below half the sampling rate.
 
-    Parameters
-    ----------
-    model : DriveModel
-        Any family.
-    conditions : sequence of DriveConditions
-        One for each measurement, in time order.
-    settings : SimulationSettings
-        How it is taken.
-    axis_id : str
-        Name of the axis.
-    started_at : datetime
-        Of the first window, with a time zone.
-    rng : numpy.random.Generator
-        Source of moves and noise. Each measurement has a stream of its own, so that it does not depend on the others.
-
-    Returns
-    -------
-    Session
-        The same for the same arguments.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the model refuses a condition or has no rigid-body mode, the moves do not fit into the windows or do not
-        overcome the friction, or a sample does not fit into single precision.
+    There is one condition for each measurement, in time order; the first window starts at ``started_at``, with a time
+    zone. Moves and noise come from ``rng``, each measurement with a stream of its own, so that it does not depend on
+    the others; the same arguments give the same session. ``OutsideValidityError`` if the model refuses a condition or
+    has no rigid-body mode, the moves do not fit into the windows or do not overcome the friction, or a sample does not
+    fit into single precision.
     """
     measurements = simulate_measurements(model, conditions, settings, started_at=started_at, rng=rng)
     return Session(axis_id, tuple(window for windows in measurements for window in windows))

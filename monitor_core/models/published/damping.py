@@ -56,24 +56,9 @@ def equivalent_viscous_damping(stiffness: npt.ArrayLike, omega: float) -> FloatA
 
     .. math:: c = \frac{\eta_e k}{\omega}
 
-    from :math:`j \omega c = j \eta_e k`; for the time domain, in which a complex stiffness must not be used.
-
-    Parameters
-    ----------
-    stiffness : array_like, shape (...)
-        k(1 + jη_e), one spring or a stiffness matrix. [N/m] or [N·m/rad]
-    omega : float
-        Where both are to be equal: the resonance. [rad/s]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        [N·s/m] or [N·m·s/rad]
-
-    Raises
-    ------
-    OutsideValidityError
-        If omega is not positive.
+    from :math:`j \omega c = j \eta_e k`; for the time domain, in which a complex stiffness must not be used. The
+    stiffness k(1 + jη_e) [N/m or N·m/rad] is one spring's or a matrix, and the result [N·s/m or N·m·s/rad] has its
+    shape. Both lose the same at omega [rad/s], the resonance; ``OutsideValidityError`` if it is not positive.
 
     Examples
     --------

@@ -175,23 +175,10 @@ class HybridModel(SmallDrive):
         return DriveEquations(system, angle[moving], np.array([0.0, 1.0])[moving])
 
     def transfer_matrix(self, s: ComplexArray, conditions: DriveConditions) -> ComplexArray:
-        """Return G(s) of Eq. (13), from (τ_m/r_g, f_c) [N] to (x_m, x_t) [m].
+        """Return G(s) of Eq. (13), from (τ_m/r_g, f_c) [N] to (x_m, x_t) [m], shape (n_frequencies, 2, 2).
 
-        Parameters
-        ----------
-        s : ndarray, shape (n_frequencies,)
-            jω for a frequency response. [rad/s]
-        conditions : DriveConditions
-
-        Returns
-        -------
-        ndarray, shape (n_frequencies, 2, 2)
-            [m/N]
-
-        Raises
-        ------
-        OutsideValidityError
-            If there is a loss factor and an s is not in the upper half plane.
+        For a frequency response s is jω [rad/s], shape (n_frequencies,). ``OutsideValidityError`` if there is a loss
+        factor and an s is not in the upper half plane.
         """
         return transfer_matrix(self.equations(conditions).system, s)
 

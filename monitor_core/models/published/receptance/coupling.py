@@ -16,34 +16,12 @@ from monitor_core.errors import OutsideValidityError
 def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> ComplexArray:
     r"""Return the receptance of a spring and a damper side by side.
 
-    .. math::
+    .. math:: h_J = \frac{1}{k + j \omega c}
 
-        h_J = \frac{1}{k + j \omega c}
-
-    Eqs. (6) and (8) of Tian et al.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (n_frequencies,)
-        [rad/s]
-    stiffness : complex
-        k, complex if the spring has a loss factor. [N/m] or [N·m/rad]
-    damping : float
-        c. [N·s/m] or [N·m·s/rad]
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        [m/N] or [rad/(N·m)]
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is neither stiffness nor damping: what does not hold must be left out.
-
-    Notes
-    -----
-    As printed, Eqs. (6) and (8) are the reciprocal of a receptance, see docs/reference/errata.md.
+    Eqs. (6) and (8) of Tian et al.; ω [rad/s] and the result [m/N or rad/(N·m)] have the shape (n_frequencies,). The
+    stiffness k [N/m or N·m/rad] is complex if the spring has a loss factor; the damping c is in N·s/m or N·m·s/rad.
+    ``OutsideValidityError`` if there is neither stiffness nor damping: what does not hold must be left out. As printed,
+    Eqs. (6) and (8) are the reciprocal of a receptance, see docs/reference/errata.md.
     """
     if stiffness == 0.0 and damping == 0.0:
         raise OutsideValidityError("a joint must have stiffness or damping; got 0 N/m and 0 N·s/m, leave it out")
@@ -68,26 +46,11 @@ def couple_receptances(
     with v and w the columns and rows of a and, negative, b. Eqs. (4), (13), (17), (23) and (24) of Tian et al. with h_J
     = 0, rigid coupling. What holds in the joint is the force that closes the gap between both points.
 
-    Parameters
-    ----------
-    receptance_a : array_like, shape (..., n_a, n_a)
-        [m/N], or any other response per unit of its own excitation.
-    receptance_b : array_like, shape (..., n_b, n_b)
-    points : tuple of int
-        a of A and b of B.
-    joint : array_like, shape (...)
-        Receptance h_J of the joint; 0: rigid. [m/N]
-    keep : sequence of int, optional
-        Points of the assembly to return, those of A first (0 … n_a − 1), then those of B (n_a …); all if not given.
-
-    Returns
-    -------
-    ndarray, shape (..., n_keep, n_keep)
-
-    Raises
-    ------
-    OutsideValidityError
-        If a receptance is not square, a point does not exist, or the leading axes do not match.
+    The receptances of A and B, shapes (..., n_a, n_a) and (..., n_b, n_b), are in m/N or any other response per unit of
+    its own excitation, and so is h_J of the joint, shape (...). The points are a of A and b of B; those of the assembly
+    to keep are counted with A first (0 … n_a − 1), then B (n_a …), and all are kept if none are given. The result has
+    the shape (..., n_keep, n_keep). ``OutsideValidityError`` if a receptance is not square, a point does not exist, or
+    the leading axes do not match.
 
     Examples
     --------
@@ -116,19 +79,10 @@ def ground_receptance(
 ) -> ComplexArray:
     r"""Hold a point of a substructure against the ground: coupling with a bed of no receptance, h = 0.
 
-    .. math::
+    .. math:: \mathbf H = \mathbf H_A - \mathbf h_{\cdot a} \left[ h_{aa} + h_J \right]^{-1} \mathbf h_{a \cdot}
 
-        \mathbf H = \mathbf H_A - \mathbf h_{\cdot a} \left[ h_{aa} + h_J \right]^{-1} \mathbf h_{a \cdot}
-
-    Eqs. (5), (7) and (9) of Tian et al.
-
-    Parameters
-    ----------
-    receptance : array_like, shape (..., n, n)
-    point : int
-        Where it is held.
-    joint, keep : optional
-        As for :func:`couple_receptances`; so are the units, the errors and what is returned.
+    Eqs. (5), (7) and (9) of Tian et al. The receptance has the shape (..., n, n); joint, kept points, units, errors and
+    what is returned are as for :func:`couple_receptances`.
     """
     h = _receptance(receptance, "A")
     a, kept = _point(point, h.shape[-1], "A"), _kept(keep, h.shape[-1])

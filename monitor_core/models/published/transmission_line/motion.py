@@ -53,34 +53,16 @@ def simulate_drive(
     The nut sits between two nodes of each line, with weights 1 − a and a on them. That leaves out the kink of the
     line's displacement under the nut, which is put back as a compliance in series with it:
 
-    .. math::
+    .. math:: a (1 - a) \left[ \frac{\Delta x_a}{EA} + i^2 \frac{\Delta x_t}{GJ} \right]
 
-        a (1 - a) \left[ \frac{\Delta x_a}{EA} + i^2 \frac{\Delta x_t}{GJ} \right]
+    With numba installed the steps are compiled; without it the same numbers take some two hundred times longer. The
+    grid comes from ``common_step_grid`` or ``synchronised_grid``.
 
-    With numba installed the steps are compiled; without it the same numbers take some two hundred times longer.
-
-    Parameters
-    ----------
-    grid : LineGrid
-        Sections and time step, from ``common_step_grid`` or ``synchronised_grid``.
-    conditions : DriveConditions
-        Position, preload and payload.
-    torque : ndarray, shape (n_samples,)
-        On the rotor, or with a prescribed motor end on the screw. [N·m]
-    motor_end : MotorEnd
-        What holds the motor end; a clamped one takes no torque.
-    force_at_table : ndarray, shape (n_samples,), optional
-        Along the axis. [N]
-    position : ndarray, shape (n_samples,), optional
-        Where the nut is at each step, instead of the position of the conditions. [m]
-    friction : StribeckFriction
-        Dry friction of the guides.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the arrays differ in length or are not finite, the nut comes within a section of an end of the screw, or a
-        clamped motor is given a torque.
+    Torque [N·m], force along the axis [N] and position [m] have the shape (n_samples,). The torque acts on the rotor,
+    or with a prescribed motor end on the screw; a clamped motor end takes none. A position says where the nut is at
+    each step, instead of the position of the conditions. The friction is the dry friction of the guides.
+    ``OutsideValidityError`` if the arrays differ in length or are not finite, the nut comes within a section of an end
+    of the screw, or a clamped motor is given a torque.
     """
     torque = _finite("torque", torque, np.shape(torque))
     force = _finite("force_at_table", np.zeros_like(torque) if force_at_table is None else force_at_table, torque.shape)
