@@ -52,11 +52,10 @@ def explain(
 ) -> Explanation:
     """Find where measurements and a described axis differ, what the model lacks, and how far adding it closes the gap.
 
-    ``axis``: what the axis is said to be. What a fit may adjust stands in ``uncertain``; ``progress``: called with
-    a few words on what is being done. Returned: with the augmented description: parameters as refitted, effects of
-    the axis and those found; where the cause is unknown, the description as given. ``NotIdentifiableError`` or
-    ``OutsideValidityError`` if measurements, description and what is to be held out do not go together; one
-    sentence says why.
+    A fit may adjust what stands in ``uncertain`` of the axis; ``progress`` is called with a few words on what is being
+    done. The explanation comes with the augmented description: parameters as refitted, effects of the axis and those
+    found; where the cause is unknown, the description as given. ``NotIdentifiableError`` or ``OutsideValidityError`` if
+    measurements, description and what is to be held out do not go together; one sentence says why.
     """
     options = options or ExplainOptions()
     question = _question(axis, measured, options)

@@ -77,12 +77,11 @@ def applicable_effects(axis: Physics, effects: Sequence[Effect[Physics]]) -> tup
 def with_effects(
     model: Model, values: Mapping[str, Mapping[str, float]], effects: Sequence[Effect[Any]] | None = None
 ) -> Model:
-    """Return the model with effects added, one after the other.
+    """Return the extended or motion model with effects added, one after the other.
 
-    ``values``: values of the parameters by their names, by the keys of the effects: the ``[effects]`` of a model
-    file. Every ``wrong-parameter:…`` is known without being in the table; ``effects``: the table: that of the
-    product for such a model if not stated, or with a user's own. ``OutsideValidityError`` if a key is unknown, or
-    an effect refuses axis or values.
+    The values of parameters, by their names, stand under the keys of the effects, as in ``[effects]`` of a model file.
+    The table of effects is that of the product for such a model, or one with a user's own; every ``wrong-parameter:…``
+    is known without being in it. ``OutsideValidityError`` if a key is unknown, or an effect refuses axis or values.
     """
     if effects is None:
         effects = MOTION_EFFECTS if isinstance(model, MotionModel) else DRIVE_EFFECTS

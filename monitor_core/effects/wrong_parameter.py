@@ -36,12 +36,12 @@ _HIGHEST_PURE_NUMBER = 0.9
 
 
 def wrong_parameter(name: str, parameters: DriveParameters) -> Effect[AxisPhysics]:
-    """Return the effect that one parameter of an axis has another value.
+    """Return the effect that one parameter of an axis has another value than declared.
 
-    ``name``: as in files, such as ``bearing_stiffness_n_per_m``; ``parameters``: of the axis, as declared.
-    Returned: its parameter is ``ln_ratio``, true over declared value. The range is that of a misprint; what is
-    tolerance is for the caller to say. ``OutsideValidityError`` if the axis does not state this parameter, or
-    states it as zero, of which there is no ratio.
+    The name is as in files, such as ``bearing_stiffness_n_per_m``. The effect's own parameter is ``ln_ratio``, the
+    logarithm of true over declared value; its range is that of a misprint, and what is tolerance is for the caller to
+    say. ``OutsideValidityError`` if the axis does not state this parameter, or states it as zero, of which there is no
+    ratio.
     """
     return _wrong_value(name, parameters, stated_names(parameters), _drive_carried_over)
 

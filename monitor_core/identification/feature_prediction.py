@@ -101,13 +101,13 @@ def predict_coefficients(
     with X the design of Eq. (8) of [1]_, c the coordinates, and J the derivatives of k with respect to c and :math:`\ln
     P_0`, by central differences. The covariance is linear in the coordinates: for joints known to some 20 %, which move
     a frequency by a few per cent. What the model does not hold is not in it; readings joined with the prediction are
-    what tests it. Raises OutsideValidityError as :func:`mode_frequencies`, also where a step in a coordinate takes the
-    mode out of its band.
+    what tests it.
 
-    ``model_at``: returns the model at coordinates of shape (n_parameters,); ``coordinates``: decimal logarithms of
-    the identified parameters, as a fit leaves them. Those of zero variance are known. Its degrees of freedom are
-    those of the coefficients; ``reference_preload``: :math:`P_0` under which the joints were identified, see
-    :func:`mode_frequencies`; its uncertainty makes k3 uncertain by a third of it [N].
+    The coordinates, shape (n_parameters,), are decimal logarithms of the identified parameters, as a fit leaves them;
+    those of zero variance are known, and their degrees of freedom are those of the coefficients. The joints were
+    identified under the reference preload :math:`P_0` [N]; its uncertainty makes k3 uncertain by a third of it, see
+    :func:`mode_frequencies`. ``OutsideValidityError`` as there, also where a step in a coordinate takes the mode out of
+    its band.
 
     References
     ----------

@@ -56,12 +56,14 @@ def identify(
 ) -> IdentifiedJoints:
     """Find stiffness and damping of the joints, judge how well each is known, and predict what was held out.
 
-    ``axis``: a drive of any family without effects. Free are the parameters that it calls uncertain, or else all its
-    joints; ``observations``: peaks, or whole responses, at two positions or more; ``map_function``: spreads the work
-    over processes; the answer does not depend on it; ``progress``: called with (done, total). ``NotIdentifiableError``
-    if there are too few positions or data, no joint moves anything, every joint ended at a limit, a limit names no free
-    joint, or a calibration is to be predicted for a nut whose mass the model's natural frequencies have elsewhere;
-    ``OutsideValidityError`` if the model has no answer under one of the conditions, or limits do not rise.
+    The axis is a drive of any family without effects; free are the parameters that it calls uncertain, or else all its
+    joints. Observations are peaks, or whole responses, at two positions or more. ``map_function`` spreads the work over
+    processes, on which the answer does not depend; ``progress`` is called with (done, total).
+
+    ``NotIdentifiableError`` if there are too few positions or data, no joint moves anything, every joint ended at a
+    limit, a limit names no free joint, or a calibration is to be predicted for a nut whose mass the model's natural
+    frequencies have elsewhere. ``OutsideValidityError`` if the model has no answer under one of the conditions, or
+    limits do not rise.
     """
     options = options or IdentifyOptions()
     require_identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds

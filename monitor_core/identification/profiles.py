@@ -190,9 +190,8 @@ def profile_interval(
 ) -> ProfileInterval:
     """Return the interval of one coordinate from the profile of χ², all others fitted again at each point.
 
-    ``problem``, ``bounds``: those of the fit; ``fit``: the minimum; where a lower χ² is found on the way,
-    ``undercut`` says by how much and ``lowest`` where; ``index``: of the coordinate; ``level``: of coverage, in a
-    model that is linear in some coordinates [-]. Returned: its ends do not depend on how the coordinate is
-    expressed (logarithm or not), unlike those of the linear one.
+    ``fit`` is the minimum within these bounds; where a lower χ² is found on the way, ``undercut`` says by how much and
+    ``lowest`` where. The level is of coverage, in a model that is linear in some coordinates. The ends do not depend on
+    how the coordinate is expressed (logarithm or not), unlike those of the linear interval.
     """
     return Profile(problem, bounds, fit, index).interval(level)

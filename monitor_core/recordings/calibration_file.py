@@ -46,9 +46,8 @@ _LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORC
 def calibration_document(calibration: Calibration) -> dict[str, object]:
     """Lay out a calibration as a document of finite numbers, texts, lists and ``None``.
 
-    ``calibration``: of one axis. Returned: ready for :func:`json.dumps`; :func:`calibration_from_document` reads it
-    back. ``OutsideValidityError`` if Eq. (8) gives no frequency within the calibrated range, so that no loss can be
-    stated.
+    It is ready for :func:`json.dumps`, and :func:`calibration_from_document` reads it back. ``OutsideValidityError`` if
+    Eq. (8) gives no frequency within the calibrated range, so that no loss can be stated.
     """
     values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
     mass, phase = calibration.moving_mass, calibration.phase_reference
@@ -102,10 +101,10 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
 
 
 def calibration_from_document(document: object, where: str = "calibration") -> Calibration:
-    """Read what :func:`calibration_document` wrote.
+    """Read what :func:`calibration_document` wrote, from a parsed JSON document that messages call ``where``.
 
-    ``document``: a parsed JSON document; ``where``: its name, for messages. Returned: the one written, up to the
-    rounding of millimetres. ``RecordingFormatError`` if anything does not fit, in one sentence.
+    The calibration is the one written, up to the rounding of millimetres; ``RecordingFormatError`` if anything does not
+    fit, in one sentence.
     """
     top = json_object(document, where)
     top.require_format(FORMAT, VERSION)

@@ -73,11 +73,10 @@ class ModalRow:
 
 
 def read_modal_table(path: Path) -> tuple[ModalRow, ...]:
-    """Read a modal table.
+    """Read a modal table, CSV with a header, in the order of the file and with positions in metres.
 
-    ``path``: CSV with a header. Returned: in the order of the file; positions in metres. ``RecordingFormatError``
-    if a column is missing, stands twice or lacks its unit, or if a cell is not what its column promises; the
-    sentence names row (the header is row 1) and column.
+    ``RecordingFormatError`` if a column is missing, stands twice or lacks its unit, or if a cell is not what its column
+    promises; the sentence names row (the header is row 1) and column.
     """
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
@@ -101,9 +100,9 @@ def read_modal_table(path: Path) -> tuple[ModalRow, ...]:
 
 
 def write_modal_table(path: Path, rows: Iterable[ModalRow]) -> None:
-    """Write a modal table, leaving out the columns that no row states.
+    """Write a modal table, leaving out the columns that no row states; an existing file is replaced.
 
-    ``path``: an existing file is replaced; ``rows``: at least one. ``RecordingFormatError`` if there is no row.
+    ``RecordingFormatError`` if there is no row.
     """
     stated = [_cells(row) for row in rows]
     if not stated:

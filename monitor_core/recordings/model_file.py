@@ -36,11 +36,11 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
 
 def read_model_file(path: Path) -> AxisDescription:
-    """Read a drive model; the module's text shows every entry.
+    """Read a drive model from a TOML file; the module's text shows every entry.
 
-    ``path``: a TOML file. Returned: family and parameters fit each other, so that only an effect can keep it from
-    being built. ``RecordingFormatError`` if it is no TOML, or anything in it is missing, unknown, of the wrong type
-    or out of range: one sentence names file and entry.
+    Family and parameters fit each other, so that only an effect can keep it from being built. ``RecordingFormatError``
+    if it is no TOML, or anything in it is missing, unknown, of the wrong type or out of range: one sentence names file
+    and entry.
     """
     return parse_model(read_text(path), path.name)
 

@@ -30,10 +30,10 @@ def is_motion_header(columns: list[str]) -> bool:
 
 
 def read_motion_record(path: Path) -> MotionRecord:
-    """Read a motion record.
+    """Read a motion record, CSV with a header.
 
-    ``path``: CSV with a header. ``RecordingFormatError`` if a column is missing, both force and torque are there,
-    the sampling is not uniform, or a value is not finite.
+    ``RecordingFormatError`` if a column is missing, both force and torque are there, the sampling is not uniform, or a
+    value is not finite.
     """
     channels = csv_samples.read_channels(path)
     drives = [name for name in DRIVES if name in channels.names]

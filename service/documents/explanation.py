@@ -14,9 +14,9 @@ from service.json_types import JsonObject
 
 
 def explanation_document(explanation: Explanation, model_text: str) -> JsonObject:
-    """Return the whole answer except its pictures; a number that is not known is ``null``.
+    """Return the whole answer except its pictures, with the augmented drive model as TOML.
 
-    ``model_text``: the augmented drive model, as TOML.
+    A number that is not known is ``null``.
     """
     gap = explanation.gap
     return finite_or_null({

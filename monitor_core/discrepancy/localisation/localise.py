@@ -62,13 +62,11 @@ def localise(
 ) -> tuple[Misfit, ...]:
     """Return where data and model differ, worst first, at most six; one case in a hundred where the model is right.
 
-    Raises OutsideValidityError if the arrays do not fit the layout.
-
-    ``layout``: what the values belong to; those of a setting and channel follow one another in frequency or time;
-    ``standardised``: misfit in standard deviations: standard normal where the model is right, and independent but
-    for neighbours, shape (n_values,); ``signatures``: change of ``standardised`` with a unit of each stiffness,
-    mass, damping, delay that the model could be wrong in, shape (n_directions, n_values); ``scatter``: where
-    neighbours in a series are correlated, or the deviations off by a factor.
+    The standardised misfit, shape (n_values,), is in standard deviations: standard normal where the model is right, and
+    independent but for neighbours; values of a setting and channel follow one another in frequency or time. Signatures,
+    shape (n_directions, n_values), are its change with a unit of each stiffness, mass, damping, delay that the model
+    could be wrong in. The scatter is for neighbours in a series that are correlated, or deviations off by a factor.
+    ``OutsideValidityError`` if the arrays do not fit the layout.
     """
     _check(layout, standardised, signatures)
     scatter = scatter or HealthyScatter()

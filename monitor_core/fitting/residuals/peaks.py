@@ -131,14 +131,13 @@ def peak_problem(
 ) -> PeakProblem:
     """Make the problem of finding the joints from peaks.
 
-    Raises NotIdentifiableError if there are too few positions, or fewer data than free joints; OutsideValidityError if
-    a mode has no band, or a measured peak lies outside it.
+    The drive is of the receptance family, with joints alone free; the peaks come with their modes from
+    :func:`monitor_core.identification.cases.assignment.assign_modes`. The bands say where the peak of each mode is
+    looked for, by default :func:`mode_bands`. The minimum of data counts frequencies and amplitudes, by default one per
+    free joint. One position fits its own peaks with joints that fail elsewhere, which is the paper's point.
 
-    ``drive``: of the receptance family; joints alone may be free; ``peaks``: measured peaks with their modes, from
-    :func:`monitor_core.identification.cases.assignment.assign_modes`; ``bands``: where the peak of each mode is
-    looked for; by default :func:`mode_bands`; ``minimum_positions``: fewer are refused. One position fits its own
-    peaks with joints that fail elsewhere, which is the paper's point; ``minimum_data``: frequencies and amplitudes;
-    by default one per free joint.
+    ``NotIdentifiableError`` if there are too few positions, or fewer data than the minimum; ``OutsideValidityError`` if
+    a mode has no band, or a measured peak lies outside it.
     """
     _require_enough(peaks, minimum_positions, len(drive.free) if minimum_data is None else minimum_data)
     bands = dict(bands) if bands is not None else mode_bands(peaks)

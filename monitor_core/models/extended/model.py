@@ -41,7 +41,8 @@ class ExtendedModel:
 
     With ``physics_of(parameters)`` it is that family's model, see there how closely. Modes are given up to
     ``highest_frequency``. The rotational mode of Eq. (7) of Nguyen et al. (2018), which moves neither table nor motor,
-    is not among them.
+    is not among them. Friction and hardening of the nut see an excitation that is flat over the frequencies of a
+    response; ``OutsideValidityError`` also if friction holds the table.
     """
 
     parameters: DriveParameters  # of the family
@@ -61,11 +62,7 @@ class ExtendedModel:
         excitation: ExcitationPoint,
         response: ResponsePoint,
     ) -> FrequencyResponse:
-        """Return the response per unit excitation at rising frequencies [Hz]; at the table as in the family's paper.
-
-        Friction and hardening of the nut see an excitation that is flat over these. ``OutsideValidityError`` also if
-        the physics does not go with the conditions, or friction holds the table.
-        """
+        """Return the response at rising frequencies [Hz]; a force at the table finds the motor end as in the paper."""
         frequency = require_frequencies(frequency)
         motor_end = motor_end_of(excitation, otherwise=paper_motor_end(self.parameters))
         lines = prepare_lines([ResponseCase(frequency, conditions, excitation, response, motor_end)])
@@ -79,10 +76,7 @@ class ExtendedModel:
         return natural_frequencies(self.physics, [conditions], [end], self.highest_frequency)[0]
 
     def normal_modes(self, conditions: DriveConditions, motor_end: MotorEnd | None = None) -> NormalModes:
-        """Return the undamped modes for small signals, each with the damping ratio of its pole.
-
-        What no mode of the drive holds (friction, hardening, delay, mounting, another mode) must not have been added.
-        """
+        """Return the undamped modes for small signals; nothing of ``_NOT_IN_MODES`` must have been added."""
         excluded = [name for name in _NOT_IN_MODES if getattr(self.physics.added, name)]
         if excluded:
             raise OutsideValidityError(

@@ -59,12 +59,11 @@ def factor_to_si(unit: str, quantity: Quantity, where: str) -> float:
 
 
 def sensor_factor(raw_unit: str, sensitivity: float, sensitivity_unit: str, quantity: Quantity, where: str) -> float:
-    """Return what a raw value is multiplied with to be in SI.
+    """Return what a raw value is multiplied with to be in SI: the SI unit of the quantity per raw unit.
 
-    ``raw_unit``: v, mV, A, mA or count; ``sensitivity``: of the sensor, in ``sensitivity_unit``; ``sensitivity_unit``:
-    raw per quantity as on a sensor's sheet (``mV/g``, ``mV/(m/s2)``) or quantity per raw (``N.m/A``); ``quantity``:
-    what the channel measures; ``where``: file and place, for the message. Returned: SI unit of the quantity per raw
-    unit. ``RecordingFormatError`` if the sensitivity's unit does not connect the raw unit with the quantity.
+    The raw unit is V, mV, A, mA or count. The sensitivity is raw per quantity as on a sensor's sheet (``mV/g``,
+    ``mV/(m/s2)``) or quantity per raw (``N.m/A``); ``RecordingFormatError`` if its unit does not connect the raw unit
+    with the quantity. ``where`` names file and place for the message.
 
     Examples
     --------

@@ -116,10 +116,10 @@ _ENTRIES = {
 
 
 def read_channel_map(path: Path) -> ChannelMap:
-    """Read a channel map; the module's text shows every entry.
+    """Read a channel map from a TOML file; the module's text shows every entry.
 
-    ``path``: a TOML file. Returned: factors to SI and positions in metres. ``RecordingFormatError`` if it is no
-    TOML, lacks an entry, has one that is not known, or names a unit that does not fit the quantity.
+    Factors are to SI and positions in metres. ``RecordingFormatError`` if it is no TOML, lacks an entry, has one that
+    is not known, or names a unit that does not fit the quantity.
     """
     try:
         document = tomllib.loads(read_text(path))

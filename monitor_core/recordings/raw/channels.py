@@ -41,10 +41,7 @@ class Channels:
         return tuple(channel.name for channel in self.channels)
 
     def channel(self, name: str) -> Channel:
-        """Return the channel of a name.
-
-        ``RecordingFormatError`` if there is none; the sentence lists those that are there.
-        """
+        """Return the channel of a name; ``RecordingFormatError`` if there is none, listing those that are there."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

@@ -44,12 +44,11 @@ def read_channels(path: Path) -> Channels:
 
 
 def read_mapped(path: Path, channel_map: ChannelMap) -> Session:
-    """Read a TDMS, UFF58, MAT, NPZ or CSV file as a session.
+    """Read a TDMS, UFF58, MAT, NPZ or CSV file, told apart by the ending of the name, as a session in SI units.
 
-    ``path``: the raw file; its ending says which format it is; ``channel_map``: what the channels mean; see
-    :mod:`monitor_core.recordings.raw.channel_map`. Returned: in SI units. All windows belong to one measurement.
-    ``RecordingFormatError`` if file and map do not fit each other: a channel that is not there, a unit that
-    contradicts the file, lengths, rates or starts that differ, something stated twice or not at all.
+    The map says what the channels mean, see :mod:`monitor_core.recordings.raw.channel_map`; all windows belong to one
+    measurement. ``RecordingFormatError`` if file and map do not fit each other: a channel that is not there, a unit
+    that contradicts the file, lengths, rates or starts that differ, something stated twice or not at all.
     """
     channels = read_channels(path)
     sources = [channel_map.excitation, channel_map.response]

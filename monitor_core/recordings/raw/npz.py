@@ -12,11 +12,11 @@ from monitor_core.recordings.raw.channels import Channel, Channels, native_sampl
 
 
 def read_channels(path: Path) -> Channels:
-    """Read the arrays of an NPZ file; it states neither units nor a time base.
+    """Read the arrays of a file of ``numpy.savez``; it states neither units nor a time base.
 
-    ``path``: a file of ``numpy.savez``. Arrays of other than one or two dimensions, and of other than real numbers,
-    are no channels and are left out. Returned: one per array, one- or two-dimensional. ``RecordingFormatError`` if
-    the archive or an array in it is damaged, or if a header promises what the file does not hold.
+    There is one channel per array. Arrays of other than one or two dimensions, and of other than real numbers, are no
+    channels and are left out. ``RecordingFormatError`` if the archive or an array in it is damaged, or if a header
+    promises what the file does not hold.
     """
     channels = []
     with refusing(path.name, "a NumPy archive (.npz)"), zipfile.ZipFile(require_file(path)) as archive:

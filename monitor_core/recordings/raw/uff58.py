@@ -41,12 +41,11 @@ class _DataSet(_Header):
 
 
 def read_channels(path: Path) -> Channels:
-    """Read the time histories of a universal file.
+    """Read the time histories of a universal file; data sets of other kinds are left out.
 
-    ``path``: data sets of other kinds are left out. Returned: unit from the ordinate's label, sample rate from the
-    abscissa's increment. The date in the header has no zone, so there is no start. ``RecordingFormatError`` if the
-    file is damaged or cut off, holds no time history, or if a header promises other than what is there;
-    ``MissingReaderError`` if pyuff is not installed.
+    The unit comes from the ordinate's label, the sample rate from the abscissa's increment. The date in the header has
+    no zone, so there is no start. ``RecordingFormatError`` if the file is damaged or cut off, holds no time history, or
+    if a header promises other than what is there; ``MissingReaderError`` if pyuff is not installed.
     """
     try:
         import pyuff  # noqa: PLC0415
