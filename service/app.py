@@ -16,6 +16,7 @@ from service.api.http.observer import RequestObserver
 from service.api.http.openapi import describe
 from service.api.http.problems import PROBLEM_RESPONSES, install_problem_handlers
 from service.api.services import Services
+from service.blas_threads import compute_in_one_thread
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
 from service.operations.analysis_job import AnalysisJob
@@ -42,6 +43,7 @@ its trend and alarms out. SI units, every name carries its unit. Errors are RFC 
 
 def create_app(settings: Settings) -> FastAPI:
     """Return the application; nothing is opened before it starts."""
+    compute_in_one_thread()  # whoever serves it
     metrics = Metrics()
 
     @asynccontextmanager

@@ -6,9 +6,9 @@ from importlib.metadata import version
 
 import click
 from pydantic import ValidationError
-from threadpoolctl import threadpool_limits
 
 from monitor_core.errors import MonitorCoreError
+from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError
 
 #: What each command does. Each is in a module of its name, imported when it is asked for: most need neither web nor
@@ -59,8 +59,7 @@ def preload() -> None:
 
 def main() -> None:
     """Run the command line."""
-    # The matrices are small: several BLAS threads only wait for each other, tenfold slower on a busy machine.
-    threadpool_limits(limits=1)
+    compute_in_one_thread()  # before a command imports numpy
     try:
         sys.exit(preload.main(standalone_mode=False) or 0)
     except click.exceptions.NoArgsIsHelpError as error:
