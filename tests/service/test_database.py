@@ -83,7 +83,7 @@ def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> 
         assert inspect(connection).get_table_names() == ["alembic_version"]
     database.migrate()
     database.close()
-    with running_service(tmp_path / "var", database_url=database_url) as api:
+    with running_service(tmp_path / "anew", database_url=database_url) as api:
         assert api.http.get("/v1/axes").json() == {"axes": []}
         fill(api)
         assert len(api.trend("axis")) == 1
