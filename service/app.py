@@ -115,7 +115,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     waveforms = WaveformStore(settings.data_dir)
     lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
-    runner = JobRunner(database, work)
+    runner = JobRunner(database, work, settings.max_waiting_jobs)
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
     ingest = Ingest(database, waveforms, lanes, metrics, alarm_explanations.follow)
     replays = Replays(settings.replay_dir, ingest)

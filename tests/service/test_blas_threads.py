@@ -61,7 +61,7 @@ def pools_in_a_job() -> list[tuple[str, int]]:
         database.migrate()
         with database.write() as session:
             session.add(AxisRow(id="axis", name="axis", configuration={}, created_at=now(), detector_design={}))
-        runner = JobRunner(database, {"ask": work})
+        runner = JobRunner(database, {"ask": work}, 1)
         runner.submit("ask", "axis", {})
         while runner.list("axis", 1)[0].status in ("queued", "running"):
             time.sleep(0.02)
