@@ -33,7 +33,9 @@ REPEATS = 20
 def as_the_family_answers() -> np.ndarray:
     """Return all lines from Tian's model, condition after condition."""
     model = ReceptanceModel(PARAMETERS)
-    return np.concatenate([model.frequency_response(FREQUENCY, one, **POINTS).response for one in CONDITIONS])
+    return np.concatenate(
+        [model.frequency_response(FREQUENCY, conditions, **POINTS).response for conditions in CONDITIONS]
+    )
 
 
 def with_friction(physics: AxisPhysics) -> AxisPhysics:
@@ -44,7 +46,7 @@ def with_friction(physics: AxisPhysics) -> AxisPhysics:
 def measure() -> dict[str, float]:
     """Return the time of each variant in milliseconds: the median over rounds."""
     physics, rough = physics_of(PARAMETERS), with_friction(physics_of(PARAMETERS))
-    cases = [ResponseCase(FREQUENCY, one, *POINTS.values(), MotorEnd.PRESCRIBED) for one in CONDITIONS]
+    cases = [ResponseCase(FREQUENCY, conditions, *POINTS.values(), MotorEnd.PRESCRIBED) for conditions in CONDITIONS]
     lines, ends = prepare_lines(cases), [MotorEnd.PRESCRIBED] * len(cases)
     difference = np.max(np.abs(responses(physics, lines) / as_the_family_answers() - 1.0))
     print(f"extended drive against Tian's model: largest relative difference {difference:.1e}")

@@ -107,7 +107,7 @@ class Answered:
     @property
     def wrong(self) -> bool:
         """Whether a finding that is claimed holds no true effect."""
-        return self.claims and any(not one & self.true_keys for one in self.classes)
+        return self.claims and any(not keys & self.true_keys for keys in self.classes)
 
     @property
     def right(self) -> bool:
@@ -118,14 +118,14 @@ class Answered:
     def alone(self) -> bool:
         """Whether all that is true was named and nothing beside it."""
         named = self.outcome is Outcome.NAMED
-        return named and self.right and all(any(key in one for one in self.classes) for key in self.true_keys)
+        return named and self.right and all(any(key in keys for keys in self.classes) for key in self.true_keys)
 
     @property
     def advised(self) -> Job | None:
         """The same machine with the measurement that is to part what was not told apart; None where none is known."""
         if self.outcome is not Outcome.EQUIVALENT:
             return None
-        words = next((one for one in _ADVISED if one in self.advice), None)
+        words = next((phrase for phrase in _ADVISED if phrase in self.advice), None)
         return None if words is None else replace(self.job, design=f"{self.job.design} + {words}")
 
     @property
@@ -160,35 +160,38 @@ def answer(job: Job, first_seed: int) -> Answered:
     case = job.case(first_seed)
     file = parse_model(case.baseline, "description")
     subject = DescribedDrive(build_model(file.family, file.parameters).parameters, file.uncertain, file.effects)
-    folds = default_folds(one.conditions for one in case.table)
+    folds = default_folds(observation.conditions for observation in case.table)
     comparison = compare_modes(case.table, case.motor_end, held_out=folds)
     began = time.process_time()
     found = explain_comparison(comparison, subject, subject.candidates())
     true_keys = frozenset(key for key in case.truth if not key.startswith(OUTSIDE))
     same_as = [
-        [remark.rpartition(" ")[2] for remark in one.remarks if remark.startswith("the same")] for one in found.effects
+        [remark.rpartition(" ")[2] for remark in effect.remarks if remark.startswith("the same")]
+        for effect in found.effects
     ]
     return Answered(
         job,
         true_keys,
         found.outcome,
-        tuple(frozenset((one.key, *same, *one.equivalent_to))
-              for one, same in zip(found.effects, same_as, strict=True)),
-        tuple(one.key for one in found.effects),
+        tuple(frozenset((effect.key, *same, *effect.equivalent_to))
+              for effect, same in zip(found.effects, same_as, strict=True)),
+        tuple(effect.key for effect in found.effects),
         admits(found.candidates, case),
         found.next_measurement,
         (found.gap.before.fit / found.gap.noise_floor, found.gap.after.fit / found.gap.noise_floor),
-        tuple(one.delta_bic for one in found.effects),
+        tuple(effect.delta_bic for effect in found.effects),
         time.process_time() - began,
     )  # fmt: skip
 
 
 def admits(candidates: Sequence[Candidate], case: ModalCase) -> bool:
     """Tell whether an answer lists each true effect as untestable, or as too small to be seen."""
-    listed = {one.key: one for one in candidates}
+    listed = {candidate.key: candidate for candidate in candidates}
     for key, values in case.truth.items():
-        one = listed.get(key)
-        if one is None or (one.untestable_because is None and (one.detection_limit or 0.0) < size_of(key, values)):
+        found = listed.get(key)
+        if found is None or (
+            found.untestable_because is None and (found.detection_limit or 0.0) < size_of(key, values)
+        ):
             return False
     return True
 
@@ -200,47 +203,54 @@ def score_card(answers: Sequence[Answered], followed: Sequence[tuple[Answered, A
     """
     groups = ("alone", "in class", "none, admitted", "none, not admitted", "unknown", "wrong")
     lines = [
-        f"{len(answers)} modal tables, {sum(one.job.plant == 'transmission line' for one in answers)} of them of the "
-        "transmission-line plant.",
+        f"{len(answers)} modal tables, {sum(answered.job.plant == 'transmission line' for answered in answers)} of "
+        "them of the transmission-line plant.",
         "",
         "| cases | n | " + " | ".join(groups) + " |",
         "|---|---" + "|---" * len(groups) + "|",
     ]
-    singles = [one for one in answers if one.job.kind in (*_MOVING, *_MOVING_WITH_CONDITIONS)]
+    singles = [answered for answered in answers if answered.job.kind in (*_MOVING, *_MOVING_WITH_CONDITIONS)]
     rows: dict[str, list[Answered]] = {
-        f"{design}, {size}": [one for one in singles if one.job.design == design and one.job.size == size]
+        f"{design}, {size}": [
+            answered for answered in singles if answered.job.design == design and answered.job.size == size
+        ]
         for design in DESIGNS
         for size in ("small", "medium", "large")
     }
-    rows["moves no frequency, or adds one"] = [one for one in answers if one.job.kind in _BEYOND_FREQUENCIES]
-    rows["outside the catalogue"] = [one for one in answers if one.job.kind.startswith(OUTSIDE)]
-    rows["two effects"] = [one for one in answers if one.job.kind in _PAIRS]
-    rows["healthy"] = [one for one in answers if one.job.kind == "none"]
+    rows["moves no frequency, or adds one"] = [
+        answered for answered in answers if answered.job.kind in _BEYOND_FREQUENCIES
+    ]
+    rows["outside the catalogue"] = [answered for answered in answers if answered.job.kind.startswith(OUTSIDE)]
+    rows["two effects"] = [answered for answered in answers if answered.job.kind in _PAIRS]
+    rows["healthy"] = [answered for answered in answers if answered.job.kind == "none"]
     rows["all"] = list(answers)
     for name, of_row in rows.items():
         if of_row:
-            counts = [str(sum(one.said == group for one in of_row)) for group in groups]
+            counts = [str(sum(answered.said == group for answered in of_row)) for group in groups]
             lines.append(f"| {name} | {len(of_row)} | " + " | ".join(counts) + " |")
-    classes = [len(one) for item in answers if item.said == "in class" for one in item.classes if one & item.true_keys]
-    equivalent = [one for one in answers if one.outcome is Outcome.EQUIVALENT]
-    seconds = sorted(one.seconds for one in answers)
+    classes = [len(keys) for answered in answers if answered.said == "in class"
+               for keys in answered.classes if keys & answered.true_keys]  # fmt: skip
+    equivalent = [answered for answered in answers if answered.outcome is Outcome.EQUIVALENT]
+    seconds = sorted(answered.seconds for answered in answers)
     lines += [
         "",
         "| what | asked | measured |",
         "|---|---|---|",
-        row("a wrong name, all cases", "≤ 2 %", answers, lambda one: one.said == "wrong"),
-        row("healthy: none", "–", rows["healthy"], lambda one: one.outcome is Outcome.NONE),
-        row("a measurement that would decide beside *equivalent*", "all", equivalent, lambda one: bool(one.advice)),
+        row("a wrong name, all cases", "≤ 2 %", answers, lambda answered: answered.said == "wrong"),
+        row("healthy: none", "–", rows["healthy"], lambda answered: answered.outcome is Outcome.NONE),
+        row("a measurement that would decide beside *equivalent*", "all", equivalent,
+             lambda answered: bool(answered.advice)),
         f"| effects in a class that holds the truth: median, largest | – | {_ends(classes)} |",
         f"| after the measurement advised: alone, or fewer in the class | – | "
         f"{sum(fewer(*pair) for pair in followed)} of {len(followed)} |",
         row("after the measurement advised: a wrong name", "≤ 2 %", [after for _, after in followed],
-             lambda one: one.wrong),
+             lambda answered: answered.wrong),
         f"| seconds a case, one core: median, longest | – | {statistics.median(seconds):.1f}, {seconds[-1]:.1f} |",
         "",
         "What was wrong:",
         "",
-        *[_complaint(one) for one in (*answers, *(after for _, after in followed)) if one.said == "wrong"],
+        *[_complaint(answered) for answered in (*answers, *(after for _, after in followed))
+          if answered.said == "wrong"],
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
@@ -254,24 +264,25 @@ def _ends(sizes: Sequence[int]) -> str:
     return f"{statistics.median(sizes):g}, {max(sizes)}" if sizes else "–"
 
 
-def _complaint(one: Answered) -> str:
+def _complaint(answered: Answered) -> str:
     found = "; ".join(
         f"{leader} = {', '.join(sorted(of_class - {leader})) or 'nothing else'} (ΔBIC {evidence:.0f})"
-        for leader, of_class, evidence in zip(one.leaders, one.classes, one.evidence, strict=True)
+        for leader, of_class, evidence in zip(answered.leaders, answered.classes, answered.evidence, strict=True)
     )
-    job = one.job
+    job = answered.job
     return (
         f"- {job.number}: {job.kind}, {job.size}, {job.design}, {100 * job.uncertainty:g} %, {job.plant} → "
-        f"*{one.outcome}* {found}; gap {one.gap[0]:.2f} → {one.gap[1]:.2f} floors"
+        f"*{answered.outcome}* {found}; gap {answered.gap[0]:.2f} → {answered.gap[1]:.2f} floors"
     )
 
 
-def _as_json(one: Answered) -> str:
-    job = one.job
+def _as_json(answered: Answered) -> str:
+    job = answered.job
     return json.dumps({
-        "case": [job.number, job.kind, job.size, job.design, job.uncertainty, job.plant], "said": one.said,
-        "outcome": str(one.outcome), "leaders": one.leaders, "classes": [sorted(item) for item in one.classes],
-        "delta_bic": one.evidence, "gap": one.gap, "advice": one.advice, "seconds": one.seconds,
+        "case": [job.number, job.kind, job.size, job.design, job.uncertainty, job.plant], "said": answered.said,
+        "outcome": str(answered.outcome), "leaders": answered.leaders,
+        "classes": [sorted(keys) for keys in answered.classes],
+        "delta_bic": answered.evidence, "gap": answered.gap, "advice": answered.advice, "seconds": answered.seconds,
     })  # fmt: skip
 
 
@@ -285,16 +296,18 @@ def main() -> None:
     jobs = [job for job in composition() if zlib.crc32(b"%d" % job.number) % 1000 < 1000 * options.share]
     answers = []
     with ProcessPoolExecutor(options.workers) as pool:
-        for one in pool.map(answer, jobs, [options.first_seed] * len(jobs)):
-            answers.append(one)
-            print(f"{len(answers)} of {len(jobs)}: {one.job.kind} {one.job.size} {one.job.design} → {one.said}",
-                  flush=True)  # fmt: skip
+        for answered in pool.map(answer, jobs, [options.first_seed] * len(jobs)):
+            answers.append(answered)
+            job = answered.job
+            print(f"{len(answers)} of {len(jobs)}: {job.kind} {job.size} {job.design} → {answered.said}", flush=True)
             if options.out:
                 with options.out.open("a", encoding="utf-8") as file:
-                    file.write(_as_json(one) + "\n")
-        not_told_apart = [one for one in answers if one.advised is not None]
+                    file.write(_as_json(answered) + "\n")
+        not_told_apart = [answered for answered in answers if answered.advised is not None]
         after = list(
-            pool.map(answer, [one.advised for one in not_told_apart], [options.first_seed] * len(not_told_apart))
+            pool.map(
+                answer, [answered.advised for answered in not_told_apart], [options.first_seed] * len(not_told_apart)
+            )
         )
     print(score_card(answers, list(zip(not_told_apart, after, strict=True))))
 

@@ -40,8 +40,8 @@ def scipys(excitation, response):
     sxy = sxx = syy = 0.0
     frequency = np.empty(0)
     for x, y in zip(excitation, response, strict=True):
-        frequency, one = scipy.signal.csd(x, y, **settings)
-        sxy = sxy + one
+        frequency, cross_spectrum = scipy.signal.csd(x, y, **settings)
+        sxy = sxy + cross_spectrum
         sxx = sxx + scipy.signal.welch(x, **settings)[1]
         syy = syy + scipy.signal.welch(y, **settings)[1]
     band = (frequency >= BAND[0]) & (frequency <= BAND[1])

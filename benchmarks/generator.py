@@ -50,8 +50,8 @@ def measure(rounds: int = ROUNDS) -> dict[str, float]:
         model, conditions = axis(path)
         cases[f"{path.stem}, 20 conditions, 4096 Hz"] = (model, conditions, SETTINGS)
         cases[f"{path.stem}, 20 conditions, 8192 Hz"] = (model, conditions, replace(SETTINGS, sample_rate=8192.0))
-        one = replace(SETTINGS, windows_per_measurement=N_WINDOWS)
-        cases[f"{path.stem}, 1 condition, 4096 Hz"] = (model, conditions[:1], one)
+        many_windows = replace(SETTINGS, windows_per_measurement=N_WINDOWS)
+        cases[f"{path.stem}, 1 condition, 4096 Hz"] = (model, conditions[:1], many_windows)
     elapsed: dict[str, list[float]] = {name: [] for name in cases}
     for _ in range(rounds):
         for name, case in cases.items():

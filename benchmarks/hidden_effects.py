@@ -78,7 +78,7 @@ def given(name: str, folder: Path, form: ModelFormError) -> tuple[ResponsesCompa
     observations = read_frf_set(folder / "given" / f"{name}.frf.h5").observations
     file = parse_model((folder / "given" / f"{name}.toml").read_text(encoding="utf-8"), name)
     model = build_model(file.family, file.parameters)
-    folds = default_folds(one.conditions for one in observations)
+    folds = default_folds(observation.conditions for observation in observations)
     comparison = compare_responses(observations, held_out=folds, form=form)
     return comparison, DescribedDrive(model.parameters, dict(file.uncertain), dict(file.effects))
 
@@ -107,17 +107,19 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
         "outcome": str(found.outcome),
         "effects": [
             {
-                "key": one.key,
-                "equivalent_to": list(one.equivalent_to),
-                "same_as": [remark.rpartition(" ")[2] for remark in one.remarks if remark.startswith("the same")],
-                "plausible": one.plausible,
-                "delta_bic": one.delta_bic,
-                "parameters": {key: [item.estimate.value, *item.interval_95] for key, item in one.parameters.items()},
+                "key": effect.key,
+                "equivalent_to": list(effect.equivalent_to),
+                "same_as": [remark.rpartition(" ")[2] for remark in effect.remarks if remark.startswith("the same")],
+                "plausible": effect.plausible,
+                "delta_bic": effect.delta_bic,
+                "parameters": {
+                    key: [item.estimate.value, *item.interval_95] for key, item in effect.parameters.items()
+                },
             }
-            for one in found.effects
+            for effect in found.effects
         ],
         "gap": asdict(found.gap),
-        "detection_limits": {one.key: one.detection_limit for one in found.candidates},
+        "detection_limits": {candidate.key: candidate.detection_limit for candidate in found.candidates},
         "pulls": dict(found.pulls),
     }
 
@@ -125,7 +127,7 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
 def detectability(name: str, truth: dict[str, dict[str, float]], folder: Path, form: ModelFormError) -> float:
     """Return d' of the weakest true effect: the root of the evidence that it brings when all else is refitted."""
     comparison, subject = given(name, folder, form)
-    by_key = {one.key: one for one in subject.candidates() if one.applies(subject.physics({}))}
+    by_key = {candidate.key: candidate for candidate in subject.candidates() if candidate.applies(subject.physics({}))}
     effects = tuple(by_key[key] for key in truth)
     chosen = fitted_values(comparison.layout)
     plain, hypothesis = Hypothesis(subject), Hypothesis(subject, effects)
@@ -133,14 +135,14 @@ def detectability(name: str, truth: dict[str, dict[str, float]], folder: Path, f
     fits = []
     for uncertain in (plain.null, baseline.coordinates):
         start = hypothesis.carried_over(plain, uncertain)
-        for index, (effect, one) in enumerate(hypothesis.unknowns):
-            value = truth[effect.key].get(one.name, one.null)
-            start[hypothesis.n_uncertain + index] = (value - one.null) / one.scale
+        for index, (effect, parameter) in enumerate(hypothesis.unknowns):
+            value = truth[effect.key].get(parameter.name, parameter.null)
+            start[hypothesis.n_uncertain + index] = (value - parameter.null) / parameter.scale
         try:
             fits.append(fit(comparison, hypothesis, start, chosen))
         except OutsideValidityError:
             continue
-    fitted = min(fits, key=lambda one: one.cost)
+    fitted = min(fits, key=lambda attempt: attempt.cost)
     factor = evidence_scale(fitted).factor
     weakest = math.inf
     for effect in effects:
@@ -190,7 +192,7 @@ def main() -> None:
         for found in pool.map(answer, [job.name for job in jobs], [folder] * len(jobs), [form] * len(jobs)):
             answers.append(found)
             print(f"{len(answers)} of {len(jobs)} answered: {found['name']} {found['outcome']}", flush=True)
-        truths = [json.loads(one)["truth"] for one in sealed]
+        truths = [json.loads(text)["truth"] for text in sealed]
         known = [
             (job, truth) for job, truth in zip(jobs, truths, strict=True)
             if job.family == "receptance" and truth and not job.kind.startswith(OUTSIDE)

@@ -73,8 +73,9 @@ def from_published_peaks() -> None:
     read_on_lines(best)
     start = time.process_time()
     judged = assess(published(*all_three), BOUNDS, best)
-    for one in judged.coordinates:
-        print(f"  {one.name:22s} {10**one.value:9.3g}  × or ÷ {10**one.standard_uncertainty:8.3g}  {one.verdict.value}")
+    for coordinate in judged.coordinates:
+        factor = 10**coordinate.standard_uncertainty
+        print(f"  {coordinate.name:22s} {10**coordinate.value:9.3g}  × or ÷ {factor:8.3g}  {coordinate.verdict.value}")
     for pair in judged.pairs:
         print(f"  not told apart: {pair.first} and {pair.second}, correlation {pair.correlation:.3f}")
     print("  unseen:", "; ".join(direction.describe() for direction in judged.unseen), end="")
@@ -173,8 +174,8 @@ def peak_error(observations: tuple) -> np.ndarray:
         for mode, near in enumerate(frequencies, start=1):
             frequency, amplitude = simulated.picked_peak(observation, near)
             conditions = DriveConditions(observation.conditions.position)
-            one = ModalObservation(conditions, frequency, 0.002 * frequency, amplitude, 0.05 * amplitude)
-            peaks.append(AssignedPeak(one, mode))
+            peak = ModalObservation(conditions, frequency, 0.002 * frequency, amplitude, 0.05 * amplitude)
+            peaks.append(AssignedPeak(peak, mode))
     fit = fit_local(peak_problem(JOINTS, peaks, bands=tian.BANDS), wide(4.0), TRUTH)
     return (fit.coordinates.values - TRUTH) * np.log(10) * 100
 
@@ -213,14 +214,14 @@ def same_optimum(problem: object, searched: object, bounds: Bounds, start: np.nd
 
 
 def speed() -> None:
-    problem = published("l1", "l3", "l5")
-    response = response_problem(
+    of_peaks = published("l1", "l3", "l5")
+    of_responses = response_problem(
         JOINTS, simulated.noisy({x: np.ones(850) for x in simulated.MESHES}, np.random.default_rng(0))
     )
-    for name, one in (("peaks", problem), ("responses", response)):
+    for name, problem in (("peaks", of_peaks), ("responses", of_responses)):
         print(
-            f"{name}: {per_second(lambda one=one: one.residuals(TRUTH)):.0f} objectives/s, "
-            f"{per_second(lambda one=one: one.jacobian(TRUTH)):.0f} Jacobians/s"
+            f"{name}: {per_second(lambda problem=problem: problem.residuals(TRUTH)):.0f} objectives/s, "
+            f"{per_second(lambda problem=problem: problem.jacobian(TRUTH)):.0f} Jacobians/s"
         )
 
 

@@ -249,7 +249,7 @@ def highest_ratio(turns: int) -> list[tuple[float, float, float]]:
     with running(*LEAST_SERVICE) as service:
         for turn in range(turns):
             measurements = [renamed(samples[0], turn * IN_A_ROW + number) for number in range(IN_A_ROW)]
-            requests = [one for windows in measurements for one in one_by_one.requests("axis", windows)]
+            requests = [request for windows in measurements for request in one_by_one.requests("axis", windows)]
             of_core = 1e3 / core_rate(measurements, configuration, in_force)
             started = time.perf_counter()
             for request in requests:

@@ -70,7 +70,9 @@ def tian() -> Iterator[Case]:
 def sun() -> Iterator[Case]:
     """Yield frequency and damping ratio of the first order against Table 1 without loss factor."""
     model = bundled("hybrid")
-    lossless = replace(model, parameters={name: one for name, one in model.parameters.items() if name != "loss_factor"})
+    lossless = replace(
+        model, parameters={name: value for name, value in model.parameters.items() if name != "loss_factor"}
+    )
     yield Case("Sun, no loss factor, Table 1 taken as exact", lossless, SUN)
     joints = dict.fromkeys(("bearing_stiffness_n_per_m", "nut_stiffness_n_per_m"), TOLERANCE)
     yield Case("Sun, no loss factor, joints known to 30 %", replace(lossless, uncertain=joints), SUN)
@@ -93,7 +95,9 @@ def table(name: str) -> tuple[ModalObservation, ...]:
 
 def row(case: Case, found: Explanation) -> str:
     """Return one row of the table at the end."""
-    effects = " + ".join(" ≡ ".join((one.key, *one.equivalent_to)) + _values(one.parameters) for one in found.effects)
+    effects = " + ".join(
+        " ≡ ".join((effect.key, *effect.equivalent_to)) + _values(effect.parameters) for effect in found.effects
+    )
     gaps = [_pair(found.gap.before), *(_pair(step.gap) for step in found.steps)]
     cells = (case.title, found.outcome, effects or "–", f"{' → '.join(gaps)} {found.gap.unit}")
     return f"| {' | '.join(cells)} |"
@@ -101,9 +105,9 @@ def row(case: Case, found: Explanation) -> str:
 
 def _values(parameters: Mapping) -> str:
     return "".join(
-        f" ({one.estimate.value:.3g} ± {one.estimate.standard_uncertainty:.2g} {one.unit}"
-        f"{'' if one.plausible else ', a stand-in'})"
-        for one in parameters.values()
+        f" ({parameter.estimate.value:.3g} ± {parameter.estimate.standard_uncertainty:.2g} {parameter.unit}"
+        f"{'' if parameter.plausible else ', a stand-in'})"
+        for parameter in parameters.values()
     )
 
 

@@ -105,9 +105,9 @@ def main() -> None:
     ):
         print(f"closed form against {name}: largest relative difference {np.max(np.abs(closed / other - 1.0)):.1e}")
     times = measure()
-    one = times["closed form"]
+    of_closed_form = times["closed form"]
     for name, milliseconds in times.items():
-        print(f"{name:36s} {milliseconds:9.3f} ms   {milliseconds / one:8.1f} x closed form")
+        print(f"{name:36s} {milliseconds:9.3f} ms   {milliseconds / of_closed_form:8.1f} x closed form")
 
 
 if __name__ == "__main__":

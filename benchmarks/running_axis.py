@@ -38,27 +38,27 @@ def true_size(truth: str, happened: Happened) -> float:
 def report(found: Sequence[Trial]) -> None:
     """Print what was said of each truth, how sure, and how well its size is known."""
     print("truth        right  confidence: mean, least   gap before → after  size: error, rms, in 95 %   seconds  said")
-    for truth in dict.fromkeys(one.truth for one in found):
-        of_truth = [one for one in found if one.truth == truth]
-        answers = [one.explanation for one in of_truth]
-        said = Counter(_said(one) for one in of_truth)
-        confidence = [one.confidence for one in answers]
-        before, after = np.median([(one.gap_before, one.gap_after) for one in answers], axis=0)
+    for truth in dict.fromkeys(trial.truth for trial in found):
+        of_truth = [trial for trial in found if trial.truth == truth]
+        answers = [trial.explanation for trial in of_truth]
+        said = Counter(_said(trial) for trial in of_truth)
+        confidence = [answer.confidence for answer in answers]
+        before, after = np.median([(answer.gap_before, answer.gap_after) for answer in answers], axis=0)
         print(
-            f"{truth:12s} {sum(one.right for one in of_truth):2d}/{len(of_truth):2d}  "
+            f"{truth:12s} {sum(trial.right for trial in of_truth):2d}/{len(of_truth):2d}  "
             f"{np.mean(confidence):16.3f}, {min(confidence):.3f}   {before:6.2f} → {after:4.2f}       "
-            f"{size_errors(truth, of_truth):26s} {np.median([one.seconds for one in of_truth]):8.1f}  "
+            f"{size_errors(truth, of_truth):26s} {np.median([trial.seconds for trial in of_truth]):8.1f}  "
             + ", ".join(f"{count} {words}" for words, count in said.items())
         )
-    values = np.median([one.n_values for one in found])
+    values = np.median([trial.n_values for trial in found])
     print(f"{values:.0f} values compared (median), so many degrees of freedom less one for the size of the change")
     calibration(found)
 
 
 def calibration(found: Sequence[Trial]) -> None:
     """Print how often answers of some confidence have the right cause."""
-    confidence = np.array([one.explanation.confidence for one in found])
-    right = np.array([one.explanation.cause == _expected(one.truth) for one in found])
+    confidence = np.array([trial.explanation.confidence for trial in found])
+    right = np.array([trial.explanation.cause == _expected(trial.truth) for trial in found])
     for low, high in ((0.0, 0.9), (0.9, 0.99), (0.99, 1.001)):
         chosen = (confidence >= low) & (confidence < high)
         if np.any(chosen):
@@ -70,8 +70,8 @@ def calibration(found: Sequence[Trial]) -> None:
 
 def size_errors(truth: str, found: Sequence[Trial]) -> str:
     """Return mean and rms of the relative error of the size, and how often its interval covers the truth."""
-    first = [(one, one.explanation.changes[0].size) for one in found if one.right and truth not in OUTSIDE]
-    sizes = [(true_size(truth, one.happened), size) for one, size in first if size is not None]
+    first = [(trial, trial.explanation.changes[0].size) for trial in found if trial.right and truth not in OUTSIDE]
+    sizes = [(true_size(truth, trial.happened), size) for trial, size in first if size is not None]
     if not sizes:
         return ""
     errors = np.array([size.value / true - 1.0 for true, size in sizes])
@@ -93,11 +93,11 @@ def main(n_machines: int = 20, first: int = _FIRST_SCORED, *, few: bool = False)
     positions, days = (_FEW, (2, 1)) if few else (POSITIONS, (3, 3))
     found = []
     for number in range(first, first + n_machines):
-        for one in trials(number, HAPPENINGS | OUTSIDE, positions=positions, days=days):
-            found.append(one)
-            if not one.right:
-                answer = one.explanation
-                print(f"machine {number}, {one.truth}: {answer.outcome}: {answer.sentence}", flush=True)
+        for trial in trials(number, HAPPENINGS | OUTSIDE, positions=positions, days=days):
+            found.append(trial)
+            if not trial.right:
+                answer = trial.explanation
+                print(f"machine {number}, {trial.truth}: {answer.outcome}: {answer.sentence}", flush=True)
     report(found)
 
 

@@ -53,7 +53,7 @@ class Scored:
     @property
     def classes(self) -> list[set[str]]:
         """What each finding may be: its key, what says the same, and what cannot be told from it."""
-        return [{one["key"], *one["same_as"], *one["equivalent_to"]} for one in self.answer["effects"]]
+        return [{effect["key"], *effect["same_as"], *effect["equivalent_to"]} for effect in self.answer["effects"]]
 
     @property
     def claims(self) -> bool:
@@ -63,20 +63,20 @@ class Scored:
     @property
     def right(self) -> bool:
         """Whether each finding may be a true effect, and each true effect is in a finding of at most two."""
-        of_two = [one for one, given in zip(self.classes, self.answer["effects"], strict=True)
+        of_two = [keys for keys, given in zip(self.classes, self.answer["effects"], strict=True)
                   if len(given["equivalent_to"]) <= 1]  # fmt: skip
-        covered = all(any(key in one for one in of_two) for key in self.true_keys)
-        return self.claims and covered and all(one & self.true_keys for one in self.classes)
+        covered = all(any(key in keys for keys in of_two) for key in self.true_keys)
+        return self.claims and covered and all(keys & self.true_keys for keys in self.classes)
 
     @property
     def alone(self) -> bool:
         """Whether the truth was found and nothing stands beside it."""
-        return self.right and all(not one["equivalent_to"] for one in self.answer["effects"])
+        return self.right and all(not effect["equivalent_to"] for effect in self.answer["effects"])
 
     @property
     def wrong(self) -> bool:
         """Whether a finding that is claimed holds no true effect."""
-        return self.claims and any(not one & self.true_keys for one in self.classes)
+        return self.claims and any(not keys & self.true_keys for keys in self.classes)
 
     @property
     def held_out_ratio(self) -> float:
@@ -86,49 +86,49 @@ class Scored:
 
 def score_card(scored: Sequence[Scored], digest: str) -> str:
     """Return the score card as Markdown."""
-    singles = [one for one in scored if len(one.true_keys) == 1 and one.job.family == "receptance"]
-    pairs = [one for one in scored if len(one.true_keys) == 2 and one.job.family == "receptance"]
-    healthy = [one for one in scored if one.job.kind == "none" and one.job.family == "receptance"]
-    outside = [one for one in scored if one.job.kind.startswith(OUTSIDE)]
-    crude = [one for one in scored if one.job.family == "lumped"]
+    singles = [case for case in scored if len(case.true_keys) == 1 and case.job.family == "receptance"]
+    pairs = [case for case in scored if len(case.true_keys) == 2 and case.job.family == "receptance"]
+    healthy = [case for case in scored if case.job.kind == "none" and case.job.family == "receptance"]
+    outside = [case for case in scored if case.job.kind.startswith(OUTSIDE)]
+    crude = [case for case in scored if case.job.family == "lumped"]
     floors = {
-        noise: statistics.median(one.held_out_ratio for one in healthy if one.job.noise == noise) for noise in NOISES
+        noise: statistics.median(case.held_out_ratio for case in healthy if case.job.noise == noise) for noise in NOISES
     }
-    clear = [one for one in singles if one.d_prime >= 12.0]
-    faint = [one for one in singles if one.d_prime < 3.0]
-    ratios = sorted(one.held_out_ratio / floors[one.job.noise] for one in singles + pairs if one.right)
-    of_healthy = [one.held_out_ratio / one.answer["gap"]["noise_floor"] for one in healthy]
-    seconds = [one.answer["seconds"] for one in scored]
+    clear = [case for case in singles if case.d_prime >= 12.0]
+    faint = [case for case in singles if case.d_prime < 3.0]
+    ratios = sorted(case.held_out_ratio / floors[case.job.noise] for case in singles + pairs if case.right)
+    of_healthy = [case.held_out_ratio / case.answer["gap"]["noise_floor"] for case in healthy]
+    seconds = [case.answer["seconds"] for case in scored]
     lines = [
-        f"{len(scored)} cases, {sum(one.job.plant == 'transmission line' for one in scored)} of them of the "
+        f"{len(scored)} cases, {sum(case.job.plant == 'transmission line' for case in scored)} of them of the "
         f"transmission-line plant; SHA-256 of the sealed truth `{digest}`.",
         "",
         "| what | asked | measured |",
         "|---|---|---|",
-        row("d' ≥ 12: truth named, or in a class of at most two", "≥ 97 %", clear, lambda one: one.right),
+        row("d' ≥ 12: truth named, or in a class of at most two", "≥ 97 %", clear, lambda case: case.right),
         row("large effects (d' ≥ 12) named alone", "≥ 85 %",
-             [one for one in clear if one.job.size == "large"], lambda one: one.alone),
+             [case for case in clear if case.job.size == "large"], lambda case: case.alone),
         row("a wrong name, all but the crude ones", "≤ 0.5 %",
-             [one for one in scored if one.job.family == "receptance"], lambda one: one.wrong),
-        row("d' < 3: none", "all", faint, lambda one: one.answer["outcome"] == "none"),
+             [case for case in scored if case.job.family == "receptance"], lambda case: case.wrong),
+        row("d' < 3: none", "all", faint, lambda case: case.answer["outcome"] == "none"),
         row("d' < 3: none, and the truth is below the limit stated, or said not to be testable", "all", faint,
              _is_below_limit),
-        row("healthy: none", "≥ 99 %", healthy, lambda one: one.answer["outcome"] == "none"),
+        row("healthy: none", "≥ 99 %", healthy, lambda case: case.answer["outcome"] == "none"),
         row("outside the catalogue: named", "0", outside,
-             lambda one: one.answer["outcome"] in ("named", "equivalent")),
+             lambda case: case.answer["outcome"] in ("named", "equivalent")),
         row("outside, gap ≥ 2 × floor: unknown", "all",
-             [one for one in outside if one.answer["gap"]["before"]["held_out"] >= 2.0 * floors[one.job.noise]],
-             lambda one: one.answer["outcome"] == "unknown"),
-        row("outside, all: unknown", "≥ 80 %", outside, lambda one: one.answer["outcome"] == "unknown"),
+             [case for case in outside if case.answer["gap"]["before"]["held_out"] >= 2.0 * floors[case.job.noise]],
+             lambda case: case.answer["outcome"] == "unknown"),
+        row("outside, all: unknown", "≥ 80 %", outside, lambda case: case.answer["outcome"] == "unknown"),
         row("two large effects: both right and alone", "≥ 85 %",
-             [one for one in pairs if one.job.size == "large"], lambda one: one.alone),
+             [case for case in pairs if case.job.size == "large"], lambda case: case.alone),
         row("two medium effects: both right and alone", "≥ 60 %",
-             [one for one in pairs if one.job.size == "medium"], lambda one: one.alone),
+             [case for case in pairs if case.job.size == "medium"], lambda case: case.alone),
         row("two effects, d' of the weaker ≥ 12: both right", "–",
-             [one for one in pairs if one.d_prime >= 12.0], lambda one: one.right),
-        row("two effects: a wrong one, not flagged", "0", pairs, lambda one: one.wrong),
+             [case for case in pairs if case.d_prime >= 12.0], lambda case: case.right),
+        row("two effects: a wrong one, not flagged", "0", pairs, lambda case: case.wrong),
         row("crude baseline: ≤ 1.1 × the floor of its data", "all", crude,
-             lambda one: one.held_out_ratio <= 1.1 * one.answer["gap"]["noise_floor"]),
+             lambda case: case.held_out_ratio <= 1.1 * case.answer["gap"]["noise_floor"]),
         f"| held-out gap of healthy cases over the floor of their data: median, largest | 1 | "
         f"{statistics.median(of_healthy):.3f}, {max(of_healthy):.3f} |",
         f"| held-out gap after naming over the floor, median | ≤ 1.05 | {_quantile(ratios, 0.5):.3f} |",
@@ -143,45 +143,50 @@ def score_card(scored: Sequence[Scored], digest: str) -> str:
         "",
         "What was not right:",
         "",
-        *[_complaint(one) for one in scored if _is_complaint(one)],
+        *[_complaint(case) for case in scored if _is_complaint(case)],
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
-def _is_below_limit(one: Scored) -> bool:
+def _is_below_limit(case: Scored) -> bool:
     """Tell whether the answer is none and says that the true effect would not have been seen."""
-    ((key, values),) = one.truth.items()
-    limit = one.answer["detection_limits"].get(key)
-    return one.answer["outcome"] == "none" and (limit is None or limit > size_of(key, values))
+    ((key, values),) = case.truth.items()
+    limit = case.answer["detection_limits"].get(key)
+    return case.answer["outcome"] == "none" and (limit is None or limit > size_of(key, values))
 
 
 def size_of(key: str, values: dict[str, float]) -> float:
     """Return how large an effect is; one with two components, their norm."""
     first, *others = _PARAMETERS.get(key, (_LN_RATIO,))
-    components = [first, *(one for one in others if is_size(one) and one.unit == first.unit)]
-    return math.hypot(*(values.get(one.name, one.null) for one in components))
+    components = [first, *(parameter for parameter in others if is_size(parameter) and parameter.unit == first.unit)]
+    return math.hypot(*(values.get(parameter.name, parameter.null) for parameter in components))
 
 
 def row(what: str, asked: str, among: Sequence[Case], test: Callable[[Case], bool]) -> str:
     """Return the line of a table: of how many cases something holds."""
-    n = sum(1 for one in among if test(one))
+    n = sum(1 for case in among if test(case))
     share = f"{100.0 * n / len(among):.1f} %" if among else "–"
     return f"| {what} | {asked} | {n} of {len(among)} ({share}) |"
 
 
 def _parameter_rows(singles: Iterable[Scored]) -> list[str]:
     errors, covered, friction = [], [], []
-    for one, key, truth, found in _named_alone(singles):
+    for case, key, truth, found in _named_alone(singles):
         name, (_, low, high) = next(iter(found["parameters"].items()))
         covered.append(low <= truth[name] <= high)
-        if one.d_prime >= 30.0:
+        if case.d_prime >= 30.0:
             sizes = {of_effect: estimate for of_effect, (estimate, _, _) in found["parameters"].items()}
             error = abs(size_of(key, sizes) / size_of(key, truth) - 1.0)
             (friction if key == "guide-friction" else errors).append(error)
     share = 100.0 * sum(covered) / max(len(covered), 1)
     return [
         f"| 95 % intervals of the parameter that cover | ≥ 90 % | {sum(covered)} of {len(covered)} ({share:.1f} %) |",
-        row("error of the parameter at d' ≥ 30, but for friction: at most 10 %", "all", errors, lambda one: one <= 0.1),
+        row(
+            "error of the parameter at d' ≥ 30, but for friction: at most 10 %",
+            "all",
+            errors,
+            lambda relative_error: relative_error <= 0.1,
+        ),
         f"| the same: median, 90 %, largest | – | {_percent(errors)} |",
         f"| of friction: median, 90 %, largest | ≤ 30 % | {_percent(friction)} |",
     ]
@@ -205,10 +210,10 @@ def _named_alone(
     singles: Iterable[Scored],
 ) -> Iterator[tuple[Scored, str, dict[str, float], dict[str, Any]]]:
     """Yield the cases whose true effect is the only answer, with its key, its true values and what was found."""
-    for one in singles:
-        (key, truth), effects = next(iter(one.truth.items())), one.answer["effects"]
-        if one.alone and effects[0]["key"] == key:
-            yield one, key, truth, effects[0]
+    for case in singles:
+        (key, truth), effects = next(iter(case.truth.items())), case.answer["effects"]
+        if case.alone and effects[0]["key"] == key:
+            yield case, key, truth, effects[0]
 
 
 def _percent(errors: list[float]) -> str:
@@ -222,22 +227,22 @@ def _quantile(ranked: Sequence[float], share: float) -> float:
     return float(np.quantile(ranked, share)) if len(ranked) else math.nan
 
 
-def _is_complaint(one: Scored) -> bool:
-    if one.job.kind.startswith(OUTSIDE):
-        return one.answer["outcome"] != "unknown"
-    if one.job.kind == "none":
-        return one.answer["outcome"] != "none" and one.job.family == "receptance"
-    return one.wrong or (one.d_prime >= 12.0 and not one.right)
+def _is_complaint(case: Scored) -> bool:
+    if case.job.kind.startswith(OUTSIDE):
+        return case.answer["outcome"] != "unknown"
+    if case.job.kind == "none":
+        return case.answer["outcome"] != "none" and case.job.family == "receptance"
+    return case.wrong or (case.d_prime >= 12.0 and not case.right)
 
 
-def _complaint(one: Scored) -> str:
+def _complaint(case: Scored) -> str:
     found = "; ".join(
         " = ".join([effect["key"], *effect["equivalent_to"]]) + f" (ΔBIC {effect['delta_bic']:.0f})"
-        for effect in one.answer["effects"]
+        for effect in case.answer["effects"]
     )
-    gap = one.answer["gap"]
+    gap = case.answer["gap"]
     return (
-        f"- {one.job.name}: {one.job.kind}, {one.job.size}, noise {one.job.noise:g}, {one.job.plant}, d' "
-        f"{one.d_prime:.1f} → *{one.answer['outcome']}* {found}; held-out gap {gap['before']['held_out']:.2f} → "
+        f"- {case.job.name}: {case.job.kind}, {case.job.size}, noise {case.job.noise:g}, {case.job.plant}, d' "
+        f"{case.d_prime:.1f} → *{case.answer['outcome']}* {found}; held-out gap {gap['before']['held_out']:.2f} → "
         f"{gap['after']['held_out']:.2f}"
     )

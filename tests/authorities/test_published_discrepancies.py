@@ -29,14 +29,14 @@ COUPLING = f"{PREFIX}coupling_stiffness_nm_per_rad"
 
 
 def compared(subject, observations):
-    folds = default_folds(one.conditions for one in observations)
+    folds = default_folds(observation.conditions for observation in observations)
     return compare_modes(observations, paper_motor_end(subject.stated), held_out=folds)
 
 
 def among(subject, *keys):
     """Return the candidates of these keys that the axis can have."""
     physics = subject.physics({})
-    return [one for one in subject.candidates() if one.key in keys and one.applies(physics)]
+    return [candidate for candidate in subject.candidates() if candidate.key in keys and candidate.applies(physics)]
 
 
 def refitted(subject, observations, *keys, start=()):
@@ -45,7 +45,7 @@ def refitted(subject, observations, *keys, start=()):
     hypothesis = Hypothesis(subject, tuple(among(subject, *keys)))
     at = hypothesis.null
     at[hypothesis.n_uncertain :] = [
-        value / one.scale for value, (_, one) in zip(start, hypothesis.unknowns, strict=True)
+        value / parameter.scale for value, (_, parameter) in zip(start, hypothesis.unknowns, strict=True)
     ]
     return comparison, fit(comparison, hypothesis, at)
 
@@ -128,7 +128,7 @@ def test_frequencies_alone_do_not_part_a_soft_rotor_from_a_spring_between_table_
     soft = DescribedDrive(per_degree, JOINTS | {COUPLING.removeprefix(PREFIX): 0.3}, {})
     comparison, with_soft_rotor = refitted(soft, MEASURED, COUPLING, start=(-1.5,))
     _, with_spring = refitted(soft, MEASURED, "guide-stiffness", start=(1e7,))
-    gaps = [gap_of(comparison, one) for one in (with_soft_rotor, with_spring)]
+    gaps = [gap_of(comparison, fitted) for fitted in (with_soft_rotor, with_spring)]
     assert max(gaps) < 1.6
     # neither is preferred by what evidence must at least amount to
     assert abs(with_soft_rotor.cost - with_spring.cost) < 6.0
@@ -170,7 +170,7 @@ def test_the_loss_factor_is_named_and_the_tolerances_take_up_the_frequency() -> 
     low, high = effect.parameters["loss_factor"].interval_95
     assert low < 0.053 < high
     assert answer.gap.unit == "sigma"
-    assert [one.title for one in answer.panels] == ["mode 1", "mode 1, damping ratio"]
+    assert [panel.title for panel in answer.panels] == ["mode 1", "mode 1, damping ratio"]
     assert answer.pulls["bearing_stiffness_n_per_m"] < -0.5
 
 
@@ -184,12 +184,12 @@ def test_table_1_as_printed_has_a_wrong_bracket_stiffness(published_data) -> Non
     table = [row.observation for row in read_modal_table(published_data / "nguyen_table2.csv")]
     bracket = f"{PREFIX}bracket_stiffness_n_per_m"
     rivals = among(printed, bracket, "far-bearing-stiffness", "added-mass", "preload-exponent")
-    unseen = frozenset(one.conditions for one in table if one.conditions.preload == 150.0)
+    unseen = frozenset(observation.conditions for observation in table if observation.conditions.preload == 150.0)
     answer = explain_comparison(compare_modes(table, MotorEnd.CLAMPED, held_out=[unseen]), printed, rivals)
-    assert [one.key for one in answer.effects] == [bracket, "far-bearing-stiffness"]
+    assert [effect.key for effect in answer.effects] == [bracket, "far-bearing-stiffness"]
     assert answer.outcome is Outcome.PARTIAL
     assert answer.gap.before.fit == pytest.approx(63.3, abs=0.1)
     for kind in ("fit", "held_out"):
-        assert [getattr(one.gap, kind) for one in answer.steps] == pytest.approx([7.27, 3.70], abs=0.1)
+        assert [getattr(step.gap, kind) for step in answer.steps] == pytest.approx([7.27, 3.70], abs=0.1)
     assert "measure at 5 positions or more" in answer.next_measurement
     assert "known added mass" in answer.next_measurement

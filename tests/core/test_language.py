@@ -9,7 +9,12 @@ import pytest
 
 from tests.conftest import PROJECT_ROOT
 
-SOURCES = sorted(path for package in ("monitor_core", "service") for path in (PROJECT_ROOT / package).rglob("*.py"))
+
+def sources(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (PROJECT_ROOT / folder).rglob("*.py"))
+
+
+SOURCES = sources("monitor_core", "service")
 #: Turns of phrase that a reader stumbles over, each with the plain words to write.
 WORDS = {
     r"\b(tell|tells|told) (\w+ )?apart\b": "distinguish",
@@ -54,10 +59,23 @@ def test_messages_and_module_docstrings_are_in_plain_words(path: Path) -> None:
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PROJECT_ROOT)))
 def test_a_variable_is_called_by_what_it_is(path: Path) -> None:
+    assert not lines_of_one(path)
+
+
+def test_variables_of_tests_and_benchmarks_are_called_by_what_they_are() -> None:
+    assert not [
+        f"{path.relative_to(PROJECT_ROOT)}:{line}"
+        for path in sources("tests", "benchmarks")
+        for line in lines_of_one(path)
+    ]
+
+
+def lines_of_one(path: Path) -> list[int]:
+    """Return where a variable or an argument is called "one"."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     names = [(node.lineno, node.id) for node in nodes if isinstance(node, ast.Name)]
     names += [(node.lineno, node.arg) for node in nodes if isinstance(node, ast.arg)]
-    assert not [line for line, name in names if name == "one"]
+    return [line for line, name in names if name == "one"]
 
 
 def test_the_list_finds_what_it_names() -> None:

@@ -107,7 +107,7 @@ def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
 
     Each axis has its own calibration, so that errors of k1 and k2, common to all its measurements, are in. The count
     may differ from 100 by the Poisson scatter, widened by the dispersion of 1.4 that misjudged baselines cause
-    (``tests/core/test_detector.py``): 1.96·√140 = 23.
+    (``tests/trend/test_detector.py``): 1.96·√140 = 23.
     """
     rng, design = np.random.default_rng(30), design_detector(DetectorSettings(loss=LossDirection.RISE))
     alarms = 0
@@ -158,11 +158,11 @@ def ringing(modes: list[tuple[float, float]], template: tuple[Window, ...]) -> l
         for f, amplitude in modes
     )
     made = []
-    for one in template:
+    for window in template:
         excitation = rng.standard_normal(2 * n)
         response = np.fft.irfft(np.fft.rfft(excitation) * accelerance, 2 * n)[n:]
         noise = 0.3 * np.std(response) * rng.standard_normal(n)
-        made.append(replace(one, excitation=excitation[n:], response=response + noise))
+        made.append(replace(window, excitation=excitation[n:], response=response + noise))
     return made
 
 

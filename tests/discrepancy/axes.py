@@ -202,7 +202,7 @@ def measured(physics_at, conditions, *, seed=0, noise=NOISE, excitation=Excitati
 
 def compared(observations, **options):
     """Return the comparison, with the folds that the workflow takes."""
-    folds = default_folds(one.conditions for one in observations)
+    folds = default_folds(observation.conditions for observation in observations)
     return compare_responses(observations, **({"held_out": folds, "form": FORM} | options))
 
 

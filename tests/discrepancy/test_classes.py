@@ -49,15 +49,15 @@ def classed(effect, *rivals, by=BY, evidence=None, threshold=COMPARISON.least_de
     """Return the class of an accepted effect with rivals; their ΔBIC as fitted, or as told."""
     comparison = replace(COMPARISON, least_delta_bic=threshold, noise_floor=floor)
     final = replace(fitted_with(effect), comparison=comparison)
-    refitted = [fitted_with(one) for one in rivals]
-    told = evidence or [delta_bic(BASELINE, one, by) for one in (final, *refitted)]
+    refitted = [fitted_with(rival) for rival in rivals]
+    told = evidence or [delta_bic(BASELINE, fitted, by) for fitted in (final, *refitted)]
     entries = zip(rivals, refitted, told[1:], strict=True)
     accepted = Accepted(effect, told[0], 33.0, tuple(Rival(*entry) for entry in entries), BASELINE)
     return equivalence_class(Found(BASELINE, (final,), final, (accepted,), by, (), 10.0), accepted, ())
 
 
 def keys(found):
-    return [one.effect.key for one in found.members]
+    return [member.effect.key for member in found.members]
 
 
 def test_effects_that_leave_the_same_residuals_are_one_finding() -> None:
@@ -97,7 +97,7 @@ def test_what_the_data_cannot_tell_apart_is_one_class() -> None:
     found = classed(quantity(2), quantity(4), quantity(5))
     assert set(keys(found)) == {"quantity-2", "quantity-4"}
     assert found.aliases == ()
-    strengths = [one.delta_bic for one in found.members]
+    strengths = [member.delta_bic for member in found.members]
     assert strengths == sorted(strengths, reverse=True)
     assert found.representative is found.members[0]
 
@@ -105,7 +105,7 @@ def test_what_the_data_cannot_tell_apart_is_one_class() -> None:
 def test_the_plausible_member_leads_whatever_it_is_worth() -> None:
     first = classed(quantity(2, upper=1.0), quantity(4), evidence=(100.0, 99.0))
     assert keys(first) == ["quantity-4", "quantity-2"]
-    assert [one.plausible for one in first.members] == [True, False]
+    assert [member.plausible for member in first.members] == [True, False]
 
 
 #: D − 2ε√(G D) = 10 of BIC (Kass and Raftery, 1995: very strong) with ε = 5 %: D = 13.70 for G = 100, 26.18 for 1000;

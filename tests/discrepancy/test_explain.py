@@ -59,7 +59,7 @@ def few(*others):
 
 
 def keys(answer):
-    return [one.key for one in answer.effects]
+    return [effect.key for effect in answer.effects]
 
 
 def covered(found, value, times=1.5):
@@ -101,7 +101,7 @@ def test_a_far_bearing_is_named(far_bearing) -> None:
     gap = far_bearing.gap
     assert gap.before.held_out > 20.0 * gap.noise_floor
     assert gap.after.held_out < 1.1 * gap.noise_floor
-    assert [one.effect for one in far_bearing.steps] == ["far-bearing-stiffness"]
+    assert [step.effect for step in far_bearing.steps] == ["far-bearing-stiffness"]
     assert far_bearing.steps[-1].gap == gap.after
 
 
@@ -114,7 +114,7 @@ def test_what_a_tolerance_has_taken_up_is_found_in_its_place() -> None:
     assert found.equivalent_to == ()
     assert any(remark.startswith("the same finding as wrong-parameter:") for remark in found.remarks)
     assert covered(found.parameters["compliance_m_per_n"], 9e-8)
-    assert [(one.effect, one.gap) for one in answer.steps] == [(found.key, answer.gap.after)]
+    assert [(step.effect, step.gap) for step in answer.steps] == [(found.key, answer.gap.after)]
     strained = max(answer.pulls_before, key=lambda name: abs(answer.pulls_before[name]))
     assert abs(answer.pulls_before[strained]) > 8.0
     assert abs(answer.pulls[strained]) < 3.0
@@ -157,7 +157,7 @@ def test_the_augmented_model_is_the_axis(far_bearing) -> None:
     )
     model = with_effects(ExtendedModel(described, physics_of(described)), far_bearing.added)
     truth = with_hidden({"far-bearing-stiffness": {"stiffness_n_per_m": 2e7}})
-    found, true = (compared(measured(one, SECOND_HALF, seed=99)) for one in (model.physics, truth))
+    found, true = (compared(measured(physics, SECOND_HALF, seed=99)) for physics in (model.physics, truth))
     assert np.sqrt(np.mean((found.misfit(truth) - true.misfit(truth)) ** 2)) < 0.01
 
 
@@ -165,7 +165,7 @@ def test_the_augmented_model_is_the_axis(far_bearing) -> None:
 def test_the_misfit_is_located_before_and_gone_after(far_bearing) -> None:
     assert far_bearing.localisation
     assert far_bearing.remainder == ()
-    assert [one.title.rpartition(" over ")[2] for one in far_bearing.maps] == ["position", "preload"]
+    assert [picture.title.rpartition(" over ")[2] for picture in far_bearing.maps] == ["position", "preload"]
     for misfit_map in far_bearing.maps:
         assert np.nanmax(misfit_map.before) > 20.0
         assert np.nanmax(misfit_map.after) < 2.0
@@ -196,20 +196,20 @@ def test_pictures_show_both_models(far_bearing) -> None:
 @pytest.mark.slow
 def test_pulls_are_those_of_a_healthy_axis(far_bearing) -> None:
     assert set(far_bearing.pulls) == {"position", "preload", "gain 1", *TOLERANCES}
-    assert max(abs(one) for one in far_bearing.pulls.values()) < 3.0
+    assert max(abs(pull) for pull in far_bearing.pulls.values()) < 3.0
 
 
 @pytest.mark.slow
 def test_candidates_say_why_they_cannot_be_judged(far_bearing) -> None:
     """No payload, temperature and level were varied; a rotor that is not part of the path moves nothing."""
-    reasons = {one.key: one.untestable_because for one in far_bearing.candidates}
+    reasons = {candidate.key: candidate.untestable_because for candidate in far_bearing.candidates}
     assert reasons["payload-mass"] == "payload does not vary"
     assert reasons["thermal-preload"] == "temperature does not vary"
     assert reasons["servo-stiffness"] == "nothing that was measured moves with it"
     assert reasons["position-offset"] == "no value within its range would be seen"
     assert reasons["added-mass"] is None
     assert "far-bearing-stiffness" not in reasons
-    limits = {one.key: one.detection_limit for one in far_bearing.candidates}
+    limits = {candidate.key: candidate.detection_limit for candidate in far_bearing.candidates}
     assert limits["payload-mass"] is None
     assert 0.0 < limits["torque-delay"] < 5e-3
 
@@ -222,12 +222,12 @@ def test_two_effects_are_both_named() -> None:
     )
     assert answer.outcome is Outcome.NAMED
     assert set(keys(answer)) == {"far-bearing-stiffness", "torque-delay"}
-    found = {one.key: one.parameters for one in answer.effects}
+    found = {effect.key: effect.parameters for effect in answer.effects}
     assert covered(found["far-bearing-stiffness"]["stiffness_n_per_m"], 2e7)
     assert covered(found["torque-delay"]["delay_s"], 5e-5)
     assert answer.gap.after.held_out < 1.1 * answer.gap.noise_floor
     for key, parameters in found.items():  # one axis: what is stated is what is written
-        assert {name: one.estimate.value for name, one in parameters.items()} == answer.added[key]
+        assert {name: parameter.estimate.value for name, parameter in parameters.items()} == answer.added[key]
 
 
 @pytest.mark.slow
@@ -250,7 +250,7 @@ def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
     """Were far bearings softer than 10 N/µm, one of 30 N/µm would stand for something that nobody has thought of."""
     far = EFFECTS["far-bearing-stiffness"]
     soft = replace(far, parameters=(replace(far.parameters[0], upper=1e7, scale=5e6),))
-    candidates = [soft if one is far else one for one in subject().candidates()]
+    candidates = [soft if candidate is far else candidate for candidate in subject().candidates()]
     answer = explained(with_hidden({far.key: {"stiffness_n_per_m": 3e7}}), candidates=candidates)
     assert answer.outcome is Outcome.UNKNOWN
     (found,) = answer.effects
@@ -341,7 +341,7 @@ def test_a_lumped_baseline_of_a_distributed_screw() -> None:
     )  # fmt: skip
     assert answer.outcome is Outcome.NAMED
     assert set(keys(answer)) == {"screw-distributed-mass", "torsional-flexibility"}
-    found = {one.key: one.parameters for one in answer.effects}
+    found = {effect.key: effect.parameters for effect in answer.effects}
     assert found["screw-distributed-mass"]["share"].estimate.value == pytest.approx(1.0, abs=0.01)
     assert found["torsional-flexibility"]["inertia_share"].estimate.value == pytest.approx(1.0, abs=0.01)
     assert found["torsional-flexibility"]["compliance_share"].estimate.value == pytest.approx(0.0, abs=0.01)
@@ -368,7 +368,7 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
     (candidate,) = answer.candidates
     assert candidate.key == "quantity-1"
     assert candidate.delta_bic > answer.least_delta_bic
-    assert [one.effect for one in answer.steps] == ["quantity-0"]
+    assert [step.effect for step in answer.steps] == ["quantity-0"]
 
 
 @pytest.mark.slow
@@ -376,11 +376,11 @@ def test_what_is_small_beside_the_remainder_is_neither_named_nor_in_the_model() 
 def test_what_would_do_in_the_place_of_another_is_not_said_to_be_left_out(apart) -> None:
     """Of two look-alikes one is left out beside a third effect; it then may stand for the other."""
     rng = np.random.default_rng(0)
-    one, rest, third = np.linalg.qr(rng.standard_normal((400, 3)))[0].T
-    design = np.column_stack([one, one * math.sqrt(1.0 - apart**2) + rest * apart, third])
+    first, rest, third = np.linalg.qr(rng.standard_normal((400, 3)))[0].T
+    design = np.column_stack([first, first * math.sqrt(1.0 - apart**2) + rest * apart, third])
     data = design @ [60.0, 60.0, 80.0] + 1.6 * rng.standard_normal(400)
     comparison = LinearComparison(layout_of([4] * 100, 1.0), design, data, np.zeros((0, 400)))
     answer = explain_comparison(comparison, LinearAxis({}, 3), [quantity(index, upper=500.0) for index in range(3)])
-    named = {key for one in answer.effects for key in (one.key, *one.equivalent_to)}
+    named = {key for effect in answer.effects for key in (effect.key, *effect.equivalent_to)}
     assert named == {"quantity-0", "quantity-1", "quantity-2"}
     assert answer.hidden_in_remainder == ()

@@ -16,7 +16,7 @@ N = 160
 
 
 def keys(answer):
-    return [one.key for one in answer.effects]
+    return [effect.key for effect in answer.effects]
 
 
 def linear(truth, *, columns=None, seed=1, held_out=()):
@@ -25,7 +25,9 @@ def linear(truth, *, columns=None, seed=1, held_out=()):
     layout = layout_of((40,) * 4, 1.0, held_out=held_out)
     layout = replace(
         layout,
-        settings=tuple(Setting(one.name, {ConditionAxis.POSITION: 0.1 * i}) for i, one in enumerate(layout.settings)),
+        settings=tuple(
+            Setting(setting.name, {ConditionAxis.POSITION: 0.1 * i}) for i, setting in enumerate(layout.settings)
+        ),
     )
     data = design @ truth + rng.standard_normal(N)
     return LinearComparison(layout, design, data, np.zeros((0, N)), least_delta_bic=30.0)
@@ -65,7 +67,7 @@ def test_the_model_that_is_handed_over_has_the_effect_that_is_named() -> None:
 def test_each_step_says_what_it_left() -> None:
     truth = np.array([0.0, 3.0, 1.5])
     answer = explain_comparison(linear(truth), LinearAxis({}, 3), [quantity(1), quantity(2)])
-    assert {one.effect for one in answer.steps} == {"quantity-1", "quantity-2"}
+    assert {step.effect for step in answer.steps} == {"quantity-1", "quantity-2"}
     assert answer.gap.before.fit > answer.steps[0].gap.fit > answer.steps[1].gap.fit == answer.gap.after.fit
     assert math.isnan(answer.gap.after.held_out)
 
@@ -115,11 +117,11 @@ def test_what_would_do_as_well_is_no_untestable_candidate() -> None:
     comparison = linear(np.array([0.0, 8.0, 0.0, 0.0]), columns=columns, held_out=held_out)
     answer = explain_comparison(comparison, LinearAxis({}, 4), [quantity(1), quantity(2), quantity(3)])
     (found,) = answer.effects
-    alike = {one.key: one for one in answer.candidates}[found.equivalent_to[0]]
+    alike = {candidate.key: candidate for candidate in answer.candidates}[found.equivalent_to[0]]
     assert alike.untestable_because is None
     assert alike.delta_bic == pytest.approx(found.delta_bic, rel=0.01)
     assert alike.held_out == pytest.approx(found.held_out_log_likelihood_gain, rel=0.01)
-    other = {one.key: one for one in answer.candidates}["quantity-3"]
+    other = {candidate.key: candidate for candidate in answer.candidates}["quantity-3"]
     assert other.delta_bic < 0.0
     assert math.isnan(other.held_out)
 

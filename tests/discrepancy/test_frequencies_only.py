@@ -47,10 +47,12 @@ def test_what_scatters_is_what_is_stated() -> None:
     """A table of one setting over and over: relative standard deviation of a frequency, and its stated uncertainty."""
     design = Design((AT,) * 60, MotorEnd.FREE, 1)
     table = draw_modal_case("none", "medium", design, 0.01, 5, accelerances=transmission_line_accelerances).table
-    frequencies = np.array([one.frequency for one in table])
+    frequencies = np.array([observation.frequency for observation in table])
     # errors of the setting add hardly 0.1 %; a standard deviation of 60 draws is known to 9 %
     assert np.std(frequencies) / np.mean(frequencies) == pytest.approx(0.01, rel=0.3)
-    assert [one.frequency_uncertainty / one.frequency for one in table] == pytest.approx([0.01] * 60)
+    assert [observation.frequency_uncertainty / observation.frequency for observation in table] == pytest.approx(
+        [0.01] * 60
+    )
 
 
 def test_a_closed_brake_hides_the_rotor() -> None:
@@ -65,7 +67,7 @@ def test_more_mass_is_a_root_of_the_mass_lower() -> None:
     """Little of the first mode moves but the table: f ∝ m^(-1/2), less what screw and rotor take part with."""
     axis = Axis(parts=Parts())
     heavier = replace(axis, parts=replace(axis.parts, table_mass=1.2 * axis.parts.table_mass))
-    first, second = (modal_test(transmission_line_accelerances, one, AT)[0] for one in (axis, heavier))
+    first, second = (modal_test(transmission_line_accelerances, drive, AT)[0] for drive in (axis, heavier))
     moving = axis.parts.table_mass + axis.parts.nut_mass
     expected = math.sqrt(moving / (moving + 0.2 * axis.parts.table_mass))
     assert expected < second / first < expected**0.85
@@ -84,7 +86,7 @@ def test_a_healthy_machine_lacks_nothing_and_what_is_not_seen_is_listed() -> Non
     design = replace(plain_design(), settings=plain_design().settings[1::3])
     answer = answered("none", "medium", design, 1, "added-mass", "payload-mass", "second-mode")
     assert answer.outcome is Outcome.NONE
-    because = {one.key: one.untestable_because for one in answer.candidates}
+    because = {candidate.key: candidate.untestable_because for candidate in answer.candidates}
     assert because["payload-mass"] == "payload does not vary"
     assert because["second-mode"] == "frequency does not vary"
     assert "known added mass" in answer.next_measurement
@@ -101,7 +103,9 @@ def test_a_mode_that_stays_where_it_is_may_be_none_of_the_drive() -> None:
     assert f"measure whole frequency responses, which distinguish {found.key} from" in answer.next_measurement
     unseen = re.findall("without which (.*?) cannot be seen", answer.next_measurement)
     assert not {found.key, *found.equivalent_to} & set(", ".join(unseen).split(", "))
-    assert not {found.key, *found.equivalent_to} & {one.key for one in answer.candidates if one.untestable_because}
+    assert not {found.key, *found.equivalent_to} & {
+        candidate.key for candidate in answer.candidates if candidate.untestable_because
+    }
 
 
 @pytest.mark.slow

@@ -70,7 +70,10 @@ def response(case, *, stiffer=1.0, mass=0.0, damping=0.0, delay=0.0, **beyond):
 
 def values_of(logarithms):
     """Return amplitudes and phases of one case after the other, in standard deviations."""
-    return np.concatenate([np.r_[one.real, np.angle(np.exp(1j * one.imag))] for one in logarithms]) / DEVIATION
+    return (
+        np.concatenate([np.r_[logarithm.real, np.angle(np.exp(1j * logarithm.imag))] for logarithm in logarithms])
+        / DEVIATION
+    )
 
 
 def misfit(where=lambda _: True, **hidden):
@@ -96,7 +99,7 @@ def layout_of(settings, frequency, channels, *, deviation=1.0):
 
 
 def settings_of(axes, levels):
-    return [Setting(str(one), dict(zip(axes, one, strict=True))) for one in levels]
+    return [Setting(str(values), dict(zip(axes, values, strict=True))) for values in levels]
 
 
 RESPONSES = layout_of(settings_of(AXES, CASES), FREQUENCY, ("table, amplitude", "table, phase"), deviation=DEVIATION)
@@ -114,7 +117,8 @@ def signatures():
     rows[DAMPING].append(-1j * OMEGA / dynamic)
     rows[DELAY].append(np.tile(-1j * OMEGA, (len(CASES), 1)))
     return {
-        kind: np.array([values_of(1e-6 * one / np.max(np.abs(one))) for one in each]) for kind, each in rows.items()
+        kind: np.array([values_of(1e-6 * derivative / np.max(np.abs(derivative))) for derivative in each])
+        for kind, each in rows.items()
     }
 
 
@@ -134,9 +138,11 @@ def motion():
     time = np.arange(2400) / 100.0
     speed = 0.2 * np.sin(0.5 * np.pi * time) * (1.0 + 0.5 * np.sin(np.pi * time / 12.0))
     way = np.cumsum(np.r_[0, np.diff(np.where(speed >= 0.0, 1, -1)) != 0])
-    signs = [1.0 if speed[way == one][1] > 0.0 else -1.0 for one in range(way[-1] + 1)]
+    signs = [1.0 if speed[way == number][1] > 0.0 else -1.0 for number in range(way[-1] + 1)]
     layout = Layout(
-        settings=tuple(Setting(f"way {one + 1}", {DIRECTION: sign, RECORD: 0.0}) for one, sign in enumerate(signs)),
+        settings=tuple(
+            Setting(f"way {number + 1}", {DIRECTION: sign, RECORD: 0.0}) for number, sign in enumerate(signs)
+        ),
         setting=way,
         channel=np.zeros(way.size, dtype=np.intp),
         channels=("force",),
@@ -156,7 +162,10 @@ TABLE = layout_of(
     ["frequency"],
 )
 TABLE_FREQUENCY = np.array(
-    [np.sqrt(stiffness_of(one.values[POSITION], one.values[PRELOAD]) / 25.0) / (2.0 * np.pi) for one in TABLE.settings]
+    [
+        np.sqrt(stiffness_of(setting.values[POSITION], setting.values[PRELOAD]) / 25.0) / (2.0 * np.pi)
+        for setting in TABLE.settings
+    ]
 )
 TABLE = Layout(
     TABLE.settings, TABLE.setting, TABLE.channel, TABLE.channels, TABLE_FREQUENCY, np.full(18, 0.2), TABLE.period
@@ -165,9 +174,11 @@ TABLE = Layout(
 
 def table_signatures():
     """Return df/f = dk/2k = −dm/2m, in standard deviations."""
-    stiffness = np.array([stiffness_of(one.values[POSITION], one.values[PRELOAD]) for one in TABLE.settings])
-    position, preload = (np.array([one.values[axis] for one in TABLE.settings]) for axis in (POSITION, PRELOAD))
-    ways = [stiffness * TABLE_FREQUENCY * one for one in (1.0, position, 1.0 / np.cbrt(preload))]
+    stiffness = np.array(
+        [stiffness_of(setting.values[POSITION], setting.values[PRELOAD]) for setting in TABLE.settings]
+    )
+    position, preload = (np.array([setting.values[axis] for setting in TABLE.settings]) for axis in (POSITION, PRELOAD))
+    ways = [stiffness * TABLE_FREQUENCY * flexibility for flexibility in (1.0, position, 1.0 / np.cbrt(preload))]
     return {STIFFNESS: np.array(ways) / stiffness[0], MASS: -TABLE_FREQUENCY[None]}
 
 
@@ -273,8 +284,8 @@ def test_a_misfit_that_can_just_be_seen_has_no_wrong_kind_and_one_three_times_as
     name, null, step = SMALL[kind]
     small, larger = (misfit(**{name: null + times * step}) for times in (1.0, 3.0))
     assert np.sqrt(np.mean(small**2)) < 0.15
-    kinds = [{one.kind for one in found(small, seed)} for seed in range(20)]
-    assert sum(bool(one) for one in kinds) >= 10
+    kinds = [{place.kind for place in found(small, seed)} for seed in range(20)]
+    assert sum(bool(of_seed) for of_seed in kinds) >= 10
     assert set().union(*kinds) <= {kind, UNCLEAR}
     assert sum(found(larger, seed)[0].kind is kind for seed in range(20)) >= 18
 
@@ -283,7 +294,7 @@ def test_a_misfit_that_has_left_its_resonance_is_called_nothing_it_is_not():
     """A mode at twice its frequency is not a matter of slopes; what is far from it still is."""
     worst, *others = found(misfit(stiffer=4.0))
     assert worst.kind is UNCLEAR
-    assert {one.kind for one in others} <= {STIFFNESS, UNCLEAR}
+    assert {place.kind for place in others} <= {STIFFNESS, UNCLEAR}
 
 
 def test_a_second_body_at_the_axis_s_own_frequency_is_not_called_an_extra_mode():
@@ -294,9 +305,13 @@ def test_a_level_that_varies_with_nothing_to_compare_it_with_shows_no_dependence
     """Each position has a level of its own: what differs may be due to either."""
     chosen = [index for index, case in enumerate(CASES) if (case[2] == 0.2) == (case[0] > 0.5)]
     kept = np.isin(RESPONSES.setting, chosen)
-    layout = layout_of([RESPONSES.settings[one] for one in chosen], FREQUENCY, RESPONSES.channels, deviation=DEVIATION)
+    layout = layout_of(
+        [RESPONSES.settings[index] for index in chosen], FREQUENCY, RESPONSES.channels, deviation=DEVIATION
+    )
     planted = misfit(stiffening=1.0)[kept] + np.random.default_rng(2).standard_normal(layout.n_values)
-    kinds = {one.kind for one in localise(layout, planted, {kind: rows[:, kept] for kind, rows in SIGNATURES.items()})}
+    kinds = {
+        place.kind for place in localise(layout, planted, {kind: rows[:, kept] for kind, rows in SIGNATURES.items()})
+    }
     assert kinds
     assert AMPLITUDE not in kinds
 
@@ -319,9 +334,9 @@ def test_the_place_is_where_the_misfit_was_planted(where, hidden, conditions):
     """The conditions that were meant and no others, and a band about the modes that the axis has there."""
     planted, modes = misfit(where, **hidden), [mode_of(case) for case in CASES if where(case)]
     worst = [found(planted, seed)[0] for seed in range(10)]
-    assert all(one.p_value <= LEVEL for one in worst)
-    bands = [re.fullmatch(rf"{conditions}band ([\d.]+)\.\.([\d.]+) Hz", one.where) for one in worst]
-    assert all(bands), [one.where for one in worst]
+    assert all(place.p_value <= LEVEL for place in worst)
+    bands = [re.fullmatch(rf"{conditions}band ([\d.]+)\.\.([\d.]+) Hz", place.where) for place in worst]
+    assert all(bands), [place.where for place in worst]
     low, high = np.median([[float(edge) for edge in band.groups()] for band in bands], axis=0)
     assert low <= min(modes) * 1.05
     assert high >= max(modes) * 0.95
@@ -332,7 +347,7 @@ def test_the_size_is_the_rms_over_the_place_and_the_worst_comes_first():
     rng = np.random.default_rng(3)
     standardised = misfit(delay=1e-4) + misfit(stiffer=1.02) + rng.standard_normal(RESPONSES.n_values)
     answer = localise(RESPONSES, standardised, SIGNATURES)
-    assert [one.kind for one in answer] == [DELAY, STIFFNESS]
+    assert [place.kind for place in answer] == [DELAY, STIFFNESS]
     assert answer[1].where == "band 160..243 Hz"
     own = (RESPONSES.frequency > 155.0) & (RESPONSES.frequency < 250.0)
     assert answer[1].size == pytest.approx(np.sqrt(np.mean(standardised[own] ** 2)))
@@ -343,7 +358,7 @@ def test_correlated_noise_neither_hides_nor_smears_a_misfit():
     rng, scatter = np.random.default_rng(4), HealthyScatter(correlation=0.5)
     planted = misfit(lambda case: case[1] == 100.0, mass=0.5)
     answer = localise(RESPONSES, planted + correlated(rng, 0.5, 1.0), SIGNATURES, scatter)
-    assert [one.kind for one in answer] == [MASS]
+    assert [place.kind for place in answer] == [MASS]
     assert answer[0].where.startswith("preload_n 100, band ")
 
 
@@ -358,10 +373,10 @@ def test_correlated_noise_neither_hides_nor_smears_a_misfit():
     ],
 )
 def test_every_condition_has_words(axis, levels, words):
-    layout = layout_of(settings_of([axis], [(one,) for one in levels]), [np.nan] * 40, ["force"])
+    layout = layout_of(settings_of([axis], [(level,) for level in levels]), [np.nan] * 40, ["force"])
     wrong = layout.setting == len(levels) - 1
     standardised = np.random.default_rng(5).standard_normal(layout.n_values) + 6.0 * wrong
-    assert [one.where for one in localise(layout, standardised, {})] == [words]
+    assert [place.where for place in localise(layout, standardised, {})] == [words]
 
 
 # ------------------------------------------------------------------------------------- modal tables, motions, pictures
@@ -372,27 +387,27 @@ def test_a_mode_is_found_in_a_modal_table():
     modes = layout_of(settings_of([POSITION], [(x,) for x in np.linspace(0.1, 0.85, 6)]), [60.0, 180.0, 420.0], ["f"])
     standardised = np.tile([0.0, 3.0, 0.0], 6) + np.random.default_rng(6).standard_normal(18)
     answer = localise(modes, standardised, {})
-    assert [(one.where, one.kind) for one in answer] == [("mode 180 Hz", UNCLEAR)]
+    assert [(place.where, place.kind) for place in answer] == [("mode 180 Hz", UNCLEAR)]
     assert answer[0].size == pytest.approx(np.sqrt(np.mean(standardised[1::3] ** 2)))
 
 
 def test_a_channel_is_found():
     layout = layout_of(settings_of([POSITION], [(0.1,), (0.5,)]), [np.nan] * 30, ["mode 1", "mode 2"])
     standardised = 4.0 * layout.channel + np.random.default_rng(7).standard_normal(layout.n_values)
-    assert [one.where for one in localise(layout, standardised, {})] == ['channel "mode 2"']
+    assert [place.where for place in localise(layout, standardised, {})] == ['channel "mode 2"']
 
 
 def test_first_frequencies_do_not_tell_a_little_mass_from_a_little_stiffness():
     rows = table_signatures()
     planted = 0.005 * rows[MASS][0] / 0.2 + np.random.default_rng(8).standard_normal(18)  # half a per cent
     answer = localise(TABLE, planted, rows)
-    assert [one.kind for one in answer] == [UNCLEAR]
+    assert [place.kind for place in answer] == [UNCLEAR]
     assert answer[0].where.startswith("everywhere")
 
 
 def test_a_preload_law_shows_as_a_stiffness_that_changes_with_preload():
     """No stiffness on the whole, but more of it at a high preload and less at a low one."""
-    preload = np.array([one.values[PRELOAD] for one in TABLE.settings])
+    preload = np.array([setting.values[PRELOAD] for setting in TABLE.settings])
     planted = 6.0 * (np.log(preload) - np.mean(np.log(preload))) + np.random.default_rng(9).standard_normal(18)
     answer = localise(TABLE, planted, table_signatures())
     assert answer[0].kind is STIFFNESS
@@ -431,7 +446,7 @@ def test_the_picture_of_responses_has_positions_and_bands():
 def test_the_picture_of_a_motion_has_directions_and_stretches_and_nothing_where_there_is_nothing():
     rows, columns, picture = misfit_map(MOTION, np.full(SPEED.size, 1.5), ConditionAxis.DIRECTION, bands=100)
     assert rows == ("direction −", "direction +")
-    assert columns == tuple(one.name for one in MOTION.settings)
+    assert columns == tuple(setting.name for setting in MOTION.settings)
     assert np.all(np.sum(np.isnan(picture), axis=0) == 1)
     assert picture[np.isfinite(picture)] == pytest.approx(1.5)
 

@@ -34,7 +34,7 @@ GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
 
 def found(*plausible):
     """Return a class with members that are plausible or not, the representative first."""
-    members = tuple(Member(quantity(index), None, 100.0, one) for index, one in enumerate(plausible))
+    members = tuple(Member(quantity(index), None, 100.0, is_plausible) for index, is_plausible in enumerate(plausible))
     return EquivalenceClass(members, (), 50.0)
 
 
@@ -135,10 +135,10 @@ def test_an_effect_that_is_small_beside_what_is_left_is_not_named(small, hidden)
     data = DESIGN @ [49.0, small, 0.0] + 10.0 * noise / np.linalg.norm(noise)
     final = linear(data, effects=(0, 1))
     assert remainder_of(final).misfit == pytest.approx(36.0, abs=1.0)
-    least = hidden_in_remainder(linear(data), final, lambda _, one: without(data, one), SETTINGS)
+    least = hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect), SETTINGS)
     assert (least and least.key) == (quantity(1).key if hidden else None)
     alone = linear(data, effects=(0,))
-    assert hidden_in_remainder(linear(data), alone, lambda _, one: linear(data), SETTINGS) is None
+    assert hidden_in_remainder(linear(data), alone, lambda _, effect: linear(data), SETTINGS) is None
 
 
 def without(data, effect):
@@ -149,7 +149,7 @@ def without(data, effect):
 def test_nothing_is_small_beside_the_noise() -> None:
     data = DESIGN @ [49.0, 2.0, 0.0]
     final = linear(data, effects=(0, 1))
-    assert hidden_in_remainder(linear(data), final, lambda _, one: without(data, one), SETTINGS) is None
+    assert hidden_in_remainder(linear(data), final, lambda _, effect: without(data, effect), SETTINGS) is None
 
 
 def test_variances_of_pulls_are_one_where_all_is_right() -> None:
@@ -167,7 +167,7 @@ def test_variances_of_pulls_are_one_where_all_is_right() -> None:
         fitted = fit(comparison, Hypothesis(subject), np.zeros(0))
         drawn.append(variances_of_pulls(fitted))
     for name in ("error 1", "error 2"):
-        values = n_settings * np.array([one[name] for one in drawn])
+        values = n_settings * np.array([variances[name] for variances in drawn])
         assert stats.kstest(values, stats.chi2(n_settings - 1).cdf).pvalue > 1e-4
 
 

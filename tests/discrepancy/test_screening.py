@@ -176,7 +176,7 @@ def test_effects_without_an_answer_are_passed_over() -> None:
         raise OutsideValidityError("no such axis")
 
     never = replace(quantity(3), add=refuse)
-    assert [one.effect.key for one in screen(without, [never, quantity(4)])] == ["quantity-4"]
+    assert [candidate.effect.key for candidate in screen(without, [never, quantity(4)])] == ["quantity-4"]
 
 
 # --- an axis ---------------------------------------------------------------------------------------------------------
@@ -206,5 +206,5 @@ def test_a_strong_effect_is_predicted_by_its_size_and_not_by_its_slope() -> None
     comparison = compared(measured(far.added_to(true_subject(0), {"stiffness_n_per_m": 1e7}), CONDITIONS))
     hypothesis = Hypothesis(subject())
     screened = screen(fit(comparison, hypothesis, hypothesis.null), list(EFFECTS.values()))
-    assert max(screened, key=lambda one: one.score).effect.key == "base-compliance"
-    assert max(screened, key=lambda one: one.decrease).effect.key == "far-bearing-stiffness"
+    assert max(screened, key=lambda candidate: candidate.score).effect.key == "base-compliance"
+    assert max(screened, key=lambda candidate: candidate.decrease).effect.key == "far-bearing-stiffness"

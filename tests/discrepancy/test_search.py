@@ -56,7 +56,7 @@ def best_subset(comparison, candidates, most):
         explained = data @ weight @ design @ linalg.solve(normal, design.T @ weight @ data)
         return data @ weight @ data - explained + len(subset) * math.log(N)
 
-    return min((one for size in range(most + 1) for one in combinations(candidates, size)), key=criterion)
+    return min((subset for size in range(most + 1) for subset in combinations(candidates, size)), key=criterion)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -71,8 +71,8 @@ def test_finds_the_best_of_all_subsets(seed) -> None:
     found = found_in(comparison, [quantity(index) for index in range(1, 9)])
     expected = {f"quantity-{index}" for index in best_subset(comparison, range(1, 9), 4)}
     assert keys(found.final) == expected == {f"quantity-{index}" for index in present}
-    assert {one.effect.key for one in found.accepted} == expected
-    assert all(one.delta_bic > comparison.least_delta_bic for one in found.accepted)
+    assert {finding.effect.key for finding in found.accepted} == expected
+    assert all(finding.delta_bic > comparison.least_delta_bic for finding in found.accepted)
 
 
 def test_a_healthy_axis_lacks_nothing() -> None:
@@ -196,7 +196,7 @@ def test_what_would_do_in_the_place_of_an_effect_is_kept_beside_it() -> None:
     comparison = comparison_of(np.array([0.0, 3.0, 0.0, 0.0]), rng, columns=columns)
     found = found_in(comparison, [quantity(1), quantity(2), quantity(3)])
     (accepted,) = found.accepted
-    (rival,) = [one for one in accepted.rivals if one.effect.key != "quantity-3"]
+    (rival,) = [alternative for alternative in accepted.rivals if alternative.effect.key != "quantity-3"]
     assert {accepted.effect.key, rival.effect.key} == {"quantity-1", "quantity-2"}
     alone = found_in(comparison, [rival.effect]).final
     assert rival.delta_bic == pytest.approx(delta_bic(found.baseline, alone, found.evidence_scale), abs=0.1)

@@ -20,7 +20,7 @@ KINDS = {
 
 
 def test_kinds_of_the_table() -> None:
-    found = {one.key: kind for one in DRIVE_EFFECTS if (kind := kind_of_effect(one)) is not None}
+    found = {effect.key: kind for effect in DRIVE_EFFECTS if (kind := kind_of_effect(effect)) is not None}
     assert {key: found.get(key) for key in KINDS} == KINDS
     beyond = set(found) - set(KINDS)
     assert beyond <= {"loss-factor"}  # a damping, where it is stated by one quantity
@@ -55,8 +55,8 @@ def test_signatures_are_changes_of_the_residuals() -> None:
     assert {kind: len(rows) for kind, rows in found.items()} == {STIFFNESS: 2, MASS: 1}
     physics, step = fitted.physics(), 1e-6
     for effect, row in zip(chosen, [found[STIFFNESS][0], found[MASS][0], found[STIFFNESS][1]], strict=True):
-        (one,) = effect.parameters
-        changed = effect.added_to(physics, {one.name: step * one.scale})
+        (parameter,) = effect.parameters
+        changed = effect.added_to(physics, {parameter.name: step * parameter.scale})
         change = (comparison.misfit(changed) - comparison.misfit(physics)) / step
         largest = np.max(np.abs(change / comparison.layout.standard_deviation))
         expected = (fitted.around.residuals(changed) - fitted.standardised) / step

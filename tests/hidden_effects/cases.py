@@ -122,16 +122,16 @@ def draw_case(
     if family == "lumped":
         hidden["loss_factor"] = _LUMPED_LOSS * math.exp(0.2 * rng.standard_normal())
         truth = {"screw-distributed-mass": {"share": 1.0}, "torsional-flexibility": {"inertia_share": 1.0}}
-    for one in kind.split("+") if kind != NONE else ():
-        if one.startswith("wrong-parameter:"):
-            drawn = _with_wrong_part(drawn, one, SIZES.index(size), rng)
-            truth[one] = {"ln_ratio": _ln_ratio(drawn, declared, one)}
+    for key in kind.split("+") if kind != NONE else ():
+        if key.startswith("wrong-parameter:"):
+            drawn = _with_wrong_part(drawn, key, SIZES.index(size), rng)
+            truth[key] = {"ln_ratio": _ln_ratio(drawn, declared, key)}
         else:
-            mechanism, stated = _drawn_mechanism(KINDS[one], size, rng)
+            mechanism, stated = _drawn_mechanism(KINDS[key], size, rng)
             if "loss_factor" in hidden and "loss_factor" in mechanism:  # beside the one that is declared
                 mechanism["loss_factor"] += hidden["loss_factor"]
             hidden |= mechanism
-            truth[one] = truth.get(one, {}) | stated
+            truth[key] = truth.get(key, {}) | stated
     axis = Axis(parts=drawn, hidden=Hidden(**hidden))
     stated_settings = design(rng)
     scatter = Scatter(sensor_noise=noise)

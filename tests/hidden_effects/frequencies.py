@@ -99,15 +99,19 @@ DESIGNS: Mapping[str, Callable[[], Design]] = {"plain": plain_design, "short": s
 
 def with_known_mass(design: Design) -> Design:
     """Return a design with every setting measured once more with a known mass on the table."""
-    heavier = (replace(one, payload=one.payload + KNOWN_MASS) for one in design.settings)
+    heavier = (replace(setting, payload=setting.payload + KNOWN_MASS) for setting in design.settings)
     return replace(design, settings=(*design.settings, *heavier))
 
 
 def with_positions_between(design: Design) -> Design:
     """Return a design measured once more halfway to the next position, wherever there is one."""
-    positions = sorted({one.position for one in design.settings})
+    positions = sorted({setting.position for setting in design.settings})
     between = {low: 0.5 * (low + high) for low, high in pairwise(positions)}
-    moved = (replace(one, position=between[one.position]) for one in design.settings if one.position in between)
+    moved = (
+        replace(setting, position=between[setting.position])
+        for setting in design.settings
+        if setting.position in between
+    )
     return replace(design, settings=(*design.settings, *moved))
 
 
@@ -120,16 +124,16 @@ def draw_machine(kind: str, size: str, rng: np.random.Generator) -> tuple[Axis, 
     }
     hidden: dict[str, float] = {}
     truth: dict[str, dict[str, float]] = {}
-    for one in kind.split("+") if kind != NONE else ():
-        if one.startswith(WRONG):
-            part = _PART_OF[one.removeprefix(WRONG)]
+    for key in kind.split("+") if kind != NONE else ():
+        if key.startswith(WRONG):
+            part = _PART_OF[key.removeprefix(WRONG)]
             drawn[part] *= math.exp(_value(WRONG_PARTS[part], size, rng, either_sign=True))
-            truth[one] = {"ln_ratio": math.log(drawn[part] / getattr(declared, part))}
+            truth[key] = {"ln_ratio": math.log(drawn[part] / getattr(declared, part))}
         else:
-            value = _value(KINDS[one].sizes, size, rng, either_sign=KINDS[one].either_sign)
-            mechanism, stated = KINDS[one].build(value, rng)
+            value = _value(KINDS[key].sizes, size, rng, either_sign=KINDS[key].either_sign)
+            mechanism, stated = KINDS[key].build(value, rng)
             hidden |= mechanism
-            truth[one] = dict(stated)
+            truth[key] = dict(stated)
     return Axis(parts=replace(declared, **drawn), hidden=Hidden(**hidden)), truth
 
 
@@ -173,7 +177,7 @@ def modal_test(accelerances: Accelerances, axis: Axis, setting: Setting) -> list
         peaks, _ = scipy.signal.find_peaks(np.log(np.abs(response)), prominence=_LEAST_PROMINENCE)
         for peak in peaks:
             frequency, damping_ratio = fitted_mode(accelerances, axis, setting, which, float(_LINES[peak]))
-            apart = all(abs(frequency / one - 1.0) > _ONE_MODE for one in found)
+            apart = all(abs(frequency / earlier - 1.0) > _ONE_MODE for earlier in found)
             if damping_ratio < _HIGHEST_DAMPING_RATIO and apart:
                 found.append(frequency)
     return sorted(found)
@@ -223,8 +227,8 @@ def _observed(
     conditions = DriveConditions(
         stated.position, stated.preload, stated.payload, temperature_deviation=stated.temperature_deviation
     )
-    scattered = sorted(one * (1.0 + uncertainty * rng.standard_normal()) for one in frequencies)
-    return [ModalObservation(conditions, one, uncertainty * one) for one in scattered]
+    scattered = sorted(frequency * (1.0 + uncertainty * rng.standard_normal()) for frequency in frequencies)
+    return [ModalObservation(conditions, frequency, uncertainty * frequency) for frequency in scattered]
 
 
 def _held(design: Design) -> bool:

@@ -12,7 +12,9 @@ from tests.hidden_effects.truth.axis import Setting
 def write_case(case: Case, folder: Path, name: str = "case") -> tuple[Path, Path]:
     """Write what the workflow is given of a case and return both paths: the FRF set and the baseline."""
     responses, baseline = folder / f"{name}.frf.h5", folder / f"{name}.toml"
-    write_frf_set(responses, FrequencyResponseSet(tuple(MeasuredResponse(one) for one in observations(case))))
+    write_frf_set(
+        responses, FrequencyResponseSet(tuple(MeasuredResponse(observation) for observation in observations(case)))
+    )
     baseline.write_text(case.baseline, encoding="utf-8")
     return responses, baseline
 
@@ -21,15 +23,15 @@ def observations(case: Case) -> tuple[FrequencyResponseObservation, ...]:
     """Return the responses of a case in the order in which they were measured."""
     return tuple(
         FrequencyResponseObservation(
-            stated_conditions(one.stated),
-            one.frequency,
-            one.response,
-            one.standard_deviation,
+            stated_conditions(frf.stated),
+            frf.frequency,
+            frf.response,
+            frf.standard_deviation,
             ExcitationPoint.TORQUE_AT_MOTOR,
-            ResponsePoint(one.output),
-            one.resolution,
+            ResponsePoint(frf.output),
+            frf.resolution,
         )
-        for one in case.measured
+        for frf in case.measured
     )
 
 

@@ -69,8 +69,8 @@ def direct_response(axis: Axis, setting: Setting, frequency: np.ndarray) -> np.n
     for line, factor in zip(frequency, chain.stiffness(frequency), strict=True):
         s = 2j * math.pi * line
         dynamic = s**2 * structure.mass + s * structure.damping + structure.stiffness
-        for one in structure.joints:
-            dynamic += factor * one.stiffness * np.outer(one.direction, one.direction)
+        for joint in structure.joints:
+            dynamic += factor * joint.stiffness * np.outer(joint.direction, joint.direction)
         nut = factor * path.nut + s * path.damping
         dynamic += np.outer(path.direction, path.direction) / (1.0 / nut + 1.0 / (factor * path.bracket))
         moved = scipy.linalg.solve(dynamic, structure.rotor)
@@ -214,8 +214,8 @@ def test_a_mechanism_changes_the_response_and_vanishes_with_its_size(field):
     def answer(**hidden: float) -> np.ndarray:
         return frequency_response(plant(Axis(parts=Parts(), hidden=Hidden(**hidden)), MIDDLE), omega)[:2]
 
-    def distance(one: np.ndarray, other: np.ndarray) -> float:
-        return float(np.median(np.max(np.abs(one / other - 1.0), axis=0)))
+    def distance(response: np.ndarray, other: np.ndarray) -> float:
+        return float(np.median(np.max(np.abs(response / other - 1.0), axis=0)))
 
     default = {item.name: item.default for item in fields(Hidden)}
     without = {name: value for name, value in values.items() if name != field}
@@ -260,8 +260,8 @@ def test_steps_in_time_agree_with_the_steady_motion():
     steady = respond(HEALTHY, [MIDDLE], torque, SAMPLE_RATE)
     stepped = respond(Axis(parts=Parts(), hidden=Hidden(guide_friction=1e-12)), [MIDDLE], torque, SAMPLE_RATE)
     kept = slice(round(1.5 * SAMPLE_RATE), -200)
-    for one, other in zip(stepped, steady, strict=True):
-        difference = np.diff(one - other, 2, axis=1)[0, kept]
+    for motion, other in zip(stepped, steady, strict=True):
+        difference = np.diff(motion - other, 2, axis=1)[0, kept]
         assert np.std(difference) < 2e-4 * np.std(np.diff(other, 2, axis=1)[0, kept])
 
 
@@ -308,13 +308,13 @@ def test_what_the_torque_puts_in_friction_and_dampers_take_out():
 def test_forces_fed_back_scale_with_the_motion(hidden, louder):
     """Three times the torque with friction, deflection scale, or inverse square root of β three times as large."""
     torque = low_torque(1, 1.0, 0.1)
-    one, three = (
+    motion, threefold = (
         respond(Axis(parts=Parts(), hidden=of), [MIDDLE], factor * torque, SAMPLE_RATE)[0]
         for of, factor in ((hidden, 1.0), (louder, 3.0))
     )
     linear = respond(HEALTHY, [MIDDLE], torque, SAMPLE_RATE)[0]
-    np.testing.assert_allclose(three, 3.0 * one, atol=1e-5 * np.std(one))
-    assert np.std((one - linear)[0, 2000:]) > 0.01 * np.std(linear)
+    np.testing.assert_allclose(threefold, 3.0 * motion, atol=1e-5 * np.std(motion))
+    assert np.std((motion - linear)[0, 2000:]) > 0.01 * np.std(linear)
 
 
 @pytest.mark.slow
@@ -340,7 +340,7 @@ def test_a_bent_nut_answers_as_the_spring_that_gaussian_motion_makes_of_it(law, 
         )
         for axis in (Axis(parts=Parts(), hidden=law), stiffer, HEALTHY)
     )
-    expected, seen = ((one / healthy - 1.0)[:, LINES < 500.0] for one in (linear, bent))
+    expected, seen = ((response / healthy - 1.0)[:, LINES < 500.0] for response in (linear, bent))
     # what is not linear scatters from average to average: 7 % of the effect in one record, 2 % in twelve
     assert np.vdot(expected, seen).real / np.vdot(expected, expected).real == pytest.approx(1.0, abs=0.06)
 
@@ -351,7 +351,7 @@ def test_smaller_steps_change_friction_hardly():
     plants = [plant(HEALTHY, MIDDLE)]
     runs = [stepped_motion(plants, torque, SAMPLE_RATE, 0.0, fed_back, steps_per_sample=n)[0, 0] for n in (4, 16)]
     linear = respond(HEALTHY, [MIDDLE], torque, SAMPLE_RATE)[0][0]
-    transfers = [estimate(torque[0, 4096:], one[4096:])[0] for one in (*runs, linear)]
+    transfers = [estimate(torque[0, 4096:], of_run[4096:])[0] for of_run in (*runs, linear)]
     changed = np.abs(transfers[0] / transfers[1] - 1.0)
     effect = np.abs(transfers[1] / transfers[2] - 1.0)
     assert np.median(changed[LINES < 900.0]) < 0.004 * np.median(effect[LINES < 900.0])
@@ -377,9 +377,9 @@ def test_the_stated_scatter_is_the_scatter_about_the_true_response():
     measured = measure(HEALTHY, settings, settings, Scatter(gain=0.0), rng, respond=respond)
     omega = 2.0 * math.pi * LINES
     standardised = []
-    for number, one in enumerate(measured):
-        true = frequency_response(plant(HEALTHY, one.stated), omega)[number % 2]
-        standardised.append((one.response - true) / one.standard_deviation)
+    for number, frf in enumerate(measured):
+        true = frequency_response(plant(HEALTHY, frf.stated), omega)[number % 2]
+        standardised.append((frf.response - true) / frf.standard_deviation)
     scatter = np.array(standardised)
     for part in (scatter.real, scatter.imag):
         assert np.mean(part**2) == pytest.approx(1.0, abs=0.15)  # 1224 values, of which some are dependent
@@ -389,9 +389,9 @@ def test_the_stated_scatter_is_the_scatter_about_the_true_response():
 def product_responses(model: ExtendedModel, settings: list[Setting]) -> np.ndarray:
     """Ask the model under test for the same lines, shape (2, n_settings, n_lines)."""
     cases = [
-        ResponseCase(LINES, stated_conditions(one), ExcitationPoint.TORQUE_AT_MOTOR, point, MotorEnd.FREE)
+        ResponseCase(LINES, stated_conditions(setting), ExcitationPoint.TORQUE_AT_MOTOR, point, MotorEnd.FREE)
         for point in (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ANGLE_AT_MOTOR)
-        for one in settings
+        for setting in settings
     ]
     return responses(model.physics, prepare_lines(cases)).reshape(2, len(settings), -1)
 
@@ -413,10 +413,10 @@ def test_the_model_under_test_agrees_where_nothing_is_missing(kind):
     if kind != "none":
         mechanism, stated = KINDS[kind].build(KINDS[kind].sizes[2], np.random.default_rng(5))
         hidden, model = Hidden(**mechanism), with_effects(model, {kind: stated})
-    settings = [one for one in design(np.random.default_rng(0)) if one.excitation_rms == 0.15][::3]
+    settings = [setting for setting in design(np.random.default_rng(0)) if setting.excitation_rms == 0.15][::3]
     omega = 2.0 * math.pi * LINES
     axis = Axis(parts=Parts(), hidden=hidden)
-    own = np.array([frequency_response(plant(axis, one), omega)[:2] for one in settings]).swapaxes(0, 1)
+    own = np.array([frequency_response(plant(axis, setting), omega)[:2] for setting in settings]).swapaxes(0, 1)
     own = own * np.exp(-1j * omega * hidden.torque_delay)
     error = np.abs(np.log(own / product_responses(model, settings)))
     assert np.median(error[0][:, LINES < 900.0]) < LESS_ALIKE.get(kind, 1e-3)
@@ -434,31 +434,31 @@ def test_a_case_is_written_as_files_that_the_product_reads(family, tmp_path):
     assert model.build() is not None
     assert model.uncertain["bearing_stiffness_n_per_m"] == 0.2
     assert len(read.measured) == 2 * len(case.settings) == len(observations(case))
-    for one, written in zip(read.observations, observations(case), strict=True):
-        assert one.conditions == written.conditions
-        np.testing.assert_array_equal(one.response, written.response)
+    for observation, written in zip(read.observations, observations(case), strict=True):
+        assert observation.conditions == written.conditions
+        np.testing.assert_array_equal(observation.response, written.response)
     assert case.truth["added-mass"]["mass_kg"] == pytest.approx(0.5, rel=0.17)
 
 
 @pytest.mark.slow
 def test_a_seed_gives_one_case_and_another_seed_another_machine():
-    one, again, other = (draw_case("none", seed=seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.measured[5].response, again.measured[5].response)
-    assert one.axis == again.axis
-    assert one.axis.parts != other.axis.parts
-    assert one.truth == {}
+    first, again, other = (draw_case("none", seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.measured[5].response, again.measured[5].response)
+    assert first.axis == again.axis
+    assert first.axis.parts != other.axis.parts
+    assert first.truth == {}
 
 
 def test_settings_vary_all_that_has_to_vary_and_avoid_the_lead():
     settings = design(np.random.default_rng(0))
-    assert len({one.position for one in settings}) >= 7
-    assert all(0.08 <= one.position <= 0.9 and one.position % 0.006 > 1e-4 for one in settings)
-    assert {one.payload for one in settings} == {0.0, 6.0}
-    assert {one.temperature_deviation for one in settings} == {0.0, 15.0}
-    assert len({one.excitation_rms for one in settings}) == 3
-    order = [one.order for one in settings]
+    assert len({setting.position for setting in settings}) >= 7
+    assert all(0.08 <= setting.position <= 0.9 and setting.position % 0.006 > 1e-4 for setting in settings)
+    assert {setting.payload for setting in settings} == {0.0, 6.0}
+    assert {setting.temperature_deviation for setting in settings} == {0.0, 15.0}
+    assert len({setting.excitation_rms for setting in settings}) == 3
+    order = [setting.order for setting in settings]
     assert order == sorted(order)
-    assert abs(np.corrcoef(order, [one.position for one in settings])[0, 1]) < 0.5
+    assert abs(np.corrcoef(order, [setting.position for setting in settings])[0, 1]) < 0.5
 
 
 def test_kinds_name_what_the_product_knows():

@@ -36,9 +36,9 @@ def random_torque(n_settings: int, n_samples: int, sample_rate: float, band=(21.
     return rms * torque / np.std(torque)
 
 
-def distance(one, other):
+def distance(value, other):
     """Return the largest difference over the largest value."""
-    return np.max(np.abs(np.asarray(one) - other)) / np.max(np.abs(other))
+    return np.max(np.abs(np.asarray(value) - other)) / np.max(np.abs(other))
 
 
 def without_loss(frequency) -> Lines:
@@ -276,18 +276,18 @@ SOFTER = {
 )
 def test_what_only_changes_a_part_is_that_part_changed(mechanism, parts, setting):
     other = frequency_response(Axis(parts=replace(PARTS, **parts)), replace(LOADED, **setting), FREQUENCY)
-    for one, expected in zip(frequency_response(hidden(**mechanism), LOADED, FREQUENCY), other, strict=True):
-        assert one == pytest.approx(expected, rel=1e-9)
+    for response, expected in zip(frequency_response(hidden(**mechanism), LOADED, FREQUENCY), other, strict=True):
+        assert response == pytest.approx(expected, rel=1e-9)
 
 
 def test_payload_error_needs_a_payload():
     bare = replace(LOADED, payload=0.0)
-    for one, other in zip(
+    for stated, other in zip(
         frequency_response(hidden(payload_error=1.0), bare, FREQUENCY),
         frequency_response(hidden(), bare, FREQUENCY),
         strict=True,
     ):
-        assert np.array_equal(one, other)
+        assert np.array_equal(stated, other)
 
 
 def test_delayed_torque_moves_the_axis_later_and_mounting_touches_the_accelerometer_alone():
@@ -321,8 +321,8 @@ def test_sine_is_answered_as_the_frequency_response_says(n_samples):
     phase = 2.0 * math.pi * cycles * np.arange(n_samples) / n_samples
     answer = respond(hidden(), [MIDDLE], 0.05 * np.cos(phase)[None] + 0.3, rate)  # a constant torque moves nothing
     expected = frequency_response(hidden(), MIDDLE, np.array([cycles * rate / n_samples]))
-    for one, line in zip(answer, expected, strict=True):
-        assert one[0] == pytest.approx(0.05 * (line[0] * np.exp(1j * phase)).real, abs=1e-9 * abs(line[0]))
+    for motion, line in zip(answer, expected, strict=True):
+        assert motion[0] == pytest.approx(0.05 * (line[0] * np.exp(1j * phase)).real, abs=1e-9 * abs(line[0]))
 
 
 @pytest.mark.slow
@@ -336,8 +336,8 @@ def test_nut_that_is_soft_at_any_deflection_is_a_linear_nut():
     soft = respond(hidden(nut_softening=0.3, nut_softening_deflection=1e-16), settings, torque, 4096.0)
     linear = respond(Axis(parts=replace(PARTS, nut_rigidity=0.7 * PARTS.nut_rigidity)), settings, torque, 4096.0)
     healthy = respond(hidden(), settings, torque, 4096.0)
-    for one, expected in zip(soft, linear, strict=True):
-        assert distance(one, expected) < 5e-3
+    for motion, expected in zip(soft, linear, strict=True):
+        assert distance(motion, expected) < 5e-3
     assert distance(healthy[0], linear[0]) > 0.1
 
 
@@ -473,8 +473,8 @@ def test_nonlinear_forces_have_settled_where_the_record_begins():
     axis = hidden(guide_friction=2.0, cubic_nut_stiffness=1e13)
     motion = np.array(respond(axis, [MIDDLE, LOADED], torque, 4096.0))
     rolled = np.array(respond(axis, [MIDDLE, LOADED], np.roll(torque, 3000, axis=1), 4096.0))
-    for one, other in zip(rolled, np.roll(motion, 3000, axis=-1), strict=True):
-        assert distance(one, other) < 1e-3
+    for shifted, other in zip(rolled, np.roll(motion, 3000, axis=-1), strict=True):
+        assert distance(shifted, other) < 1e-3
 
 
 def test_solver_gives_the_same_numbers_compiled_or_not(monkeypatch):
@@ -485,8 +485,8 @@ def test_solver_gives_the_same_numbers_compiled_or_not(monkeypatch):
     volterra.block_solver.cache_clear()
     plain = respond(axis, [MIDDLE], torque, 4096.0)
     volterra.block_solver.cache_clear()
-    for one, other in zip(compiled, plain, strict=True):
-        assert one == pytest.approx(other, rel=1e-9, abs=1e-9 * np.max(np.abs(other)))
+    for of_compiled, other in zip(compiled, plain, strict=True):
+        assert of_compiled == pytest.approx(other, rel=1e-9, abs=1e-9 * np.max(np.abs(other)))
 
 
 @pytest.mark.slow
@@ -530,14 +530,14 @@ def test_without_loss_in_the_steel_it_is_the_drive_of_the_receptance_model(monke
     model = product_model()
     for setting in HEALTHY:
         answers = frequency_response(Axis(parts=PARTS), setting, FREQUENCY)
-        for one, other in zip(answers, product_response(model, setting), strict=True):
-            assert one == pytest.approx(other, rel=1e-7)
+        for ours, other in zip(answers, product_response(model, setting), strict=True):
+            assert ours == pytest.approx(other, rel=1e-7)
 
 
 def test_with_it_the_receptance_model_is_right_to_parts_of_a_thousand_but_in_notches():
     model = product_model()
     apart = np.array([
-        [np.abs(np.log(one / other)) for one, other in zip(
+        [np.abs(np.log(response / other)) for response, other in zip(
             frequency_response(Axis(parts=PARTS), setting, FREQUENCY), product_response(model, setting), strict=True
         )]
         for setting in HEALTHY
@@ -566,9 +566,12 @@ def test_finite_elements_of_the_same_axis_move_alike(principal):
     axis = hidden(**MECHANISMS[principal])
     lines = slice(24, 900)
     waves, elements = (
-        [h1(torque[:, 4096 * 2 :], one[:, 4096 * 2 :])[lines] for one in plant.respond(axis, settings, torque, 4096.0)]
+        [
+            h1(torque[:, 4096 * 2 :], motion[:, 4096 * 2 :])[lines]
+            for motion in plant.respond(axis, settings, torque, 4096.0)
+        ]
         for plant in (transmission_line, finite_elements)
     )
-    for one, other in zip(waves, elements, strict=True):
-        assert np.linalg.norm(one - other) < 0.01 * np.linalg.norm(other)
-        assert np.median(np.abs(np.log(one / other))) < 0.004
+    for response, other in zip(waves, elements, strict=True):
+        assert np.linalg.norm(response - other) < 0.01 * np.linalg.norm(other)
+        assert np.median(np.abs(np.log(response / other))) < 0.004

@@ -17,7 +17,7 @@ MESHES = {0.6: (120, 400), 1.0: (200, 320), 1.6: (320, 200)}
 def receptances(axis: ReceptanceParameters) -> dict[float, np.ndarray]:
     """Exact receptance of the table at each position, shape (850,) [m/N]."""
     assemblies = {x: Assembly(axis_of(axis, MotorEnd.FREE), *mesh, x) for x, mesh in MESHES.items()}
-    return {x: one.response(2 * np.pi * FREQUENCY, one.table)[:, 0] for x, one in assemblies.items()}
+    return {x: assembly.response(2 * np.pi * FREQUENCY, assembly.table)[:, 0] for x, assembly in assemblies.items()}
 
 
 def noisy(

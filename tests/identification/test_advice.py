@@ -68,8 +68,8 @@ def test_each_band_holds_one_mode_wherever_the_table_stands(axis: ReceptancePara
         for mode, band in bands.items():
             inside = (elastic > band.lower) & (elastic < band.upper)
             assert np.flatnonzero(inside).tolist() == [mode - 1]
-        for one, other in itertools.pairwise(bands.values()):
-            assert one.upper == other.lower
+        for below, above in itertools.pairwise(bands.values()):
+            assert below.upper == above.lower
 
 
 def test_modes_outside_the_measured_range_have_no_band() -> None:
@@ -88,10 +88,10 @@ def test_the_loss_that_is_promised_really_moves_the_peak_so_far() -> None:
     band = bands_at(AXIS, best.peak.conditions, MEASURED_RANGE)[best.peak.mode]
     worn = replace(AXIS, nut_stiffness=(1.0 - best.stiffness_loss) * AXIS.nut_stiffness)
     grid = peak_grid(AXIS, [Place(best.peak.conditions, band)])
-    before, after = (find_peaks(grid, one.joints(best.peak.conditions)).frequency[0] for one in (AXIS, worn))
+    before, after = (find_peaks(grid, axis.joints(best.peak.conditions)).frequency[0] for axis in (AXIS, worn))
     # z of 95 % and of 90 %; 2 %: the slope changes by as much over a loss of 2 % of the stiffness
     assert np.log(before / after) == pytest.approx((1.6449 + 1.2816) * MONITORED_UNCERTAINTY, rel=0.02)
-    losses = [one.stiffness_loss for one in others if one.stiffness_loss is not None]
+    losses = [monitored.stiffness_loss for monitored in others if monitored.stiffness_loss is not None]
     assert losses == sorted(losses)
     assert best.stiffness_loss <= losses[0]
 
@@ -99,9 +99,9 @@ def test_the_loss_that_is_promised_really_moves_the_peak_so_far() -> None:
 def test_a_place_that_was_measured_twice_is_listed_once() -> None:
     places = [DriveConditions(1.0), DriveConditions(1.6)]
     once, twice = (modes_to_monitor(AXIS, each, MEASURED_RANGE) for each in (places, [*places, *places]))
-    assert {one.peak.conditions for one in once} == set(places)
-    assert [(one.peak.mode, one.peak.conditions) for one in twice] == [
-        (one.peak.mode, one.peak.conditions) for one in once
+    assert {monitored.peak.conditions for monitored in once} == set(places)
+    assert [(monitored.peak.mode, monitored.peak.conditions) for monitored in twice] == [
+        (monitored.peak.mode, monitored.peak.conditions) for monitored in once
     ]
 
 
@@ -125,12 +125,12 @@ def test_advised_position_brings_what_it_promises_in_responses() -> None:
     before = fitted(case)
     advised = next_positions(case, before, AXIS.screw_length, NUT)
     kept = []
-    for one in (advised[0], advised[-1]):
-        added = finite_element_responses(AXIS, [one.conditions.position], rng)
+    for advice in (advised[0], advised[-1]):
+        added = finite_element_responses(AXIS, [advice.conditions.position], rng)
         after = fitted(replace(case, observations=case.observations + added))
         kept.append(after.coordinates.standard_uncertainties[NUT])
         # 10 %: noise is a share of a response that is known from two other positions, and the joints move a little
-        assert kept[-1] == pytest.approx(one.standard_uncertainties[NUT], rel=0.1)
+        assert kept[-1] == pytest.approx(advice.standard_uncertainties[NUT], rel=0.1)
     assert kept[0] < kept[1] < before.coordinates.standard_uncertainties[NUT]
 
 
@@ -146,7 +146,7 @@ def exact_peaks(x: float, with_amplitude: bool) -> list[ModalObservation]:
     if not with_amplitude:
         return peaks
     heights = here.amplitude.tolist()
-    return [replace(one, amplitude=a, amplitude_uncertainty=0.05 * a) for one, a in zip(peaks, heights, strict=True)]
+    return [replace(peak, amplitude=a, amplitude_uncertainty=0.05 * a) for peak, a in zip(peaks, heights, strict=True)]
 
 
 @pytest.mark.slow
@@ -163,9 +163,9 @@ def test_advised_position_brings_what_it_promises_in_peaks(weighting: Weighting,
     before = fitted(case)
     advised = next_positions(case, before, AXIS.screw_length, NUT)
     kept = []
-    for one in (advised[0], advised[-1]):
-        kept.append(fitted(case_at(0.6, 1.9, one.conditions.position)).coordinates.standard_uncertainties[NUT])
-        assert kept[-1] == pytest.approx(one.standard_uncertainties[NUT], rel=1e-4)
+    for advice in (advised[0], advised[-1]):
+        kept.append(fitted(case_at(0.6, 1.9, advice.conditions.position)).coordinates.standard_uncertainties[NUT])
+        assert kept[-1] == pytest.approx(advice.standard_uncertainties[NUT], rel=1e-4)
     assert kept[0] < kept[1] < before.coordinates.standard_uncertainties[NUT]
 
 
@@ -181,10 +181,10 @@ def test_candidates_stay_on_the_screw_and_under_the_measured_preload() -> None:
     case = peak_case(joints, peaks, bands={2: tian.BANDS[2]})
     fit = fit_local(case.problem((0.3, 2.4)), joints.bounds({"nut_stiffness_n_per_m": (1e8, 1e10)}), joints.start)
     advised = next_positions(case, fit, rated.screw_length, 0)
-    positions = [one.conditions.position for one in advised]
+    positions = [advice.conditions.position for advice in advised]
     assert min(positions) == pytest.approx(0.05 * 2.6)
     assert max(positions) == pytest.approx(0.95 * 2.6)
-    assert {(one.conditions.preload, one.conditions.payload_mass) for one in advised} == {(2000.0, 20.0)}
+    assert {(advice.conditions.preload, advice.conditions.payload_mass) for advice in advised} == {(2000.0, 20.0)}
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,9 @@ class Blind(StraightLine):
     def planned(
         self, coordinates: FloatArray, conditions: Sequence[DriveConditions]
     ) -> tuple[tuple[DriveConditions, FloatArray], ...]:
-        return tuple((one, np.array([[0.0, one.position]])) for one in conditions if coordinates.any())
+        return tuple(
+            (candidate, np.array([[0.0, candidate.position]])) for candidate in conditions if coordinates.any()
+        )
 
 
 def test_no_position_is_advised_where_none_helps() -> None:

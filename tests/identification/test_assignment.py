@@ -26,10 +26,10 @@ CATALOGUE = replace(
 
 def test_third_in_the_list_at_mid_screw_is_the_fourth_mode():
     # Table 1 has three peaks at l4: 24, 116 and 717 Hz
-    unlabelled = [replace(one, order=None) for one in TABLE]
+    unlabelled = [replace(observation, order=None) for observation in TABLE]
     for parameters in (AXIS, CATALOGUE):
         found = assign_modes(parameters, unlabelled)
-        assert [one.mode for one in found.peaks] == [one.order for one in TABLE]
+        assert [peak.mode for peak in found.peaks] == [observation.order for observation in TABLE]
         (missing,) = found.missing
         assert (missing.mode, missing.conditions.position, missing.masked) == (3, 1.3, True)
         assert missing.frequency == pytest.approx(590.0, rel=0.01)
@@ -39,17 +39,17 @@ def test_third_in_the_list_at_mid_screw_is_the_fourth_mode():
 def test_order_of_the_list_plays_no_part():
     shuffled = [TABLE[k] for k in np.random.default_rng(0).permutation(len(TABLE))]
     found = assign_modes(CATALOGUE, shuffled)
-    assert [one.mode for one in found.peaks] == [one.order for one in shuffled]
+    assert [peak.mode for peak in found.peaks] == [observation.order for observation in shuffled]
 
 
 def test_a_wrong_label_is_only_a_label():
-    mislabelled = [replace(one, order=5 - one.order) for one in TABLE]
-    assert [one.mode for one in assign_modes(AXIS, mislabelled).peaks] == [one.order for one in TABLE]
+    mislabelled = [replace(observation, order=5 - observation.order) for observation in TABLE]
+    assert [peak.mode for peak in assign_modes(AXIS, mislabelled).peaks] == [observation.order for observation in TABLE]
 
 
 def test_a_peak_that_should_be_there_is_reported_as_such():
-    without = [one for one in TABLE if (one.order, one.conditions.position) != (4, 0.8)]
-    missing = {(one.mode, one.conditions.position): one for one in assign_modes(AXIS, without).missing}
+    without = [observation for observation in TABLE if (observation.order, observation.conditions.position) != (4, 0.8)]
+    missing = {(peak.mode, peak.conditions.position): peak for peak in assign_modes(AXIS, without).missing}
     assert set(missing) == {(3, 1.3), (4, 0.8)}
     assert not missing[4, 0.8].masked
     assert missing[4, 0.8].sentence.endswith("at 800 mm, where it should be seen")
@@ -64,7 +64,7 @@ def test_the_other_positions_decide_where_one_cannot():
     others = [ModalObservation(places[k], float(f)) for k in (0, 1, 3, 4) for f in truth[k, 2:]]
     assert assign_modes(AXIS, [lone]).peaks[0].mode == 3
     found = assign_modes(AXIS, [lone, *others])
-    assert [one.mode for one in found.peaks] == [4, *[3, 4] * 4]
+    assert [peak.mode for peak in found.peaks] == [4, *[3, 4] * 4]
     model = track_modes(AXIS, places, n_modes=4).frequency
     assert found.shift[4] == pytest.approx(np.mean(np.log(truth[:, 3] / model[:, 3])), rel=1e-9)
 
@@ -143,8 +143,10 @@ def test_preloads_are_followed_each_for_itself():
     nut = replace(AXIS, nut_stiffness=1e9, dynamic_load_rating=5e4)
     two = [DriveConditions(1.0, preload=p) for p in (1000.0, 4000.0)]
     both = track_modes(nut, two, n_modes=4)
-    for k, one in enumerate(two):
-        np.testing.assert_allclose(both.frequency[k], track_modes(nut, [one], n_modes=4).frequency[0], rtol=1e-12)
+    for k, conditions in enumerate(two):
+        np.testing.assert_allclose(
+            both.frequency[k], track_modes(nut, [conditions], n_modes=4).frequency[0], rtol=1e-12
+        )
     assert both.frequency[1, 3] > both.frequency[0, 3] * 1.02
 
 

@@ -175,7 +175,9 @@ def test_nguyens_measurements_contradict_what_his_table_1_predicts(published_dat
         prior = CoefficientPrior(
             predicted.coefficients, 0.5, ValidRange(0.25, 0.75), ValidRange(50.0, 400.0), "Table 1"
         )
-        return calibrate([table[one] for one in settings], weighting="none", excitation_source=None, prior=prior)
+        return calibrate(
+            [table[setting] for setting in settings], weighting="none", excitation_source=None, prior=prior
+        )
 
     middle, ends = (500.0, 200.0), ((250.0, 100.0), (750.0, 300.0))
     with pytest.raises(NotIdentifiableError, match="contradict the prior"):

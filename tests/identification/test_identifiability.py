@@ -13,8 +13,8 @@ from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
 from monitor_core.identification.directions import Thresholds, Verdict, directions
 from monitor_core.identification.identifiability import assess, correlations, inseparable_pairs, judge
 from monitor_core.identification.profiles import profile_interval
-from tests.identification.test_fit import Linear, everywhere, line
-from tests.identification.test_search import Wells
+from tests.fitting.test_global_search import Wells
+from tests.fitting.test_least_squares import Linear, everywhere, line
 
 Z = 1.959963984540054
 
@@ -217,7 +217,7 @@ def test_a_split_and_an_unseen_coordinate_are_judged_as_such() -> None:
     problem = InSeries(lever=4.0)
     fit = fit_local(problem, TWO_DECADES, np.array([0.1, -0.2, 0.3]))
     known = assess(problem, TWO_DECADES, fit)
-    verdicts = {one.name: one.verdict for one in known.coordinates}
+    verdicts = {coordinate.name: coordinate.verdict for coordinate in known.coordinates}
     # σ(k_al)² = (0.02² + 1/lever²)/4 in parts of k_al: 0.0545 decades.
     assert known.coordinates[0].standard_uncertainty == pytest.approx(
         math.hypot(0.02, 0.25) / 2.0 / math.log(10.0), rel=1e-6
@@ -230,7 +230,7 @@ def test_a_split_and_an_unseen_coordinate_are_judged_as_such() -> None:
     (pair,) = known.pairs
     assert {pair.first, pair.second} == {"k_al", "k_ar"}
     assert pair.correlation == pytest.approx((0.02**2 - 0.25**2) / (0.02**2 + 0.25**2), rel=1e-6)
-    assert [one.describe() for one in known.unseen] == ["c_n alone"]
+    assert [direction.describe() for direction in known.unseen] == ["c_n alone"]
     c_n = known.coordinates[2]
     assert c_n.profile is not None
     assert c_n.profile.open_below
@@ -295,7 +295,7 @@ def test_springs_in_series_are_anywhere_on_their_ridge(start: tuple[float, ...])
     bounds = Bounds(np.full(3, -2.0), np.full(3, 2.0))
     fit = fit_local(Springs(), bounds, np.array(start))
     known = assess(Springs(), bounds, fit)
-    for one in known.coordinates[:2]:
-        assert one.verdict is Verdict.NOT_DETERMINED
-        assert (one.interval.lower, one.interval.upper) == (-2.0, 2.0)
+    for coordinate in known.coordinates[:2]:
+        assert coordinate.verdict is Verdict.NOT_DETERMINED
+        assert (coordinate.interval.lower, coordinate.interval.upper) == (-2.0, 2.0)
     assert known.coordinates[2].verdict is Verdict.DETERMINED

@@ -88,7 +88,7 @@ class StraightLine:
     def planned(
         self, coordinates: FloatArray, conditions: Sequence[DriveConditions]
     ) -> tuple[tuple[DriveConditions, FloatArray], ...]:
-        return tuple((one, np.array([[1.0, one.position]])) for one in conditions)
+        return tuple((candidate, np.array([[1.0, candidate.position]])) for candidate in conditions)
 
 
 LINE_X = tuple(float(x) for x in np.linspace(0.5, 5.0, 10))
@@ -133,7 +133,7 @@ def test_stiffness_that_published_peaks_determine(published: JointFit) -> None:
 
 @pytest.mark.slow
 def test_what_published_peaks_leave_open(published: JointFit) -> None:
-    verdict = {one.name: one.verdict for one in published.judged.coordinates}
+    verdict = {coordinate.name: coordinate.verdict for coordinate in published.judged.coordinates}
     assert verdict["nut_damping_ns_per_m"] is Verdict.NOT_DETERMINED
     assert verdict["nut_stiffness_n_per_m"] is not Verdict.NOT_DETERMINED
     (pair,) = published.judged.pairs
@@ -153,7 +153,7 @@ def test_worst_held_out_error_is_that_of_a_whole_number_of_hertz(published: Join
     assert (worst.mode, worst.conditions.position, worst.measured) == (1, 1.9, 23.0)
     assert 100.0 * worst.relative_error == pytest.approx(2.77, abs=0.02)
     assert worst.predicted == pytest.approx(23.64, abs=0.01)
-    others = [100.0 * abs(one.relative_error) for one in published.held_out if one is not worst]
+    others = [100.0 * abs(prediction.relative_error) for prediction in published.held_out if prediction is not worst]
     assert len(others) == 10
     assert max(others) <= 2.75
 
@@ -164,7 +164,7 @@ def test_mode_at_whose_node_the_table_stands_is_told(
 ) -> None:
     (missing,) = watched[1].assignment.missing  # Table 1 has no order 3 at l4
     assert (missing.mode, missing.conditions.position, missing.masked) == (3, 1.3, True)
-    assert [one.mode for one in watched[1].assignment.peaks] == [one.order for one in EVERYWHERE]
+    assert [peak.mode for peak in watched[1].assignment.peaks] == [observation.order for observation in EVERYWHERE]
 
 
 @pytest.mark.slow
@@ -202,7 +202,7 @@ def test_mode_that_nobody_measured_was_taken_for_the_one_above_it() -> None:
     settings = JointFitSettings(search=replace(ONE_START, n_random_starts=4), uncertainties_stated=False)
     with_third, without = (
         fit_joints(peak_case(two, peaks), two.bounds(tian.LIMITS), settings, hold_out=HELD_OUT)
-        for peaks in (EVERYWHERE, [one for one in EVERYWHERE if one.order != 3])
+        for peaks in (EVERYWHERE, [observation for observation in EVERYWHERE if observation.order != 3])
     )
     assert 6.0e8 < 10.0 ** without.fit.coordinates.values[1] < 7.5e8
     apart = abs(without.fit.coordinates.values - with_third.fit.coordinates.values)
@@ -254,7 +254,7 @@ def test_progress_never_falls_and_ends_at_its_total(
     watched: tuple[JointFit, PeakCase, list[tuple[int, int]]],
 ) -> None:
     steps = watched[2]
-    done, totals = [one for one, _ in steps], {total for _, total in steps}
+    done, totals = [n_done for n_done, _ in steps], {total for _, total in steps}
     assert done == sorted(done)
     assert len(totals) == 1
     assert steps[-1] == (done[-1], done[-1])
@@ -286,8 +286,11 @@ def numbers(found: JointFit) -> list[object]:
         found.fit.coordinates.values.tolist(),
         found.fit.coordinates.covariance.tolist(),
         found.search.n_evaluations,
-        [(one.interval.lower, one.interval.upper, one.verdict) for one in found.judged.coordinates],
-        [one.relative_error for one in found.held_out],
+        [
+            (coordinate.interval.lower, coordinate.interval.upper, coordinate.verdict)
+            for coordinate in found.judged.coordinates
+        ],
+        [prediction.relative_error for prediction in found.held_out],
     ]
 
 
@@ -329,14 +332,14 @@ def test_simulated_responses_give_the_axis_back(from_responses: JointFit) -> Non
     assert np.log(10.0) * u[2] < 0.005
     assert not from_responses.lack_of_fit
     assert from_responses.leave_one_out
-    assert [one.conditions.position for one in from_responses.held_out] == [0.6, 1.0, 1.6]
+    assert [prediction.conditions.position for prediction in from_responses.held_out] == [0.6, 1.0, 1.6]
 
 
 @pytest.mark.slow
 def test_held_out_responses_are_off_by_their_noise(from_responses: JointFit) -> None:
     # ln(H/H measured) of noise of 5 %: rms 0.05, plus what the fit to two positions does not know
-    for one in from_responses.held_out:
-        assert 0.045 < one.relative_error < 0.065
+    for prediction in from_responses.held_out:
+        assert 0.045 < prediction.relative_error < 0.065
 
 
 @pytest.mark.slow
@@ -378,7 +381,7 @@ def test_intervals_cover_whether_uncertainties_are_stated_rightly_or_too_small()
         inside, n, n_lacking = np.zeros(2), 150, 0
         for _ in range(n):
             found = fit_joints(line(rng, scatter), LINE_BOUNDS, settings, hold_out=[LINE_X[0]])
-            ends = [(one.interval.lower, one.interval.upper) for one in found.judged.coordinates]
+            ends = [(coordinate.interval.lower, coordinate.interval.upper) for coordinate in found.judged.coordinates]
             inside += [low < value < high for (low, high), value in zip(ends, truth, strict=True)]
             n_lacking += found.lack_of_fit
         # 8 times the stated uncertainty on 7 degrees of freedom: χ² stays below its limit of 24.3 once in 5000
@@ -392,19 +395,19 @@ def test_each_position_left_out_plays_no_part_in_its_prediction() -> None:
     case = line(rng)
     found = fit_joints(case, LINE_BOUNDS, JointFitSettings(search=ONE_START))
     x, y = np.array(case.x), np.array(case.y)
-    for k, one in enumerate(found.held_out):
+    for k, prediction in enumerate(found.held_out):
         slope, constant = np.polyfit(np.delete(x, k), np.delete(y, k), 1)
-        assert one.conditions.position == x[k]
-        assert one.relative_error == pytest.approx((constant + slope * x[k]) / y[k] - 1.0, rel=1e-6)
+        assert prediction.conditions.position == x[k]
+        assert prediction.relative_error == pytest.approx((constant + slope * x[k]) / y[k] - 1.0, rel=1e-6)
 
 
 def test_held_out_readings_change_nothing_but_their_errors() -> None:
     case = line(np.random.default_rng(8))
     wrong = StraightLine(case.x, (99.0, *case.y[1:]))
     settings = JointFitSettings(search=ONE_START)
-    one, other = (fit_joints(each, LINE_BOUNDS, settings, hold_out=[LINE_X[0]]) for each in (case, wrong))
-    np.testing.assert_array_equal(one.fit.coordinates.values, other.fit.coordinates.values)
-    assert one.held_out[0].relative_error != other.held_out[0].relative_error
+    sound, other = (fit_joints(each, LINE_BOUNDS, settings, hold_out=[LINE_X[0]]) for each in (case, wrong))
+    np.testing.assert_array_equal(sound.fit.coordinates.values, other.fit.coordinates.values)
+    assert sound.held_out[0].relative_error != other.held_out[0].relative_error
 
 
 def test_wrong_reading_of_a_peak_is_worst_where_it_stands() -> None:

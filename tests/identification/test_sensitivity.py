@@ -41,20 +41,20 @@ def peaks():
 
 
 def of_mode(peaks, mode):
-    return [one.of_frequency for one in peaks if one.mode == mode]
+    return [peak.of_frequency for peak in peaks if peak.mode == mode]
 
 
 def test_sensitivity_of_each_order_to_the_nut(peaks):
     # reference values at l1 to l6, found with another implementation by differences of peaks
     np.testing.assert_allclose(of_mode(peaks, 4), [0.083, 0.113, 0.153, 0.195, 0.156, 0.102], atol=0.0015)
-    assert all(0.0265 < one < 0.0305 for one in of_mode(peaks, 2))
+    assert all(0.0265 < sensitivity < 0.0305 for sensitivity in of_mode(peaks, 2))
     np.testing.assert_allclose(of_mode(peaks, 1), 0.0, atol=5e-4)
 
 
 def test_third_order_does_not_see_the_nut_at_mid_screw(peaks):
     undamped = track_modes(IDENTIFIED, PLACES, n_modes=4).nut_sensitivity
     assert undamped[3, 2] == pytest.approx(0.0, abs=5e-4)
-    at_node = [one.of_frequency for one in peaks if one.mode == 3 and one.conditions.position == 1.3]
+    at_node = [peak.of_frequency for peak in peaks if peak.mode == 3 and peak.conditions.position == 1.3]
     assert np.allclose(at_node, 0.0, atol=5e-4)  # also if the peak is lost in the damping
     # peaks and undamped modes tell the same, but for damping
     for mode in (1, 2, 4):
@@ -64,31 +64,31 @@ def test_third_order_does_not_see_the_nut_at_mid_screw(peaks):
 def test_a_tenth_of_the_stiffness_moves_the_fourth_order_by_hertz(peaks):
     softer = replace(IDENTIFIED, nut_stiffness=0.9 * IDENTIFIED.nut_stiffness)
     moved = {}
-    for one in PLACES:
-        grid = peak_grid(IDENTIFIED, [Place(one, tian.BANDS[mode]) for mode in (2, 4)])
-        before, after = (find_peaks(grid, p.joints(one)).frequency for p in (IDENTIFIED, softer))
-        moved[one.position] = before - after
-    assert all(0.3 < one[0] < 0.4 for one in moved.values())
-    assert all(6.0 < one[1] < 16.0 for one in moved.values())
-    predicted = [one.of_frequency * 0.1 * one.frequency for one in peaks if one.mode == 4]
-    np.testing.assert_allclose(predicted, [one[1] for one in moved.values()], rtol=0.12)
+    for conditions in PLACES:
+        grid = peak_grid(IDENTIFIED, [Place(conditions, tian.BANDS[mode]) for mode in (2, 4)])
+        before, after = (find_peaks(grid, p.joints(conditions)).frequency for p in (IDENTIFIED, softer))
+        moved[conditions.position] = before - after
+    assert all(0.3 < shifts[0] < 0.4 for shifts in moved.values())
+    assert all(6.0 < shifts[1] < 16.0 for shifts in moved.values())
+    predicted = [peak.of_frequency * 0.1 * peak.frequency for peak in peaks if peak.mode == 4]
+    np.testing.assert_allclose(predicted, [shifts[1] for shifts in moved.values()], rtol=0.12)
 
 
 def test_fourth_order_at_mid_screw_is_the_one_to_monitor(peaks):
     ranked = rank_modes_to_monitor(peaks, dict.fromkeys(tian.BANDS, 1e-3))
     assert (ranked[0].peak.mode, ranked[0].peak.conditions.position) == (4, 1.3)
-    losses = [one.stiffness_loss for one in ranked if one.stiffness_loss is not None]
+    losses = [monitored.stiffness_loss for monitored in ranked if monitored.stiffness_loss is not None]
     assert losses == sorted(losses)
-    blind = [one for one in ranked if one.peak.mode == 1]
-    assert all(one.preload_loss is None or one.preload_loss > 0.9 for one in blind)
+    blind = [monitored for monitored in ranked if monitored.peak.mode == 1]
+    assert all(monitored.preload_loss is None or monitored.preload_loss > 0.9 for monitored in blind)
     # ten times steadier, the second order is the better one
     steady = rank_modes_to_monitor(peaks, {1: 1e-3, 2: 1e-4, 3: 1e-3, 4: 1e-3})
     assert steady[0].peak.mode == 2
 
 
 def test_smallest_loss_is_seen_as_often_as_stated():
-    one = PeakSensitivity(DriveConditions(1.3), 4, 710.0, 0.2, -0.3)
-    (found,) = rank_modes_to_monitor([one], {4: 2e-3})
+    peak = PeakSensitivity(DriveConditions(1.3), 4, 710.0, 0.2, -0.3)
+    (found,) = rank_modes_to_monitor([peak], {4: 2e-3})
     rng = np.random.default_rng(0)
     scatter = 2e-3 * rng.standard_normal(200_000)
     threshold = stats.norm.ppf(0.95) * 2e-3
@@ -98,10 +98,10 @@ def test_smallest_loss_is_seen_as_often_as_stated():
 
 
 def test_preload_goes_with_the_third_power_of_the_stiffness():
-    one = PeakSensitivity(DriveConditions(1.3), 4, 710.0, 0.2, -0.3)
-    (found,) = rank_modes_to_monitor([one], {4: 2e-3})
+    peak = PeakSensitivity(DriveConditions(1.3), 4, 710.0, 0.2, -0.3)
+    (found,) = rank_modes_to_monitor([peak], {4: 2e-3})
     assert 1.0 - found.preload_loss == pytest.approx((1.0 - found.stiffness_loss) ** 3, rel=1e-12)
-    (blind,) = rank_modes_to_monitor([replace(one, of_frequency=0.0)], {4: 2e-3})
+    (blind,) = rank_modes_to_monitor([replace(peak, of_frequency=0.0)], {4: 2e-3})
     assert (blind.stiffness_loss, blind.preload_loss) == (None, None)
 
 
@@ -115,15 +115,15 @@ def test_next_position_is_the_one_that_brings_most():
     assert len(candidates) == 10
     ranked = rank_next_positions(measured, candidates, parameter=NUT)
     before = np.sqrt(np.linalg.inv(measured.T @ measured)[NUT, NUT])
-    for one in ranked:
-        added = dict(candidates)[one.conditions]
+    for advised in ranked:
+        added = dict(candidates)[advised.conditions]
         covariance = np.linalg.inv(measured.T @ measured + added.T @ added)
-        assert one.standard_uncertainties[NUT] == pytest.approx(np.sqrt(covariance[NUT, NUT]), rel=1e-4)
-        assert one.log_volume == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
-        assert one.standard_uncertainties[NUT] < before
-    by_nut = [one.standard_uncertainties[NUT] for one in ranked]
+        assert advised.standard_uncertainties[NUT] == pytest.approx(np.sqrt(covariance[NUT, NUT]), rel=1e-4)
+        assert advised.log_volume == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
+        assert advised.standard_uncertainties[NUT] < before
+    by_nut = [advised.standard_uncertainties[NUT] for advised in ranked]
     assert by_nut == sorted(by_nut)
-    by_volume = [one.log_volume for one in rank_next_positions(measured, candidates)]
+    by_volume = [advised.log_volume for advised in rank_next_positions(measured, candidates)]
     assert by_volume == sorted(by_volume)
 
 
@@ -152,7 +152,7 @@ def test_planned_responses_know_more_than_planned_peaks():
     measured = FrequencyResponseObservation(PLACES[0], frequency, response, 0.05 * np.abs(response))
     by_peaks = planned_peaks(JOINTS, AT, PLACES[:3], tian.BANDS)
     by_lines = ResponseCase(JOINTS, (measured,)).planned(AT, PLACES[:3])
-    known = [np.linalg.inv(np.sum([j.T @ j for _, j in one], axis=0)) for one in (by_peaks, by_lines)]
+    known = [np.linalg.inv(np.sum([j.T @ j for _, j in planned], axis=0)) for planned in (by_peaks, by_lines)]
     assert np.all(np.diag(known[1]) < np.diag(known[0]))
 
 
@@ -160,9 +160,9 @@ def test_what_stays_unseen_is_said():
     blind = np.zeros((3, 3))
     blind[:, 0] = 1.0
     candidates = [(DriveConditions(1.0), np.array([[0.0, 1.0, 0.0]]))]
-    (one,) = rank_next_positions(blind, candidates, parameter=1)
-    np.testing.assert_allclose(one.standard_uncertainties, [1 / np.sqrt(3), 1.0, np.inf])
-    assert one.log_volume == np.inf
+    (advised,) = rank_next_positions(blind, candidates, parameter=1)
+    np.testing.assert_allclose(advised.standard_uncertainties, [1 / np.sqrt(3), 1.0, np.inf])
+    assert advised.log_volume == np.inf
     with pytest.raises(NotIdentifiableError, match="no candidate position"):
         rank_next_positions(blind, candidates, parameter=2)
     with pytest.raises(NotIdentifiableError, match="no candidate position"):

@@ -49,7 +49,7 @@ def measured(*names: str) -> tuple[ModalObservation, ...]:
 
 def as_labelled(observations: tuple[ModalObservation, ...]) -> tuple[AssignedPeak, ...]:
     """Take the paper's orders for the modes."""
-    return tuple(AssignedPeak(one, one.order) for one in observations)
+    return tuple(AssignedPeak(observation, observation.order) for observation in observations)
 
 
 def free(axis: ReceptanceParameters, *joints: str) -> FreeParameters:

@@ -181,7 +181,7 @@ ON_THE_PRELOAD = {"preload_exponent_change", "thermal_preload", "preload_change"
 
 @pytest.mark.parametrize(
     ("family", "effect"),
-    [(one, name) for one in FAMILIES for name in OF_THE_AXIS if one == "lumped" or name not in ON_THE_PRELOAD],
+    [(family, name) for family in FAMILIES for name in OF_THE_AXIS if family == "lumped" or name not in ON_THE_PRELOAD],
 )
 def test_passivity_and_reciprocity_with_every_effect(family, effect) -> None:
     """Driving points take energy at every frequency; table per torque is angle per force (Maxwell, Betti)."""
@@ -255,9 +255,9 @@ def test_base_moves_as_a_mass_on_its_spring() -> None:
         add(physics, base_compliance=compliance, base_frequency=base_frequency),
         case_of(LUMPED, frequency, EVERYTHING, FORCE),
     )
-    for one, value in zip(frequency, ours, strict=True):
+    for f, value in zip(frequency, ours, strict=True):
         stiffness = np.array([[spring, -spring], [-spring, spring + 1.0 / compliance]])
-        dynamic = stiffness - (2.0 * np.pi * one) ** 2 * np.diag([mass, base])
+        dynamic = stiffness - (2.0 * np.pi * f) ** 2 * np.diag([mass, base])
         assert value.real == pytest.approx(np.linalg.solve(dynamic, [1.0, 0.0])[0], rel=1e-7)
 
 

@@ -83,7 +83,7 @@ def test_friction_damps_as_in_the_motion_itself(friction) -> None:
     stiffness = 1.0 / response(physics, 0.0, frequency=np.array([1e-3]))[0].real
     predicted = response(add(physics, guide_friction=friction), 10.0)
     simulated = simulated_response(stiffness, 400.0, 10.0, friction=friction)
-    added_predicted, added_simulated = (mass_spring_damper(one)[1] - 400.0 for one in (predicted, simulated))
+    added_predicted, added_simulated = (mass_spring_damper(frf)[1] - 400.0 for frf in (predicted, simulated))
     assert added_simulated > 50.0  # [N·s/m], so that percents mean something
     assert added_predicted == pytest.approx(added_simulated, rel=0.06)
     assert np.max(np.abs(predicted)) == pytest.approx(np.max(np.abs(simulated)), rel=0.05)
@@ -97,7 +97,7 @@ def test_hardening_stiffens_as_in_the_motion_itself() -> None:
     predicted = response(add(physics, cubic_nut_stiffness=cubic), 10.0)
     simulated = simulated_response(stiffness, 2000.0, 10.0, cubic=cubic)
     stiffer_predicted, stiffer_simulated = (
-        mass_spring_damper(one)[0] / stiffness - 1.0 for one in (predicted, simulated)
+        mass_spring_damper(frf)[0] / stiffness - 1.0 for frf in (predicted, simulated)
     )
     assert stiffer_simulated > 0.02
     assert stiffer_predicted == pytest.approx(stiffer_simulated, rel=0.06)
@@ -135,7 +135,7 @@ def test_a_lightly_damped_response_is_an_average_over_amplitudes(behind, allowed
     mean_alone = response(
         replace(physics, joints=replace(joints, nut_stiffness=stiffness * (1.0 + hardening) / 0.8)), 0.0
     )
-    distances = [np.linalg.norm(one - simulated) / np.linalg.norm(simulated) for one in (predicted, mean_alone)]
+    distances = [np.linalg.norm(frf - simulated) / np.linalg.norm(simulated) for frf in (predicted, mean_alone)]
     assert distances[0] < allowed
     assert distances[1] > missed
 
@@ -218,8 +218,8 @@ def linear_motion(physics: AxisPhysics, excitation, level: float) -> tuple[float
     force = (1j * omega * physics.bodies.table_damping - omega**2 * mass) * table - (excitation is FORCE)
     joints = physics.joints
     nut = joints.nut_stiffness * (1.0 + 1j * joints.loss_factor) + 1j * omega * joints.nut_damping
-    power = (np.trapezoid(np.abs(one) ** 2, DENSE) / np.ptp(DENSE) for one in (omega * table, force / nut))
-    velocity, deflection = (level * np.sqrt(one) for one in power)
+    power = (np.trapezoid(np.abs(spectrum) ** 2, DENSE) / np.ptp(DENSE) for spectrum in (omega * table, force / nut))
+    velocity, deflection = (level * np.sqrt(mean_square) for mean_square in power)
     return velocity, deflection
 
 
@@ -249,7 +249,8 @@ def through_amplitudes(physics: AxisPhysics, excitation, level: float, friction:
     dampers, hardenings = np.array(pairs).T
     linear = damped(physics, physics.bodies.table_damping + (WEIGHTS @ dampers if cubic else dampers[0]))
     force, moved = (
-        response_of(linear, case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52), one)) for one in (FORCE, excitation)
+        response_of(linear, case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52), point))
+        for point in (FORCE, excitation)
     )
     if not cubic:
         return moved
@@ -372,7 +373,7 @@ def test_lines_stepped_through_one_by_one_have_a_motion_each() -> None:
     cases = [case_of(RECEPTANCE, np.array([f]), conditions, MOTOR) for f in (300.0, 60.0, 90.0)]
     np.testing.assert_allclose(
         responses(physics, prepare_lines(cases)),
-        np.concatenate([response_of(physics, one) for one in cases]),
+        np.concatenate([response_of(physics, case) for case in cases]),
         rtol=1e-9,
     )
 

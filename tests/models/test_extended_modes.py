@@ -95,7 +95,7 @@ def test_modes_are_those_of_the_family(family, motor_end) -> None:
     np.testing.assert_allclose(ours.damping_ratio[:n], theirs.damping_ratio[:n], rtol=1e-9)
     for name in ("angle_at_motor", "displacement_at_table"):
         np.testing.assert_allclose(np.abs(getattr(ours, name)[:n]), np.abs(getattr(theirs, name)[:n]), rtol=1e-6)
-    relative = [(one.angle_at_motor * one.displacement_at_table)[:n] for one in (ours, theirs)]
+    relative = [(modes.angle_at_motor * modes.displacement_at_table)[:n] for modes in (ours, theirs)]
     assert np.all(relative[0] * relative[1] >= 0.0)
 
 
@@ -202,8 +202,8 @@ def test_many_conditions_at_once_are_each_alone() -> None:
     model = ExtendedModel.of(parameters)
     conditions = [DriveConditions(x, payload_mass=m) for x, m in ((0.3, 0.0), (1.2, 40.0), (2.2, 7.0))]
     together = natural_frequencies(model.physics, conditions, list(MotorEnd), model.highest_frequency)
-    for one, motor_end, modes in zip(conditions, MotorEnd, together, strict=True):
-        np.testing.assert_allclose(elastic(modes), elastic(model.natural_frequencies(one, motor_end)), rtol=1e-9)
+    for setting, motor_end, modes in zip(conditions, MotorEnd, together, strict=True):
+        np.testing.assert_allclose(elastic(modes), elastic(model.natural_frequencies(setting, motor_end)), rtol=1e-9)
 
 
 @pytest.mark.parametrize("table_damping", [1e5, 1e6, 1e8])
@@ -238,7 +238,7 @@ def misfit(published_data):
 
     def rms(physics):
         modes = natural_frequencies(physics, conditions, [MotorEnd.CLAMPED] * len(rows), 400.0)
-        return float(np.sqrt(np.mean((np.array([one[0].frequency for one in modes]) - measured) ** 2)))
+        return float(np.sqrt(np.mean((np.array([of_setting[0].frequency for of_setting in modes]) - measured) ** 2)))
 
     return rms
 

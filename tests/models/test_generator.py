@@ -284,9 +284,9 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
 
 def test_a_measurement_does_not_depend_on_the_others():
     few, many = (simulated(SimulationSettings(), condition_grid(p)) for p in ((0.2, 0.5), (0.2, 0.5, 0.8)))
-    for one, other in zip(few.windows, many.windows, strict=False):
-        assert np.array_equal(one.excitation, other.excitation)
-        assert np.array_equal(one.response, other.response)
+    for window, other in zip(few.windows, many.windows, strict=False):
+        assert np.array_equal(window.excitation, other.excitation)
+        assert np.array_equal(window.response, other.response)
 
 
 def test_noise_and_resolution_are_as_stated():

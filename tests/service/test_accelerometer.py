@@ -29,9 +29,13 @@ preload = test_cli.preload  # a fixture
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return what the bundled calibration has of one preload: from a plant whose accelerometer is on the nut."""
     whole = read_session(REPLAY / "calibration.session.h5")
-    kept = [one for one in whole.windows if (one.conditions.preload, one.conditions.temperature) == (200.0, 22.0)]
+    kept = [
+        window
+        for window in whole.windows
+        if (window.conditions.preload, window.conditions.temperature) == (200.0, 22.0)
+    ]
     path = tmp_path_factory.mktemp("accelerometer") / "nut.session.h5"
-    write_session(path, replace(whole, windows=tuple(one for one in kept if not one.conditions.payload_mass)))
+    write_session(path, replace(whole, windows=tuple(window for window in kept if not window.conditions.payload_mass)))
     return path
 
 
@@ -108,7 +112,7 @@ def test_place_is_found_though_the_description_is_wrong(place: str, name: str, e
     observed = responses_at(PLACES[place], MACHINE)
     wrong = replace(MACHINE, parameters={**MACHINE.parameters, name: error * MACHINE.parameters[name]}, uncertain={})
     placed = place_accelerometer(observed, None, wrong.drive())
-    assert {one.response_point for one in placed.observations} == {PLACES[place]}
+    assert {observation.response_point for observation in placed.observations} == {PLACES[place]}
     assert f"on the {place}, where" in placed.sentences[0]
 
 
@@ -120,7 +124,7 @@ def test_without_a_bracket_there_is_nothing_to_settle() -> None:
     observed = responses_at(ResponsePoint.ACCELERATION_AT_NUT, model)
     placed = place_accelerometer(observed, None, model.drive())
     assert placed.sentences == ()
-    assert {one.response_point for one in placed.observations} == {ResponsePoint.ACCELERATION_AT_TABLE}
+    assert {observation.response_point for observation in placed.observations} == {ResponsePoint.ACCELERATION_AT_TABLE}
     (sentence,) = place_accelerometer(observed, "nut", model.drive()).sentences
     assert sentence == (
         "The accelerometer is on the nut, as stated; to this model, without a bracket between nut and table, that "
@@ -138,7 +142,10 @@ def test_a_bracket_too_stiff_to_show_leaves_the_place_open() -> None:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_what_says_where_it_was_taken_stays_there(place: str) -> None:
-    placed = [replace(one, response_point=PLACES[place], placed=True) for one in responses_at(PLACES["nut"], MACHINE)]
+    placed = [
+        replace(observation, response_point=PLACES[place], placed=True)
+        for observation in responses_at(PLACES["nut"], MACHINE)
+    ]
     for stated in (None, "table", "nut"):
         found = place_accelerometer(placed, stated, MACHINE.drive())
         assert (found.observations, found.sentences) == (tuple(placed), ())
@@ -148,7 +155,10 @@ def test_healthy_machines_are_placed_each_by_itself() -> None:
     """A file of responses that says it is of the table teaches nothing of a bracket that the session's nut sees."""
     model = replace(MACHINE, uncertain={})
     session = tuple(responses_at(PLACES["nut"], model))
-    of_table = tuple(replace(one, placed=True, response=one.response) for one in responses_at(PLACES["table"], model))
+    of_table = tuple(
+        replace(observation, placed=True, response=observation.response)
+        for observation in responses_at(PLACES["table"], model)
+    )
     explanation = explain(model, session, ExplainOptions(healthy=(of_table, session)))
     assert explanation.outcome is Outcome.NONE
     assert all(channel.startswith("acceleration-at-nut") for channel in explanation.gap_by_channel)

@@ -36,7 +36,7 @@ def calibration() -> dict[str, Any]:
     """Calibrate the machine of the plant on every other measurement of the bundled session."""
     with open_session(BUNDLED_SESSIONS / "calibration.session.h5") as session:
         windows = [session.windows_of(name) for name in session.measurements[::2]]
-    modes = [measure_mode(one, band=BAND, gate=ModeGate()) for one in windows]
+    modes = [measure_mode(of_measurement, band=BAND, gate=ModeGate()) for of_measurement in windows]
     sound = [mode for mode in modes if isinstance(mode, ModalMeasurement)]
     return calibration_document(calibrate_from_measurements(sound, settings=AxisSettings(search_band=BAND)))
 
@@ -45,7 +45,7 @@ def session_of(changed: Condition) -> tuple[list[Window], list[Window]]:
     """Measure the healthy axis, and the axis under a condition that no window tells of."""
     positions = [PLACES[i % len(PLACES)] for i in range(N_BASELINE + N_CHANGED)]
     tagged = [Condition(x) for x in positions]
-    true = [*tagged[:N_BASELINE], *(replace(changed, position=one.position) for one in tagged[N_BASELINE:])]
+    true = [*tagged[:N_BASELINE], *(replace(changed, position=window.position) for window in tagged[N_BASELINE:])]
     recorded = simulate_measurements(true, np.random.default_rng(11), ACQUISITION, scatter=Scatter())
     starts = [START + timedelta(days=i) for i in range(len(tagged))]
     windows = list(to_windows(recorded, tagged, starts, ACQUISITION, preload_known=False))
@@ -69,7 +69,7 @@ def finished_jobs(api: Api, axis: str) -> list[dict[str, Any]]:
     deadline = time.monotonic() + 120.0
     while True:
         found = api.http.get("/v1/jobs", params={"axis": axis}).json()["jobs"]
-        if all(one["status"] not in ("queued", "running") for one in found):
+        if all(job["status"] not in ("queued", "running") for job in found):
             return list(found)
         assert time.monotonic() < deadline
         time.sleep(0.1)
@@ -102,8 +102,14 @@ def test_alarm_says_what_has_changed(
     first = explanation["changes"][0]
     assert abs(first["size"] - size) < 3.0 * first["size_standard_uncertainty"] < 0.5 * abs(size)
     assert first["probability"] == pytest.approx(explanation["confidence"], abs=0.1)
-    assert {one["cause"] for one in explanation["changes"]} >= {"preload", "payload", "bearing", "position", "sensor"}
-    assert sum(one["probability"] for one in explanation["changes"]) <= 1.0 + 1e-9
+    assert {change["cause"] for change in explanation["changes"]} >= {
+        "preload",
+        "payload",
+        "bearing",
+        "position",
+        "sensor",
+    }
+    assert sum(change["probability"] for change in explanation["changes"]) <= 1.0 + 1e-9
     assert explanation["reference"]["n_measurements"] == N_BASELINE
     assert explanation["recent"]["n_measurements"] == N_CHANGED
     assert alarm["events"][-1]["reason"] == f"explained: {explanation['sentence']}"

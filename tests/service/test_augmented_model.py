@@ -39,7 +39,10 @@ def read_back(model: AxisDescription) -> AxisDescription:
 
 def noticeable(effect, share):
     """Return values of which two can be added without leaving what an axis can have."""
-    return {one.name: one.null + share * min(one.scale, 0.5 * (one.upper - one.null)) for one in effect.parameters}
+    return {
+        parameter.name: parameter.null + share * min(parameter.scale, 0.5 * (parameter.upper - parameter.null))
+        for parameter in effect.parameters
+    }
 
 
 def response_of(physics):
@@ -62,15 +65,15 @@ def drive_of(effect) -> AxisDescription | None:
     return None
 
 
-REPEATABLE = [one for one in DRIVE_EFFECTS if drive_of(one) is not None]
+REPEATABLE = [effect for effect in DRIVE_EFFECTS if drive_of(effect) is not None]
 
 
 def test_only_what_has_a_shape_is_there_once_at_most() -> None:
-    once = {one.key for one in DRIVE_EFFECTS if one not in REPEATABLE}
+    once = {effect.key for effect in DRIVE_EFFECTS if effect not in REPEATABLE}
     assert once == {"base-compliance", "second-mode", "sensor-mounting-resonance"}
 
 
-@pytest.mark.parametrize("effect", REPEATABLE, ids=lambda one: one.key)
+@pytest.mark.parametrize("effect", REPEATABLE, ids=lambda effect: effect.key)
 def test_effect_of_the_file_and_the_same_found_once_more_are_both_in_the_model(effect) -> None:
     stated = drive_of(effect)
     once = added_once(effect, stated)
@@ -84,7 +87,7 @@ def test_effect_of_the_file_and_the_same_found_once_more_are_both_in_the_model(e
     assert not np.allclose(response_of(twice), response_of(once), rtol=1e-9)
 
 
-@pytest.mark.parametrize("effect", MOTION_EFFECTS, ids=lambda one: one.key)
+@pytest.mark.parametrize("effect", MOTION_EFFECTS, ids=lambda effect: effect.key)
 def test_effect_of_a_motion_model_found_once_more(effect) -> None:
     axis = MotionModel.of(MotionParameters(moving_mass=80.0)).physics
     first, second = noticeable(effect, 0.3), noticeable(effect, 0.5)
@@ -135,6 +138,6 @@ def test_file_that_corrects_its_parameters_is_the_axis_with_the_parameters_corre
     assert corrected.effects == {"added-mass": {"mass_kg": 1.5}}
     assert corrected.parameters["bracket_stiffness_n_per_m"] == pytest.approx(2.1e8 * np.exp(-0.7), rel=1e-12)
     frequencies = [
-        [one.frequency for one in model.build().natural_frequencies(CONDITIONS)] for model in (stated, corrected)
+        [mode.frequency for mode in model.build().natural_frequencies(CONDITIONS)] for model in (stated, corrected)
     ]
     np.testing.assert_allclose(*frequencies, rtol=1e-9)

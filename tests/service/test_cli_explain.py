@@ -21,7 +21,7 @@ from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredRespon
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import write_motion_record
 from tests.conftest import PROJECT_ROOT
-from tests.discrepancy.simulated_motion import Truth, simulated_record
+from tests.models.simulated_motion import Truth, simulated_record
 from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 
@@ -85,7 +85,7 @@ def measured(
 
 
 def frf_file(path: Path, observations: list[FrequencyResponseObservation]) -> Path:
-    write_frf_set(path, FrequencyResponseSet(tuple(MeasuredResponse(one) for one in observations)))
+    write_frf_set(path, FrequencyResponseSet(tuple(MeasuredResponse(observation) for observation in observations)))
     return path
 
 
@@ -148,7 +148,7 @@ def test_named_from_responses_and_the_gap_closes_where_nothing_was_fitted(
 
 def _assert_augmented_model_is_the_axis(preload: Callable[..., Any], out: Path, baseline: Path) -> None:
     assert read_model_file(out).uncertain == UNCERTAIN
-    truth = [one.frequency for one in TIAN.build().natural_frequencies(DriveConditions(0.9)) if one.frequency > 1.0]
+    truth = [mode.frequency for mode in TIAN.build().natural_frequencies(DriveConditions(0.9)) if mode.frequency > 1.0]
     frequencies = {
         path: preload("modes", path, "--position-mm", 900, "--json").json()["positions"][0]["modes"]
         for path in (out, baseline)
@@ -177,7 +177,7 @@ def test_nothing_is_named_where_nothing_is_missing(preload: Any, responses: Path
     answer = preload("explain", responses, "--baseline", sound, "--report", tmp_path / "report")
     document = json.loads((tmp_path / "report" / "explanation.json").read_text(encoding="utf-8"))
     assert (document["outcome"], document["effects"], document["steps"]) == ("none", [], [])
-    limits = {one["key"]: one["detection_limit"] for one in document["candidates"]}
+    limits = {candidate["key"]: candidate["detection_limit"] for candidate in document["candidates"]}
     # what was found above would have been seen here
     assert 0.0 < limits["far-bearing-stiffness"] < MISSING
     assert answer.out.startswith("Nothing is missing that these data would show: ")
@@ -262,7 +262,7 @@ def test_first_mode_of_a_sound_axis_lacks_nothing(
     for position in (0.25, 0.5, 0.75):
         for preload_n in preloads:
             modes = axis.natural_frequencies(DriveConditions(position, preload_n))
-            first = next(one.frequency for one in modes if one.frequency > lowest)
+            first = next(mode.frequency for mode in modes if mode.frequency > lowest)
             rows.append((1e3 * position, preload_n, first * (1.0 + 0.001 * rng.standard_normal())))
     document = preload("explain", modal_table(tmp_path / "table.csv", rows), "--baseline", path, "--json").json()
     assert document["effects"] == []

@@ -10,7 +10,7 @@ import pytest
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveModel
 from monitor_core.recordings.motion_csv import write_motion_record
-from tests.discrepancy.simulated_motion import Truth, simulated_record
+from tests.models.simulated_motion import Truth, simulated_record
 from tests.service import test_cli
 from tests.service.test_cli import assert_refused
 from tests.service.test_cli_explain import (
@@ -32,10 +32,10 @@ FAR = "far_bearing_stiffness_n_per_m"
 
 def machine(axis: DriveModel, seed: int) -> list[FrequencyResponseObservation]:
     """Measure an axis three times; the model misses it by its form, at all positions alike."""
-    observations = [one for day in range(3) for one in measured(axis, seed + 100 * day)]
+    observations = [observation for day in range(3) for observation in measured(axis, seed + 100 * day)]
     off = FORM * np.random.default_rng([seed, 3]).standard_normal((2, observations[0].frequency.size))
     factor = np.exp(off[0] + 1j * off[1])
-    return [replace(one, response=one.response * factor) for one in observations]
+    return [replace(observation, response=observation.response * factor) for observation in observations]
 
 
 @pytest.fixture(scope="module")

@@ -72,10 +72,12 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any],
 def test_the_bundled_table_is_that_of_the_paper() -> None:
     rows, paper = read_modal_table(PEAKS), tian.measured(*tian.POSITIONS)
     assert [(row.position, row.frequency, row.mode) for row in rows] == [
-        (one.conditions.position, one.frequency, one.order) for one in paper
+        (observation.conditions.position, observation.frequency, observation.order) for observation in paper
     ]
-    for row, one in zip(rows, paper, strict=True):
-        assert row.amplitude == (None if one.amplitude is None else pytest.approx(one.amplitude, rel=1e-12))
+    for row, observation in zip(rows, paper, strict=True):
+        assert row.amplitude == (
+            None if observation.amplitude is None else pytest.approx(observation.amplitude, rel=1e-12)
+        )
 
 
 @pytest.mark.slow
@@ -88,11 +90,13 @@ def test_joints_of_the_published_axis(published: tuple[dict[str, Any], Path]) ->
     assert document["identifiable"]["nut_stiffness_n_per_m"]
     for name in ("nut_damping_ns_per_m", *STIFFNESSES[:2]):
         assert not document["identifiable"][name]
-    for name, one in joints.items():
-        low, high = one["interval_95"]
-        assert low <= one["value"] <= high
-        assert one["verdict"] in ("determined", "poorly determined", "not determined")
-        assert one["at_limit"] == (f"{name} is not determined by these data: it ended at its limit" in _said(document))
+    for name, joint in joints.items():
+        low, high = joint["interval_95"]
+        assert low <= joint["value"] <= high
+        assert joint["verdict"] in ("determined", "poorly determined", "not determined")
+        assert joint["at_limit"] == (
+            f"{name} is not determined by these data: it ended at its limit" in _said(document)
+        )
     (bearings,) = document["sums"]
     assert set(bearings["of"]) == set(STIFFNESSES[:2])
     assert 7.0e7 < bearings["value"] < 7.7e7
@@ -114,8 +118,8 @@ def _said(document: dict[str, Any]) -> list[str]:
 def test_what_the_published_peaks_leave_open_is_said(published: tuple[dict[str, Any], Path]) -> None:
     document, _ = published
     sentences = _said(document)
-    assert any(one.startswith("nut_damping_ns_per_m is not determined by these data") for one in sentences)
-    assert any("are not told apart: their correlation is -0.97" in one for one in sentences)
+    assert any(sentence.startswith("nut_damping_ns_per_m is not determined by these data") for sentence in sentences)
+    assert any("are not told apart: their correlation is -0.97" in sentence for sentence in sentences)
     (missing,) = document["missing_modes"]
     assert missing.startswith("mode 3 near ")
     assert missing.endswith("has no peak at 1300 mm: the table stands at its node")
@@ -131,14 +135,14 @@ def test_published_positions_predict_the_others(published: tuple[dict[str, Any],
     held_out = document["held_out"]
     assert held_out["kind"] == "positions not used"
     assert len(held_out["errors"]) == 11
-    worst, *others = sorted(held_out["errors"], key=lambda one: -abs(one["error_percent"]))
+    worst, *others = sorted(held_out["errors"], key=lambda error: -abs(error["error_percent"]))
     # order 1 at 1900 mm is printed as 23 Hz
     assert (worst["position_mm"], worst["mode"], worst["measured_hz"]) == (1900.0, 1, 23.0)
     assert worst["predicted_hz"] == pytest.approx(23.64, abs=0.01)
     assert held_out["worst_percent"] == worst["error_percent"] == pytest.approx(2.77, abs=0.02)
-    assert max(abs(one["error_percent"]) for one in others) <= 2.75
-    for one in held_out["errors"]:
-        assert one["error_percent"] == pytest.approx(100.0 * (one["predicted_hz"] / one["measured_hz"] - 1.0))
+    assert max(abs(error["error_percent"]) for error in others) <= 2.75
+    for error in held_out["errors"]:
+        assert error["error_percent"] == pytest.approx(100.0 * (error["predicted_hz"] / error["measured_hz"] - 1.0))
 
 
 @pytest.mark.slow
@@ -157,10 +161,10 @@ def test_order_four_at_its_most_sensitive_is_to_be_monitored(published: tuple[di
     best, *others = published[0]["modes_to_monitor"]
     assert (best["mode"], best["position_mm"]) == (4, 1300.0)  # published: 2.4 times as sensitive as at 600 mm
     assert 0.03 < best["minimum_detectable_preload_loss"] < 0.06
-    losses = [one["minimum_detectable_preload_loss"] for one in others]
+    losses = [mode["minimum_detectable_preload_loss"] for mode in others]
     assert losses == sorted(losses, key=lambda loss: 2.0 if loss is None else loss)
     nearest = published[0]["next_positions"]
-    by_nut = [one["relative_standard_uncertainties"]["nut_stiffness_n_per_m"] for one in nearest]
+    by_nut = [position["relative_standard_uncertainties"]["nut_stiffness_n_per_m"] for position in nearest]
     assert by_nut == sorted(by_nut)
     nut = published[0]["parameters"]["nut_stiffness_n_per_m"]
     assert by_nut[0] < nut["standard_uncertainty"] / nut["value"]
@@ -178,7 +182,7 @@ def test_the_written_model_is_the_one_that_was_found(published: tuple[dict[str, 
     # what was held out is predicted by finite elements of the written model too
     axis = ReceptanceParameters.from_file_names(found, "receptance")
     assembly = Assembly(axis_of(axis, MotorEnd.FREE), 190, 70, 1.9)  # of 1 cm: off by 2e-5
-    predicted = [one["predicted_hz"] for one in document["held_out"]["errors"] if one["position_mm"] == 1900.0]
+    predicted = [error["predicted_hz"] for error in document["held_out"]["errors"] if error["position_mm"] == 1900.0]
     assert len(predicted) == 4
     for frequency in predicted:
         near = frequency * np.linspace(0.98, 1.02, 41)
@@ -227,7 +231,7 @@ def responses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write a hammer test of Tian's axis in finite elements, with noise of 5 %."""
     path = tmp_path_factory.mktemp("responses") / "axis.frf.h5"
     measured = finite_element_responses(tian.axis(), (0.6, 1.0, 1.6), np.random.default_rng(6))
-    write_frf_set(path, FrequencyResponseSet(tuple(MeasuredResponse(one) for one in measured)))
+    write_frf_set(path, FrequencyResponseSet(tuple(MeasuredResponse(observation) for observation in measured)))
     return path
 
 
@@ -237,10 +241,10 @@ def test_responses_give_the_axis_back(preload: Any, responses: Path) -> None:
     truth = read_model_file(MODEL).parameters
     joints = document["parameters"]
     assert joints["nut_stiffness_n_per_m"]["value"] == pytest.approx(truth["nut_stiffness_n_per_m"], rel=0.005)
-    for name, one in joints.items():
+    for name, joint in joints.items():
         if "stiffness" in name:
-            low, high = one["interval_95"]
-            assert abs(one["value"] - truth[name]) < 0.75 * (high - low)  # three standard uncertainties
+            low, high = joint["interval_95"]
+            assert abs(joint["value"] - truth[name]) < 0.75 * (high - low)  # three standard uncertainties
     objective = document["objective"]
     assert objective["kind"] == "whole responses"
     assert not objective["lack_of_fit"]
@@ -248,7 +252,7 @@ def test_responses_give_the_axis_back(preload: Any, responses: Path) -> None:
     assert objective["residual_standard_deviation"] == pytest.approx(1.0, abs=0.07)
     assert "eq_26" not in objective
     assert document["held_out"]["kind"] == "leave one position out"
-    assert [one["position_mm"] for one in document["held_out"]["errors"]] == [600.0, 1000.0, 1600.0]
+    assert [error["position_mm"] for error in document["held_out"]["errors"]] == [600.0, 1000.0, 1600.0]
     assert document["missing_modes"] == []
 
 
@@ -361,8 +365,8 @@ def test_one_preload_for_all_is_that_of_the_nut(preload: Any, tmp_path: Path) ->
         tables[name] = tmp_path / name
         tables[name].write_text("\n".join(["position_mm,frequency_hz,preload_n", *lines]) + "\n", encoding="utf-8")
     words = ("--model", model, "--hold-out-mm", 800)
-    one, none = (preload("identify", tables[name], *words, "--json").json() for name in ("one.csv", "none.csv"))
-    assert one["parameters"] == none["parameters"]
+    rated, none = (preload("identify", tables[name], *words, "--json").json() for name in ("one.csv", "none.csv"))
+    assert rated["parameters"] == none["parameters"]
     assert_refused(preload("identify", tables["two.csv"], *words), "state the rating")
 
 

@@ -90,7 +90,7 @@ def test_a_prediction_alone_estimates_with_its_own_uncertainty(preload: Any, tab
     whole, out = table_of("all.csv", range(18)), predicted.with_name("whole.json")
     preload("calibrate", whole, "--out", out)
     alone, fitted = (
-        preload("estimate", whole, "--calibration", one, "--json").json()["estimates"] for one in (predicted, out)
+        preload("estimate", whole, "--calibration", file, "--json").json()["estimates"] for file in (predicted, out)
     )
     assert [e["preload_n"] for e in alone] == pytest.approx([e["preload_n"] for e in fitted], rel=1e-3)
     assert all(e["interval_95_n"][0] < 0.5 * f["interval_95_n"][0] for e, f in zip(alone, fitted, strict=True))

@@ -103,13 +103,13 @@ def test_prepared_statements_read_what_mapped_rows_hold(database_url: str, tmp_p
     with database.read() as session:
         row = session.get_one(AxisRow, "axis")
         assert all(getattr(axis, name) == getattr(row, name) for name in ("id", "configuration", "revision"))
-        stored = {one.started_at: one.content_sha256 for one in session.scalars(select(WindowRow))}
+        stored = {row.started_at: row.content_sha256 for row in session.scalars(select(WindowRow))}
         assert contents == {start: stored[start] for start in starts}
         assert axis.newest_window_at == max(stored)
         assert measurements.keys() == {"m", "open"}
-        for one in session.scalars(select(MeasurementRow)):
-            read = measurements[one.name]
-            assert all(getattr(read, name) == getattr(one, name) for name in MeasurementRecord.__slots__)
+        for row in session.scalars(select(MeasurementRow)):
+            read = measurements[row.name]
+            assert all(getattr(read, name) == getattr(row, name) for name in MeasurementRecord.__slots__)
     database.close()
 
 

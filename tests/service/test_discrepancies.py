@@ -40,7 +40,9 @@ def sound_peaks() -> list[dict[str, Any]]:
     peaks = []
     for position_mm in (600.0, 1000.0, 1600.0):
         modes = axis.natural_frequencies(DriveConditions(1e-3 * position_mm))
-        frequency = next(one.frequency for one in modes if one.frequency > 60.0) * (1.0 + SHARE * rng.standard_normal())
+        frequency = next(mode.frequency for mode in modes if mode.frequency > 60.0) * (
+            1.0 + SHARE * rng.standard_normal()
+        )
         peaks.append(peak(position_mm, frequency, frequency_standard_uncertainty_hz=SHARE * frequency))
     return peaks
 
@@ -91,10 +93,10 @@ def test_result_is_the_json_of_the_command_and_the_report_stays(preload: Any, tm
             seen.append(now)
             time.sleep(0.02)
         assert now["status"] == "done", now["error"]
-    working = [one for one in seen if one["result"] is not None and "progress" in one["result"]]
-    said = [one["result"]["progress"] for one in working]
+    working = [state for state in seen if state["result"] is not None and "progress" in state["result"]]
+    said = [state["result"]["progress"] for state in working]
     assert "0 effects found" in said
-    assert {one["total"] for one in working} == {None}
+    assert {state["total"] for state in working} == {None}
     assert now["done"] == now["total"] >= len(set(said))
     # the same data and model in another process
     rows = [f"{p['position_mm']},{p['frequency_hz']},{p['frequency_standard_uncertainty_hz']}" for p in sound_peaks()]
@@ -137,7 +139,7 @@ def test_stored_measurements_are_explained_as_those_of_the_session(
     words = ("explain", session, "--baseline", baseline, "--band-hz", 80, 150, "--hold-out-mm", 1000, "--json")
     by_command = preload(*words).json()
     assert job["result"].keys() == by_command.keys()
-    assert [one["key"] for one in job["result"]["effects"]] == [one["key"] for one in by_command["effects"]]
+    assert [effect["key"] for effect in job["result"]["effects"]] == [effect["key"] for effect in by_command["effects"]]
     assert job["result"]["effects"][0]["key"] == "far-bearing-stiffness"
     assert job["result"]["gap"]["before"]["held_out"] > 5.0
     for when in ("before", "after"):
@@ -145,7 +147,7 @@ def test_stored_measurements_are_explained_as_those_of_the_session(
             # what is posted is single precision
             assert job["result"]["gap"][when][where] == pytest.approx(value, rel=1e-3)
     parse_model(job["result"]["model"], "model").build()
-    keys = ", ".join(one["key"] for one in job["result"]["effects"])
+    keys = ", ".join(effect["key"] for effect in job["result"]["effects"])
     assert f"<td>{keys}</td>" in shared_api.http.get("/axes/stored").text
 
 

@@ -181,8 +181,8 @@ def test_verdict_on_what_a_parameter_had_taken_up_says_which_and_how_far() -> No
 def test_what_helps_unnamed_and_what_is_pulled_far_is_said_below_the_verdict() -> None:
     plain = EXAMPLES[Outcome.PARTIAL]
     assert asides(plain) == ()
-    one = replace(plain, assumptions=("It is on the nut.",), hidden_in_remainder=("torque-delay",))
-    settled, hidden = asides(one)
+    example = replace(plain, assumptions=("It is on the nut.",), hidden_in_remainder=("torque-delay",))
+    settled, hidden = asides(example)
     assert settled == "It is on the nut."
     assert hidden.startswith("torque-delay helps, too, but by little compared with what is left")
     assert hidden.endswith("so it is neither named nor in the model.")
@@ -276,23 +276,23 @@ def number_in(shown: str) -> float:
     return float(found[1]) * 10.0 ** int((found[2] or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
 
 
-def page_of(one: Explanation) -> Page:
-    return Page(explanation_page(one, MODEL, SUBJECT))
+def page_of(example: Explanation) -> Page:
+    return Page(explanation_page(example, MODEL, SUBJECT))
 
 
-def hostile(one: Explanation) -> Explanation:
+def hostile(example: Explanation) -> Explanation:
     """Return the example with such names in all places that a file of a user can fill."""
     effect = replace(
-        one.effects[0], key=HOSTILE, name=HOSTILE, physics=HOSTILE, equivalent_to=(HOSTILE,), remarks=(HOSTILE,),
+        example.effects[0], key=HOSTILE, name=HOSTILE, physics=HOSTILE, equivalent_to=(HOSTILE,), remarks=(HOSTILE,),
         parameters={HOSTILE: replace(ADDED_MASS.parameters["mass_kg"], unit=HOSTILE)},
     )  # fmt: skip
-    panel = replace(one.panels[-1], title=HOSTILE, x_name=HOSTILE, y_name=HOSTILE)
+    panel = replace(example.panels[-1], title=HOSTILE, x_name=HOSTILE, y_name=HOSTILE)
     return replace(
-        one,
+        example,
         effects=(effect,),
         localisation=(replace(LOCALISATION[0], where=HOSTILE),),
-        gap=replace(one.gap, unit=HOSTILE),
-        steps=(Step(HOSTILE, one.gap.after), Step(HOSTILE, one.gap.after)),
+        gap=replace(example.gap, unit=HOSTILE),
+        steps=(Step(HOSTILE, example.gap.after), Step(HOSTILE, example.gap.after)),
         candidates=(Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE, HOSTILE), Candidate(HOSTILE, 1.0, 1.0, 1.0, HOSTILE)),
         pulls={HOSTILE: 1.0},
         next_measurement=HOSTILE,
@@ -372,27 +372,27 @@ def test_pictures_say_what_they_show(outcome) -> None:
     assert len(names) == len(set(names))
     pictures = page.all("svg", role="img")
     assert len(pictures) >= 2 + 2 + len(EXAMPLES[outcome].panels) - 1
-    for one in pictures:
-        assert set(str(one["aria-labelledby"]).split()) <= set(names)
+    for picture in pictures:
+        assert set(str(picture["aria-labelledby"]).split()) <= set(names)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("outcome", Outcome)
 def test_numbers_of_the_page_are_those_of_the_record(outcome) -> None:
-    one = EXAMPLES[outcome]
-    expected = [place.size for place in (*one.localisation, *(one.remainder if one.effects else ()))]
-    expected += [gap for before_and_after in one.gap_by_channel.values() for gap in before_and_after]
-    for effect in one.effects:
+    example = EXAMPLES[outcome]
+    expected = [place.size for place in (*example.localisation, *(example.remainder if example.effects else ()))]
+    expected += [gap for before_and_after in example.gap_by_channel.values() for gap in before_and_after]
+    for effect in example.effects:
         expected += [found.estimate.value for found in effect.parameters.values()]
         expected += [effect.delta_bic, effect.held_out_log_likelihood_gain]
-    for candidate in one.candidates:
+    for candidate in example.candidates:
         expected += [candidate.delta_bic, candidate.held_out]
         if candidate.detection_limit is not None:
             ratio = math.exp(candidate.detection_limit)
             of_parameter = 100.0 * (ratio - 1.0) if ratio < 1.5 else ratio
             is_ratio = candidate.key.startswith("wrong-parameter:")
             expected += [of_parameter if is_ratio else candidate.detection_limit]
-    data = page_of(one).data
+    data = page_of(example).data
     assert sorted(value for value, _ in data) == sorted(value for value in expected if not math.isnan(value))
     for value, shown in data:
         assert value == pytest.approx(number_in(shown), rel=0.03, abs=0.05)  # two digits; a tenth of a ΔBIC
@@ -412,9 +412,9 @@ def test_bars_are_as_long_as_the_gaps(outcome) -> None:
 
 
 def test_map_shows_each_cell_in_a_number() -> None:
-    one = EXAMPLES[Outcome.NAMED]
-    cells = [*one.maps[0].before.ravel(), *one.maps[0].after.ravel()]
-    assert page_of(one).cells == ["–" if math.isnan(cell) else f"{cell:.1f}" for cell in cells]
+    example = EXAMPLES[Outcome.NAMED]
+    cells = [*example.maps[0].before.ravel(), *example.maps[0].after.ravel()]
+    assert page_of(example).cells == ["–" if math.isnan(cell) else f"{cell:.1f}" for cell in cells]
 
 
 def test_responses_that_the_model_misses_most_come_first_and_other_panels_last() -> None:
@@ -442,7 +442,7 @@ def test_what_is_not_believed_is_flagged() -> None:
 
 
 def test_verdict_comes_first_and_says_what_it_rests_on() -> None:
-    texts = {outcome: page_of(one).text() for outcome, one in EXAMPLES.items()}
+    texts = {outcome: page_of(example).text() for outcome, example in EXAMPLES.items()}
     assert "the gap falls, from 12.6 to 1.07 σ, on data that were not fitted" in texts[Outcome.NAMED]
     assert "or screw-axial-stiffness or 1 more, and these data cannot tell which" in texts[Outcome.EQUIVALENT]
     assert "and more that nothing in the catalogue explains" in texts[Outcome.PARTIAL]
@@ -465,8 +465,8 @@ def test_what_was_not_held_out_is_not_spoken_of(outcome, holds) -> None:
     without = replace(
         made,
         gap=replace(made.gap, before=before, after=after),
-        effects=tuple(replace(one, held_out_log_likelihood_gain=math.nan) for one in made.effects),
-        steps=tuple(replace(one, gap=replace(one.gap, held_out=math.nan)) for one in made.steps),
+        effects=tuple(replace(effect, held_out_log_likelihood_gain=math.nan) for effect in made.effects),
+        steps=tuple(replace(step, gap=replace(step.gap, held_out=math.nan)) for step in made.steps),
     )
     for text in (page_of(without).text(), explanation_markdown(without, "", "x")):
         assert holds in text
@@ -605,13 +605,13 @@ def test_units_are_shown_as_people_write_them() -> None:
 
 
 def test_report_is_four_files_that_agree(tmp_path) -> None:
-    one = EXAMPLES[Outcome.EQUIVALENT]
-    written = write_report(tmp_path / "new" / "report", one, MODEL, SUBJECT)
+    example = EXAMPLES[Outcome.EQUIVALENT]
+    written = write_report(tmp_path / "new" / "report", example, MODEL, SUBJECT)
     assert [path.name for path in written] == ["explanation.json", "explanation.md", "explanation.html", "model.toml"]
     document, markdown, page, model = (path.read_text(encoding="utf-8") for path in written)
-    assert json.loads(document) == explanation_document(one, MODEL)
+    assert json.loads(document) == explanation_document(example, MODEL)
     assert markdown.startswith(f"# {SUBJECT}\n\n**The model lacks “Stiffness of the far bearing” or ")
-    assert page == explanation_page(one, MODEL, SUBJECT)
+    assert page == explanation_page(example, MODEL, SUBJECT)
     assert model == MODEL
     fenced = re.search(r"```toml\n(.*?)```", markdown, flags=re.DOTALL)
     assert fenced is not None

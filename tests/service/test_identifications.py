@@ -72,7 +72,7 @@ def test_result_is_the_json_of_the_command(shared_api: Api, tmp_path: Path) -> N
     assert now["status"] == "done", now["error"]
     seen.append((now["done"], now["total"]))
     assert now["done"] == now["total"] > 1
-    done = [one for one, _ in seen]
+    done = [n_done for n_done, _ in seen]
     assert done == sorted(done)
     assert {total for _, total in seen} <= {None, now["total"]}
     # the same data, model and seed in another process
@@ -97,11 +97,11 @@ def test_stated_uncertainty_of_peaks_reaches_the_result(shared_api: Api) -> None
     assert job["status"] == "done", job["error"]
     # of one joint alone: u(ln k) = u(ln f)/√ΣS², with S = ∂ ln f/∂ ln k; the prior of 9 adds nothing
     sensitivity = [
-        one.of_frequency
-        for one in peak_sensitivities(axis, [DriveConditions(1e-3 * x) for x, _ in fourth], {4: tian.BANDS[4]})
+        at_peak.of_frequency
+        for at_peak in peak_sensitivities(axis, [DriveConditions(1e-3 * x) for x, _ in fourth], {4: tian.BANDS[4]})
     ]
     nut = job["result"]["parameters"]["nut_stiffness_n_per_m"]
-    expected = share / sum(one**2 for one in sensitivity) ** 0.5
+    expected = share / sum(slope**2 for slope in sensitivity) ** 0.5
     assert nut["standard_uncertainty"] / nut["value"] == pytest.approx(expected, rel=1e-3)
 
 
@@ -128,9 +128,9 @@ def test_joints_from_stored_measurements_are_those_of_the_session(
     by_command = identified(session, "--model", model, "--band-hz", 60, 250, "--hold-out-mm", 600)
     assert job["result"].keys() == by_command.keys()
     assert job["result"]["objective"]["kind"] == "whole responses"
-    for name, one in by_command["parameters"].items():
+    for name, parameter in by_command["parameters"].items():
         # what is posted is single precision
-        assert job["result"]["parameters"][name]["value"] == pytest.approx(one["value"], rel=1e-5)
+        assert job["result"]["parameters"][name]["value"] == pytest.approx(parameter["value"], rel=1e-5)
     some = start(shared_api, "stored", model=text, measurements={"to": "2025-01-01T00:00:30Z"}, hold_out_mm=[1600.0])
     failed = wait_for(shared_api, some["id"], "failed")
     assert "must be a measured one" in failed["error"]

@@ -16,12 +16,12 @@ from tests.conftest import PROJECT_ROOT
 def responses(folder: Path, temperatures: Sequence[float | None]) -> SessionResponses:
     """Return the responses of measurements of the bundled calibration, tagged with these temperatures."""
     whole = read_session(PROJECT_ROOT / "replay_data" / "calibration.session.h5")
-    names = list(dict.fromkeys(one.measurement for one in whole.windows))[: len(temperatures)]
+    names = list(dict.fromkeys(window.measurement for window in whole.windows))[: len(temperatures)]
     told = dict(zip(names, temperatures, strict=True))
     windows = tuple(
-        replace(one, conditions=replace(one.conditions, temperature=told[one.measurement]))
-        for one in whole.windows
-        if one.measurement in told
+        replace(window, conditions=replace(window.conditions, temperature=told[window.measurement]))
+        for window in whole.windows
+        if window.measurement in told
     )
     path = folder / "tagged.session.h5"
     write_session(path, replace(whole, windows=windows))
@@ -42,9 +42,9 @@ def test_temperatures_are_counted_from_their_median_to_the_kelvin(
     tmp_path: Path, temperatures: tuple[float | None, ...], deviations: tuple[float, ...], sentence: str | None
 ) -> None:
     found = responses(tmp_path, temperatures)
-    assert tuple(one.conditions.temperature_deviation for one in found.observations) == deviations
-    assert [one[: len(sentence or "")] for one in found.sentences] == ([] if sentence is None else [sentence])
-    assert not any(one.placed for one in found.observations)
+    assert tuple(observation.conditions.temperature_deviation for observation in found.observations) == deviations
+    assert [said[: len(sentence or "")] for said in found.sentences] == ([] if sentence is None else [sentence])
+    assert not any(observation.placed for observation in found.observations)
 
 
 @pytest.mark.slow
@@ -52,8 +52,8 @@ def test_temperatures_are_counted_from_their_median_to_the_kelvin(
 def test_band_of_the_mode_does_not_leave_out_lines(stated: tuple[float, float], reaches: float | None) -> None:
     """It may reach lower, where a mode lies below what is looked at by itself; never less far."""
     session = PROJECT_ROOT / "replay_data" / "calibration.session.h5"
-    without, within = (responses_of_file(session, axis_settings(one)).observations for one in (None, stated))
-    assert [one.conditions for one in within] == [one.conditions for one in without]
+    without, within = (responses_of_file(session, axis_settings(band)).observations for band in (None, stated))
+    assert [observation.conditions for observation in within] == [observation.conditions for observation in without]
     for with_band, bare in zip(within, without, strict=True):
         assert with_band.frequency[-1] == pytest.approx(bare.frequency[-1], abs=3.0)
         if reaches is None:

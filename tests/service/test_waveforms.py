@@ -112,8 +112,8 @@ def test_file_that_failed_takes_nothing_more(tmp_path: Path, monkeypatch: pytest
 
 
 def test_memory_of_windows_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = window(0)
-    monkeypatch.setattr(waveforms, "REMEMBERED_BYTES", 3 * (one.excitation.nbytes + one.response.nbytes))
+    sample = window(0)
+    monkeypatch.setattr(waveforms, "REMEMBERED_BYTES", 3 * (sample.excitation.nbytes + sample.response.nbytes))
     store, posted = WaveformStore(tmp_path), [window(seed) for seed in range(5)]
     places = [written(store, item) for item in posted]
     remembered = [store.read([place])[0] is item for place, item in zip(places, posted, strict=True)]

@@ -86,6 +86,17 @@ def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, e
     )
 
 
+def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
+    """Return A alone, as :func:`entire_parts` does with the others; the end of the motor has no share in it."""
+    del ends
+    return _axial(physics, omega, states, _elastic(physics.joints, omega) * states.softening)[0]
+
+
+def torsion_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
+    """Return T alone, as :func:`entire_parts` does with the others."""
+    return _torsion(physics, omega, states, _elastic(physics.joints, omega) * states.softening, ends)[0]
+
+
 def _axial(
     physics: AxisPhysics, omega: NumberArray, states: AxisStates, elastic: NumberArray
 ) -> tuple[NumberArray, NumberArray]:
@@ -185,7 +196,9 @@ def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
 def _waves(omega: NumberArray, length: FloatArray, compliance: float | FloatArray, inertia: float) -> RodWaves[Any]:
     """Return the trigonometry of a rod from compliance and inertia per length, either of which may be zero."""
     phase = omega * (length * np.sqrt(compliance * inertia))
-    sinc = np.sinc(phase / np.pi)
+    angle = np.pi * (phase / np.pi)  # the arithmetic of np.sinc, without what it does around it
+    angle = np.where(angle, angle, 1e-20)
+    sinc = np.sin(angle) / angle
     return RodWaves(np.cos(phase), length * compliance * sinc, omega * omega * (inertia * length) * sinc)
 
 

@@ -14,12 +14,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.optimize.elementwise
 
-from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import characteristic, path_of
-from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
+from monitor_core.models.bracketed_zeros import zeros_between
+from monitor_core.models.extended.closed_form import axial_part, characteristic, path_of, torsion_part
+from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.extended.pole_tracking import Drives, Index, follow_damping
 from monitor_core.models.parameters import scaled_damping
@@ -116,7 +116,7 @@ def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     # no change of sign: the nut lies in a node of a mode of one part, which then is a mode of the drive as it stands
     roots = np.where(np.abs(at_low) < np.abs(at_high), low, high)
     passes = np.sign(at_low) * np.sign(at_high) < 0.0
-    roots[passes] = _zeros(undamped, low[passes], high[passes], condition[passes])
+    roots[passes] = zeros_between(undamped, low[passes], high[passes], condition[passes])
     # between two poles there is one, before the first and behind the last only if R passes zero there
     found = (~first | (_sum_of_parts(drives, low, condition) < 0.0)) & (
         ~last | (_sum_of_parts(drives, high, condition) > 0.0)
@@ -146,12 +146,12 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
         grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(own, highest)])
         n_lines = grid.size
     n_conditions = drives.states.position.size
-    parts = drives.parts(np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines))
+    everywhere, under_all = np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines)
     poles, owners = [np.zeros(0)], [np.zeros(0, dtype=np.intp)]
-    for name in ("axial", "torsion"):
-        negative = np.real(getattr(parts, name)).reshape(n_conditions, n_lines) < 0.0
+    for part in (_real_part(drives, axial_part), _real_part(drives, torsion_part)):
+        negative = part(everywhere, under_all).reshape(n_conditions, n_lines) < 0.0
         condition, line = np.nonzero(negative[:, :-1] != negative[:, 1:])
-        poles.append(_zeros(_part(drives, name), grid[line], grid[line + 1], condition))
+        poles.append(zeros_between(part, grid[line], grid[line + 1], condition))
         owners.append(condition)
     table = np.sqrt(max(added.guide_stiffness, 0.0) / drives.states.moving_mass)
     within = np.flatnonzero((table > _LOWEST * highest) & (table < highest))
@@ -160,18 +160,13 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     return np.concatenate(poles), np.concatenate(owners)
 
 
-def _part(drives: Drives, name: str) -> Callable[[FloatArray, Index], FloatArray]:
-    return lambda omega, condition: np.real(getattr(drives.parts(omega, condition), name))
+def _real_part(
+    drives: Drives, part: Callable[[AxisPhysics, NumberArray, AxisStates, EndMasks], NumberArray]
+) -> Callable[[FloatArray, Index], FloatArray]:
+    def at(omega: FloatArray, condition: Index) -> FloatArray:
+        return np.real(part(drives.physics, omega, drives.states.at(condition), drives.ends.at(condition)))
 
-
-def _zeros(
-    function: Callable[[FloatArray, Index], FloatArray], low: FloatArray, high: FloatArray, which: Index
-) -> FloatArray:
-    """Return the zero between each low and high, where the signs differ; ``function`` is given ``which`` too."""
-    found = scipy.optimize.elementwise.find_root(
-        function, (low, high), args=(which,), tolerances={"xrtol": 1e-15, "xatol": 0.0, "fatol": 0.0, "frtol": 0.0}
-    )
-    return np.asarray(found.x)
+    return at
 
 
 def _rigid(physics: AxisPhysics, motor_end: MotorEnd) -> tuple[NaturalFrequency, ...]:

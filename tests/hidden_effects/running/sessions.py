@@ -92,7 +92,10 @@ OUTSIDE = {"bracket": Happened(bracket_share=0.8), "friction": Happened(friction
 def drawn_axis(rng: np.random.Generator) -> Axis:
     """Return a machine about the described one."""
     nominal = Axis()
-    true = {part: getattr(nominal, part) * math.exp(one * rng.standard_normal()) for part, one in TOLERANCES.items()}
+    true = {
+        part: getattr(nominal, part) * math.exp(tolerance * rng.standard_normal())
+        for part, tolerance in TOLERANCES.items()
+    }
     return replace(nominal, **true)
 
 
@@ -162,7 +165,7 @@ def _recorded(
 ) -> Recorded:
     """Record as the plant's own measurements do, with the acceleration read late."""
     scatter = Scatter()
-    true = [scatter.draw(happened.true(one), rng) for one in tagged]
+    true = [scatter.draw(happened.true(conditions), rng) for conditions in tagged]
     factor = INTERNAL_RATE // acquisition.sample_rate
     margin, lead_in = filter_margin(factor), round(LEAD_IN * INTERNAL_RATE)
     n_window = round(acquisition.duration * INTERNAL_RATE)
@@ -172,7 +175,7 @@ def _recorded(
     acceleration = motion.nut_acceleration
     if happened.delay:
         acceleration = CubicSpline(time, acceleration)(np.maximum(time - happened.delay, time[0]))
-    tags = np.array([one.position for one in tagged])[:, None]
+    tags = np.array([conditions.position for conditions in tagged])[:, None]
     channels = []
     for channel, sensor in (
         (motion.sensor_torque, TORQUE),

@@ -58,7 +58,7 @@ def test_bundled_session_with_positions_as_they_came(
 def explained_session(session: str) -> ChangeAttribution:
     """Explain the last eight measurements of a bundled session by its first twenty."""
     windows = read_session(BUNDLED / f"{session}.session.h5").windows
-    measurements = [list(one) for _, one in groupby(windows, key=lambda window: window.measurement)]
+    measurements = [list(group) for _, group in groupby(windows, key=lambda window: window.measurement)]
     responses = []
     for of_measurement in (*measurements[:20], *measurements[-8:]):
         modal = measure_mode(of_measurement, band=BAND, gate=ModeGate())
@@ -78,5 +78,5 @@ def _with_its_temperature(modal: ModalMeasurement) -> FrequencyResponseObservati
 def test_every_cause_is_named() -> None:
     """On one machine; benchmarks/running_axis.py has twenty, with more positions and days."""
     found = list(trials(101, HAPPENINGS | OUTSIDE, positions=(0.15, 0.30, 0.45, 0.60, 0.75), days=(3, 1)))
-    wrong = {one.truth: one.explanation.sentence for one in found if not one.right}
+    wrong = {trial.truth: trial.explanation.sentence for trial in found if not trial.right}
     assert not wrong

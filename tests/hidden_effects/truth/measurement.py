@@ -52,14 +52,14 @@ def set_truly(stated: Sequence[Setting], scatter: Scatter, rng: np.random.Genera
     """Return how the axis is really set where settings are stated."""
     return tuple(
         Setting(
-            position=one.position + scatter.position * rng.standard_normal(),
-            preload=one.preload * (1.0 + scatter.preload * rng.standard_normal()),
-            payload=one.payload,
-            temperature_deviation=one.temperature_deviation,
-            excitation_rms=one.excitation_rms,
-            order=one.order,
+            position=setting.position + scatter.position * rng.standard_normal(),
+            preload=setting.preload * (1.0 + scatter.preload * rng.standard_normal()),
+            payload=setting.payload,
+            temperature_deviation=setting.temperature_deviation,
+            excitation_rms=setting.excitation_rms,
+            order=setting.order,
         )
-        for one in stated
+        for setting in stated
     )
 
 
@@ -77,7 +77,7 @@ def measure(
     The rotor is sensed by its angular acceleration, and the response turned into one of the angle line by line: the
     angle itself is all drift and low frequency, and white noise on it would leave nothing to see above some 300 Hz.
     """
-    torque = random_torque(np.array([one.excitation_rms for one in true]), rng)
+    torque = random_torque(np.array([setting.excitation_rms for setting in true]), rng)
     acceleration, angle = respond(axis, true, torque, SAMPLE_RATE)
     kept = slice(round(LEAD_IN * SAMPLE_RATE), None)
     turning = np.zeros_like(angle)
@@ -140,7 +140,7 @@ def estimate(torque: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.n
         segments = np.lib.stride_tricks.sliding_window_view(channel, _SEGMENT)[::step]
         spectra.append(scipy.fft.rfft(segments * window, axis=1)[:, lines])
     x, y = spectra
-    power_x, power_y = (np.mean(np.abs(one) ** 2, axis=0) for one in (x, y))
+    power_x, power_y = (np.mean(np.abs(transformed) ** 2, axis=0) for transformed in (x, y))
     cross = np.mean(x.conj() * y, axis=0)
     coherence = np.abs(cross) ** 2 / (power_x * power_y)
     transfer = cross / power_x

@@ -45,7 +45,7 @@ class Structure:
         path = self.path
         in_series = Joint(path.direction, 1.0 / (1.0 / path.bracket + 1.0 / path.nut))
         joints = (*self.joints, in_series)
-        return self.stiffness + sum(one.stiffness * np.outer(one.direction, one.direction) for one in joints)
+        return self.stiffness + sum(joint.stiffness * np.outer(joint.direction, joint.direction) for joint in joints)
 
 
 def reduced_basis(mass: np.ndarray, stiffness: np.ndarray, loaded: np.ndarray, n_modes: int) -> np.ndarray:

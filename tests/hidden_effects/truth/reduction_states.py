@@ -36,7 +36,7 @@ def _drive(structure: Structure, chain: MaxwellChain) -> StateSpace:
     of every joint, of the bracket and of the nut.
     """
     path, joints = structure.path, structure.joints
-    loaded = [path.direction, structure.table, structure.rotor, *(one.direction for one in joints)]
+    loaded = [path.direction, structure.table, structure.rotor, *(joint.direction for joint in joints)]
     basis = reduced_basis(structure.mass, structure.whole_stiffness, np.array(loaded).T, N_MODES)
     n = basis.shape[1]
     moved, moving, nut = slice(0, n), slice(n, 2 * n), 2 * n
@@ -49,10 +49,10 @@ def _drive(structure: Structure, chain: MaxwellChain) -> StateSpace:
     b[nut, 2] = -1.0 / path.damping
 
     first = nut + 1
-    for one in joints:
+    for joint in joints:
         elongation = np.zeros(size)
-        elongation[moved] = basis.T @ one.direction
-        force = one.stiffness * _remembered(a, elongation, chain, first)
+        elongation[moved] = basis.T @ joint.direction
+        force = joint.stiffness * _remembered(a, elongation, chain, first)
         a[moving] -= np.outer(elongation[moved], force)
         first += chain.share.size
     bracket, alone = np.zeros(size), np.zeros(size)

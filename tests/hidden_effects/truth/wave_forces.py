@@ -89,7 +89,7 @@ def laws_of(axis: Axis, settings: Sequence[Setting], ports: Sequence[Port]) -> L
     """Return how force and motion go together at each port."""
     h = axis.hidden
     at_table = np.array([[float(port is Port.TABLE)] for port in ports]) * np.ones(len(settings))
-    stiffness = np.array([nut_stiffness(axis, one) for one in settings])
+    stiffness = np.array([nut_stiffness(axis, setting) for setting in settings])
     shape = np.ones_like(at_table)
     return Laws(
         friction=h.guide_friction * at_table,
@@ -124,8 +124,8 @@ def nonlinear_forces(axis: Axis, settings: Sequence[Setting], spectra: ComplexAr
     )
     phase = 2j * math.pi * record.frequency / record.step_rate
     held = -np.expm1(-phase) / phase / record.finer  # each force is held over its step
-    for port, one in zip(ports, steps, strict=True):
-        forces[list(Port).index(port)] = held * scipy.fft.rfft(one[:, lead_in:])[:, record.inside]
+    for port, force in zip(ports, steps, strict=True):
+        forces[list(Port).index(port)] = held * scipy.fft.rfft(force[:, lead_in:])[:, record.inside]
     return forces
 
 

@@ -1,0 +1,138 @@
+"""Drag torque from ramp moves whose friction, inertia and offset are known."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from scipy.special import stdtrit
+
+from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque
+from monitor_core.recording import (
+    Conditions,
+    ExcitationQuantity,
+    ExcitationSource,
+    Rejection,
+    RejectionReason,
+    Window,
+)
+
+RATE = 1000.0  # [Hz]
+SPEED = 0.06  # [m/s]
+START = datetime(2025, 1, 1, tzinfo=UTC)
+
+
+def window(rng, *, drag=0.45, offset=0.08, scatter=0.0, noise=0.004, speed=SPEED):
+    """One second with a move back and one forth: 4 ms ramps, 30 to 60 ms between them, ringing after each ramp."""
+    t = np.arange(1000) / RATE
+    velocity, acceleration = np.zeros_like(t), np.zeros_like(t)
+    for begin, sign in ((rng.uniform(0.06, 0.18), -1.0), (rng.uniform(0.52, 0.66), 1.0)):
+        for edge, slope in ((begin, sign), (begin + 0.004 + rng.uniform(0.03, 0.06), -sign)):
+            velocity += slope * speed * np.clip((t - edge) / 0.004, 0.0, 1.0)
+            acceleration += slope * speed / 0.004 * ((t >= edge) & (t < edge + 0.004))
+            since = np.clip(t - edge - 0.004, 0.0, None)
+            acceleration += slope * 3.0 * np.exp(-since / 0.02) * np.sin(2.0 * np.pi * 178.0 * since)
+    friction = drag + scatter * rng.standard_normal()
+    # 0.1 N·m per m/s²: inertia behind a 10 mm lead; a resting axis may hold any torque below its friction
+    torque = (
+        offset + friction * np.sign(np.round(velocity, 6)) + 0.1 * acceleration + noise * rng.standard_normal(t.size)
+    )
+    position = np.round((0.5 + np.cumsum(velocity) / RATE) / 2.0**-23) * 2.0**-23  # an encoder of 0.12 µm
+    return Window(torque, np.zeros_like(t), RATE, START, Conditions(0.5), "m1", position_trace=position)
+
+
+def test_friction_and_offset_are_told_apart_and_inertia_is_left_out():
+    rng = np.random.default_rng(1)
+    estimate = estimate_drag_torque([window(rng, scatter=0.01) for _ in range(16)])
+    assert isinstance(estimate, DragTorque)
+    assert estimate.n_pairs == 16
+    assert estimate.speed == pytest.approx(SPEED, rel=1e-3)
+    # 3 standard uncertainties; the accelerating torque, 1.5 N·m, would show at once
+    assert abs(estimate.drag.value - 0.45) < 3.0 * estimate.drag.standard_uncertainty
+    assert abs(estimate.offset.value - 0.08) < 3.0 * estimate.offset.standard_uncertainty
+    assert estimate.drag.standard_uncertainty < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", ["drag", "offset"])
+def test_stated_uncertainty_covers_in_95_percent(quantity):
+    # friction and zero error that differ from window to window are common to the travels there and back
+    rng = np.random.default_rng(2)
+    n_trials, covered = 200, 0
+    for _ in range(n_trials):
+        windows = [window(rng, offset=0.08 + 0.01 * rng.standard_normal(), scatter=0.02) for _ in range(8)]
+        outcome = estimate_drag_torque(windows)
+        estimate = getattr(outcome, quantity)
+        half = stdtrit(estimate.degrees_of_freedom, 0.975) * estimate.standard_uncertainty
+        covered += abs(estimate.value - {"drag": 0.45, "offset": 0.08}[quantity]) < half
+    assert covered / n_trials == pytest.approx(0.95, abs=0.05)  # three standard deviations of a binomial share
+
+
+def test_another_sign_of_the_torque_channel_changes_the_sign_of_both():
+    rng = np.random.default_rng(3)
+    windows = [window(rng) for _ in range(5)]
+    turned = [replace(w, excitation=-w.excitation) for w in windows]
+    estimate, other = estimate_drag_torque(windows), estimate_drag_torque(turned)
+    assert (other.drag.value, other.offset.value) == pytest.approx((-estimate.drag.value, -estimate.offset.value))
+
+
+def test_windows_of_one_direction_each_serve_as_well():
+    rng = np.random.default_rng(4)
+    halves = []
+    for _ in range(6):
+        w = window(rng)
+        for part in (slice(0, 450), slice(450, 1000)):
+            halves.append(
+                replace(
+                    w, excitation=w.excitation[part], response=w.response[part], position_trace=w.position_trace[part]
+                )
+            )
+    whole = estimate_drag_torque(halves)
+    assert whole.n_pairs == 6
+    assert whole.drag.value == pytest.approx(0.45, abs=0.02)
+
+
+def refused(windows, reason):
+    outcome = estimate_drag_torque(windows)
+    assert isinstance(outcome, Rejection)
+    assert outcome.reason is reason
+    return outcome.detail
+
+
+def test_an_axis_at_rest_is_refused():
+    rng = np.random.default_rng(5)
+    resting = [
+        replace(w, position_trace=0.5 + 1e-7 * rng.standard_normal(1000)) for w in (window(rng) for _ in range(5))
+    ]
+    assert "got 0 forward and 0 back in 5 windows" in refused(resting, RejectionReason.TOO_FEW_AVERAGES)
+
+
+def test_an_axis_that_only_accelerates_is_refused():
+    rng = np.random.default_rng(6)
+    t = np.arange(1000) / RATE
+    triangle = np.abs((4.0 * t) % 4.0 - 2.0) - 1.0  # of the speed: never constant
+    swinging = [replace(window(rng), position_trace=0.5 + 0.1 * np.cumsum(triangle) / RATE) for _ in range(5)]
+    refused(swinging, RejectionReason.TOO_FEW_AVERAGES)
+
+
+def test_windows_without_position_are_refused():
+    rng = np.random.default_rng(7)
+    refused([replace(window(rng), position_trace=None) for _ in range(5)], RejectionReason.TOO_FEW_AVERAGES)
+    refused([], RejectionReason.TOO_FEW_AVERAGES)
+
+
+def test_a_force_and_mixed_sources_are_refused():
+    rng = np.random.default_rng(8)
+    windows = [window(rng) for _ in range(5)]
+    force = [replace(w, excitation_quantity=ExcitationQuantity.FORCE) for w in windows]
+    assert "torque in N·m; got force" in refused(force, RejectionReason.EXCITATION_SOURCE_MISMATCH)
+    mixed = [*windows, replace(windows[0], excitation_source=ExcitationSource.DRIVE)]
+    refused(mixed, RejectionReason.EXCITATION_SOURCE_MISMATCH)
+
+
+def test_travels_at_another_speed_are_left_out():
+    rng = np.random.default_rng(9)
+    windows = [window(rng) for _ in range(8)] + [window(rng, drag=0.9, speed=0.12) for _ in range(3)]
+    estimate = estimate_drag_torque(windows)
+    assert estimate.n_pairs == 8
+    assert estimate.drag.value == pytest.approx(0.45, abs=0.02)
