@@ -8,8 +8,9 @@ from pydantic import BaseModel, ConfigDict
 
 from service.api.fields import AxisId, Label, RequestModel
 from service.api.services import Services, services
+from service.errors import DocumentDamagedError
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.trend import AxisStatus
 
 router = APIRouter(prefix="/v1", tags=["axes"])
@@ -53,10 +54,19 @@ class AxisOut(BaseModel):
     open_alarms: int
 
 
+class DamagedAxisOut(BaseModel):
+    """An axis of which something stored cannot be read, and what to do about it. It takes no windows; others do."""
+
+    id: str
+    name: str
+    detail: str
+
+
 class AxesOut(BaseModel):
     """All axes."""
 
     axes: list[AxisOut]
+    damaged: list[DamagedAxisOut]
 
 
 def axis_out(status: AxisStatus) -> AxisOut:
@@ -66,7 +76,7 @@ def axis_out(status: AxisStatus) -> AxisOut:
         id=row.id,
         name=row.name,
         created_at=row.created_at,
-        configuration=AxisConfiguration.model_validate(row.configuration),
+        configuration=load_configuration(row.configuration),
         active_calibration=row.active_calibration_id,
         state=status.state,
         state_since=status.since,
@@ -74,6 +84,17 @@ def axis_out(status: AxisStatus) -> AxisOut:
         refused_windows=status.refused_windows,
         open_alarms=status.open_alarms,
     )
+
+
+def axes_out(on: Services) -> AxesOut:
+    """Return all axes on the wire; what is wrong with the documents of one keeps no other from being shown."""
+    axes, damaged = [], []
+    for row in on.axes.list():
+        try:
+            axes.append(axis_out(on.trend.status(row.id)))
+        except DocumentDamagedError as error:
+            damaged.append(DamagedAxisOut(id=row.id, name=row.name, detail=str(error)))
+    return AxesOut(axes=axes, damaged=damaged)
 
 
 @router.put("/axes/{axis}", response_model=AxisOut)
@@ -87,7 +108,7 @@ def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Servi
 @router.get("/axes", response_model=AxesOut)
 def list_axes(on: Annotated[Services, Depends(services)]) -> AxesOut:
     """List the axes and how each stands."""
-    return AxesOut(axes=[axis_out(on.trend.status(row.id)) for row in on.axes.list()])
+    return axes_out(on)
 
 
 @router.get("/axes/{axis}", response_model=AxisOut)

@@ -1,5 +1,6 @@
 """Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL; migrate at start."""
 
+import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from sqlalchemy.orm import Session
 from sqlalchemy.orm.exc import StaleDataError
 
 from service.errors import BusyError, DataFolderError, StorageError
+from service.json_types import Json
 from service.store.safekeeping.database_file import database_file
 
 MIGRATIONS = Path(__file__).parent / "migrations"
@@ -159,14 +161,26 @@ def alembic_config(connection: Connection) -> Config:
     return config
 
 
+def _json_or_text(stored: str) -> Json:
+    """Return the document that a text is; the text itself where it is none: whoever wants the document refuses it."""
+    try:
+        document: Json = json.loads(stored)
+    except ValueError:
+        return stored
+    return document
+
+
 def _create_engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS)
+        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS, json_deserializer=_json_or_text)
     database = make_url(url).database
     if database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
-        url, pool_size=CONNECTIONS, connect_args={"timeout": PATIENCE_MS / 1000, "check_same_thread": False}
+        url,
+        pool_size=CONNECTIONS,
+        json_deserializer=_json_or_text,
+        connect_args={"timeout": PATIENCE_MS / 1000, "check_same_thread": False},
     )
 
     @event.listens_for(engine, "connect")

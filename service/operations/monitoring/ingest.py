@@ -17,7 +17,7 @@ from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.monitoring.admission import Admission
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.judge import Verdict, judge, record
 from service.operations.monitoring.lanes import Lanes
 from service.store import intake
@@ -113,7 +113,7 @@ class Ingest:
             axis, measurements = intake.read_axis(connection, axis_id, names)
             return _Known(
                 axis,
-                AxisConfiguration.model_validate(axis.configuration),
+                load_configuration(axis.configuration),
                 self._in_force.of(connection, axis),
                 intake.contents_at(connection, axis, {window.started_at for window in windows}),
                 measurements,

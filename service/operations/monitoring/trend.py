@@ -9,7 +9,7 @@ from service.clock import now
 from service.documents.measurement import baseline_document
 from service.errors import UnreadableBodyError
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.monitor_state import load_state, state_now
 from service.store import alarms, axes, calibrations, measurements
 from service.store.database import Database
@@ -49,7 +49,7 @@ class Trend:
         """Tell how an axis stands; silence for too long is ``unknown``."""
         with self._database.read() as session:
             row = axes.get_axis(session, axis_id)
-            configuration = AxisConfiguration.model_validate(row.configuration)
+            configuration = load_configuration(row.configuration)
             state, since = state_now(row.monitor_state, now(), configuration.silent_after_hours)
             last = measurements.last_looked_at(session, axis_id)
             return AxisStatus(
