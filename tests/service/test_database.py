@@ -12,6 +12,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import inspect, select, text
 
+from service.errors import DataFolderError
 from service.store import intake
 from service.store.database import Database, alembic_config, reading, writing
 from service.store.intake import MeasurementRecord
@@ -72,21 +73,55 @@ def test_migrations_make_the_tables(database_url: str) -> None:
     assert differences == []
 
 
-def test_migrations_down_and_up_with_data(database_url: str, tmp_path: Path) -> None:
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        fill(api)
+def test_migrations_down_and_up(database_url: str, tmp_path: Path) -> None:
     database = Database(database_url)
+    database.migrate()
     with database.connect() as connection, writing(connection):
-        assert connection.execute(text("SELECT count(*) FROM windows")).scalar() == 8
         command.downgrade(alembic_config(connection), "base")
     with database.connect() as connection, writing(connection):
         assert inspect(connection).get_table_names() == ["alembic_version"]
     database.migrate()
     database.close()
-    with running_service(tmp_path / "anew", database_url=database_url) as api:
-        assert api.http.get("/v1/axes").json() == {"axes": []}
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        assert api.http.get("/v1/axes").json()["axes"] == []
         fill(api)
         assert len(api.trend("axis")) == 1
+
+
+#: To which version a downgrade would lose what, and what makes it so.
+LOSSES = {
+    "base": ("every axis", "DELETE FROM windows"),
+    "0001": ("the waveforms", "SELECT 1"),
+    "0002": (
+        "causes of alarms",
+        "INSERT INTO alarms (axis_id, measurement_id, kind, raised_at, status, evidence, explanation) "
+        "SELECT 'axis', id, 'preload-loss', started_at, 'active', '{}', '{\"examined\": true}' FROM measurements",
+    ),
+    "0003": ("windows", "UPDATE windows SET offset_in_file = 100 WHERE id = (SELECT max(id) FROM windows)"),
+}
+
+
+@pytest.mark.parametrize("version", LOSSES)
+def test_downgrade_that_would_lose_something_is_refused_and_changes_nothing(
+    database_url: str, tmp_path: Path, version: str
+) -> None:
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        fill(api)
+    lost, make_it_so = LOSSES[version]
+    database = Database(database_url)
+    with database.connect() as connection, writing(connection):
+        connection.execute(text(make_it_so))
+
+    def content() -> list[object]:
+        with database.connect() as connection, reading(connection):
+            names = sorted(inspect(connection).get_table_names())
+            return [(name, connection.execute(text(f"SELECT * FROM {name}")).all()) for name in names]  # noqa: S608
+
+    before = content()
+    with pytest.raises(DataFolderError, match=lost), database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), version)
+    assert content() == before
+    database.close()
 
 
 @pytest.mark.slow

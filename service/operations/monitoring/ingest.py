@@ -25,6 +25,7 @@ from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, reading, writing
 from service.store.intake import AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import accepted_places
+from service.store.safekeeping.healing import heal
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import content_sha256
 
@@ -35,6 +36,10 @@ class WindowStatus(StrEnum):
     ACCEPTED = "accepted"
     REFUSED = "refused"
     ALREADY_THERE = "already-there"
+
+
+#: Reason and detail of a window that was stored, could not be read any more, and was written once more.
+RESTORED = ("waveform-restored", "its stored waveform was lost or damaged, and was written again from this window")
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +106,11 @@ class Ingest:
             known = self._read(connection, axis_id, windows, names)
             new = _new_windows(axis_id, windows, known.contents)
             judged_before = [row.outcome for row in known.measurements.values() if row.outcome is not None]
+            again = [window for window in windows if window.started_at in known.contents]
+            healed = heal(connection, self._waveforms, axis_id, again, now())
             admission, verdicts = self._take(connection, known, new, names if complete else set())
-        receipts = tuple(_receipts(windows, {item.window.started_at: item.refusal for item in admission.admitted}))
+        refusals = {item.window.started_at: item.refusal for item in admission.admitted}
+        receipts = tuple(_receipts(windows, refusals, healed))
         self._count(receipts, verdicts)
         if known.configuration.drive_model is not None and _leave_in_alarm(verdicts):
             self._follow_alarm(axis_id)
@@ -219,12 +227,16 @@ def _window_rows(
     )
 
 
-def _receipts(windows: Sequence[Window], refusals: Mapping[datetime, Rejection | None]) -> Iterator[WindowReceipt]:
+def _receipts(
+    windows: Sequence[Window], refusals: Mapping[datetime, Rejection | None], healed: Collection[datetime]
+) -> Iterator[WindowReceipt]:
     """Answer each posted window; one that stands twice in a request is already there the second time."""
     answered: set[datetime] = set()
     for window in windows:
         refusal = refusals.get(window.started_at)
-        if window.started_at not in refusals or window.started_at in answered:
+        if window.started_at in healed and window.started_at not in answered:
+            yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE, *RESTORED)
+        elif window.started_at not in refusals or window.started_at in answered:
             yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE)
         elif refusal is None:
             yield WindowReceipt(window.started_at, window.measurement, WindowStatus.ACCEPTED)
