@@ -43,7 +43,7 @@ class DocumentDamagedError(ServiceError):
 
 
 class DataFolderError(ServiceError):
-    """The service does not start on this data folder, or this database."""
+    """The service does not start on this data folder, or this database: told when it starts."""
 
 
 class BusyError(ServiceError):
