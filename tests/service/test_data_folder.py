@@ -212,3 +212,19 @@ def test_service_on_a_volume_that_became_read_only_says_so(api: Api) -> None:
         assert api.axis("axis")["open_alarms"] == 0  # what is stored can be read
     assert api.http.get("/readyz").status_code == 200
     assert api.accept("axis", windows)["accepted"] == 15
+
+
+def test_damaged_database_names_the_backup(kept: Path) -> None:
+    """Rows that cannot be read are an error with a sentence, and what can be read is not written over."""
+    path = kept / "preload.db"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        (root,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'axes'").fetchone()
+        (size,) = connection.execute("PRAGMA page_size").fetchone()
+    content = bytearray(path.read_bytes())
+    content[(root - 1) * size : root * size] = b"\xff" * size
+    path.write_bytes(content)
+    sentence = refusal(kept, StorageError)
+    assert "is damaged" in sentence
+    assert "restore the backup" in sentence
+    assert path.read_bytes() == content
