@@ -30,18 +30,9 @@ def measured_responses(
     (Bendat and Piersol, Random Data, Eq. 9.90). Lines whose coherence could be chance are left out, and so are those
     that a taper ties to their neighbours: the rest are independent.
 
-    Parameters
-    ----------
-    measurements : iterable of ModalMeasurement
-        As the product's own road judges them. A measured torque acts at the end of the screw, a drive's torque on the
-        rotor.
-    usual_temperature : float, optional
-        From which stated temperatures are counted; without it they are not looked at. [°C]
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is none.
+    ``measurements``: as the product's own road judges them. A measured torque acts at the end of the screw, a
+    drive's torque on the rotor; ``usual_temperature``: from which stated temperatures are counted; without it they
+    are not looked at [°C]. ``NotIdentifiableError`` if there is none.
     """
     return _some(_response(modal, usual_temperature) for modal in measurements)
 
@@ -64,15 +55,8 @@ def responses_of_windows(
     coherence, mostly of impacts that ring out within their window, nothing is said: what rings on beyond the end is
     not corrected.
 
-    Parameters
-    ----------
-    measured : iterable of (ModalMeasurement or Rejection, sequence of Window)
-        Each measurement, or why it cannot be judged, with all the windows that it was judged by.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is no response.
+    ``measured``: each measurement, or why it cannot be judged, with all the windows that it was judged by.
+    ``NotIdentifiableError`` if there is no response.
     """
     found, refusals = [], []
     for modal, windows in measured:
@@ -100,16 +84,8 @@ def responses_of_windows(
 def responses_of_session(session: RecordedMeasurements, settings: AxisSettings) -> SessionResponses:
     """Return the averaged responses of the measurements of a session that can be judged, on all their lines.
 
-    Parameters
-    ----------
-    session : RecordedMeasurements
-    settings : AxisSettings
-        Of the axis. All lines of a measurement count, wherever its mode is looked for.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is none.
+    ``settings``: of the axis. All lines of a measurement count, wherever its mode is looked for.
+    ``NotIdentifiableError`` if there is none.
     """
     return responses_of_windows(
         (measure_response(gated.accepted, settings) if gated.accepted else gated.rejection, gated.accepted)

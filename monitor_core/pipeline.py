@@ -102,12 +102,8 @@ def _whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
 def measure_response(windows: Sequence[Window], settings: AxisSettings) -> ModalMeasurement | Rejection:
     """Measure the response of one measurement, without a calibration, on all lines that a model is compared with.
 
-    Parameters
-    ----------
-    windows : sequence of Window
-        Accepted by :func:`check_window`, of one measurement at one position; at least one.
-    settings : AxisSettings
-        Of the axis; its band says where the mode is looked for, which the measurement is gated by.
+    ``windows``: accepted by :func:`check_window`, of one measurement at one position; at least one; ``settings``:
+    of the axis; its band says where the mode is looked for, which the measurement is gated by.
     """
     band, lines = search_band(settings, None, windows[0]), _whole_band(settings, windows[0])
     return measure_mode(windows, band=band, gate=settings.mode, lines=lines)
@@ -137,19 +133,9 @@ def judge_measurement(
 ) -> MeasurementOutcome:
     """Average the accepted windows of one measurement, find the mode, and turn it into a preload.
 
-    Parameters
-    ----------
-    windows : sequence of Window
-        Accepted by :func:`check_window`, of one measurement at one position; at least one.
-    settings : AxisSettings
-        Of the axis.
-    calibration : Calibration or None
-        In force; without one the mode is measured and the preload refused as ``not-calibrated``.
-
-    Returns
-    -------
-    MeasurementOutcome
-        Estimates, or the named reasons why there are none.
+    ``windows``: accepted by :func:`check_window`, of one measurement at one position; at least one; ``settings``:
+    of the axis; ``calibration``: in force; without one the mode is measured and the preload refused as
+    ``not-calibrated``. Returned: estimates, or the named reasons why there are none.
     """
     modal = measure_mode(
         windows,
@@ -183,8 +169,7 @@ def advance(
     """Carry the state of an axis over one measurement.
 
     A refused measurement changes nothing; nor does one whose preload was set on purpose, which tells nothing about
-    wear. What is watched is the preload feature: it is nearly normally distributed where newtons
-    are not.
+    wear. What is watched is the preload feature: it is nearly normally distributed where newtons are not.
     """
     if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
         return state

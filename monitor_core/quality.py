@@ -57,24 +57,9 @@ def gate_window(
     - a length whose FFT costs several times that of a slightly shorter one;
     - too little excitation in the band.
 
-    Parameters
-    ----------
-    window : Window
-        The record.
-    gate : QualityGate
-        What must be met.
-    band : tuple of float, optional
-        Where the mode is looked for; without it the excitation is not judged. [Hz]
-
-    Returns
-    -------
-    SignalQuality or Rejection
-        Figures, or the first reason against the window.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the band does not lie between 0 Hz and half the sampling rate.
+    ``window``: the record; ``gate``: what must be met; ``band``: where the mode is looked for; without it the
+    excitation is not judged [Hz]. Returned: figures, or the first reason against the window.
+    ``OutsideValidityError`` if the band does not lie between 0 Hz and half the sampling rate.
     """
     refusal = (
         _check_sampling(window, gate)

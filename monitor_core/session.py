@@ -76,13 +76,8 @@ def judge_session(
 ) -> Iterator[SessionMeasurement]:
     """Judge the measurements of a session one after another.
 
-    Parameters
-    ----------
-    session : RecordedMeasurements
-    settings : AxisSettings
-        Of the axis.
-    calibration : Calibration, optional
-        Without one modes are measured, and preloads refused as ``not-calibrated``.
+    ``settings``: of the axis; ``calibration``: without one modes are measured, and preloads refused as
+    ``not-calibrated``.
     """
     for gated in gate_session(session, settings, calibration):
         if gated.accepted:
@@ -110,19 +105,8 @@ def calibrate_session(
 ) -> Calibration:
     """Fit k1…k4 to the measurements of a session whose preload was set on purpose.
 
-    Parameters
-    ----------
-    session : RecordedMeasurements
-    settings : AxisSettings
-        Of the axis.
-    weighting : Weighting
-    prior : CoefficientPrior, optional
-        What was known of k1…k4 before: fewer measurements will do.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If none of them can be judged, or they determine no calibration.
+    ``settings``: of the axis; ``prior``: what was known of k1…k4 before: fewer measurements will do.
+    ``NotIdentifiableError`` if none of them can be judged, or they determine no calibration.
     """
     modes = modes_at_set_preloads(list(judge_session(session, settings)))
     if not modes:

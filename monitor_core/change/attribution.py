@@ -67,24 +67,11 @@ def attribute_change(
 ) -> ChangeAttribution:
     """Find the change that explains the difference between recent and reference measurements of an axis.
 
-    Parameters
-    ----------
-    drive : DescribedDrive
-        The axis as its model file describes it.
-    reference, recent : sequence of FrequencyResponseObservation
-        Before and after. Stated payloads and temperatures count as known; a preload that is not stated is the
-        reference's.
-    preload : float, optional
-        That of the reference, for an axis whose nut follows it; without it no change of the preload is thought of. [N]
-    settings : AttributionSettings, optional
-
-    Raises
-    ------
-    NotIdentifiableError
-        If fewer than three positions were measured at both times, no line stands above its noise, or the model does not
-        describe the reference.
-    OutsideValidityError
-        If the model has no answer under one of the conditions.
+    ``drive``: the axis as its model file describes it; ``reference``, ``recent``: before and after. Stated payloads and
+    temperatures count as known; a preload that is not stated is the reference's; ``preload``: that of the reference,
+    for an axis whose nut follows it; without it no change of the preload is thought of [N]. ``NotIdentifiableError`` if
+    fewer than three positions were measured at both times, no line stands above its noise, or the model does not
+    describe the reference; ``OutsideValidityError`` if the model has no answer under one of the conditions.
     """
     settings = settings or AttributionSettings()
     reference, recent = (_with_preload(side, preload) for side in (reference, recent))

@@ -52,25 +52,11 @@ def explain(
 ) -> Explanation:
     """Find where measurements and a described axis differ, what the model lacks, and how far adding it closes the gap.
 
-    Parameters
-    ----------
-    axis : AxisDescription
-        What the axis is said to be. What a fit may adjust stands in ``uncertain``.
-    measured : sequence of ModalObservation or of FrequencyResponseObservation, or MotionRecord
-    options : ExplainOptions, optional
-    progress : callable, optional
-        Called with a few words on what is being done.
-
-    Returns
-    -------
-    Explanation
-        With the augmented description: parameters as refitted, effects of the axis and those found; where the cause is
-        unknown, the description as given.
-
-    Raises
-    ------
-    NotIdentifiableError, OutsideValidityError
-        If measurements, description and what is to be held out do not go together; one sentence says why.
+    ``axis``: what the axis is said to be. What a fit may adjust stands in ``uncertain``; ``progress``: called with
+    a few words on what is being done. Returned: with the augmented description: parameters as refitted, effects of
+    the axis and those found; where the cause is unknown, the description as given. ``NotIdentifiableError`` or
+    ``OutsideValidityError`` if measurements, description and what is to be held out do not go together; one
+    sentence says why.
     """
     options = options or ExplainOptions()
     question = _question(axis, measured, options)

@@ -64,10 +64,7 @@ MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
 def applicable_effects(axis: Physics, effects: Sequence[Effect[Physics]]) -> tuple[Effect[Physics], ...]:
     """Return the effects that act on something an axis has.
 
-    Raises
-    ------
-    OutsideValidityError
-        If two of them have one key, so that a file could not tell which is meant.
+    ``OutsideValidityError`` if two of them have one key, so that a file could not tell which is meant.
     """
     applicable = tuple(effect for effect in effects if effect.applies(axis))
     keys = [effect.key for effect in applicable]
@@ -82,19 +79,10 @@ def with_effects(
 ) -> Model:
     """Return the model with effects added, one after the other.
 
-    Parameters
-    ----------
-    model : ExtendedModel or MotionModel
-    values : mapping of str to mapping of str to float
-        Values of the parameters by their names, by the keys of the effects: the ``[effects]`` of a model file. Every
-        ``wrong-parameter:…`` is known without being in the table.
-    effects : sequence of Effect, optional
-        The table: that of the product for such a model if not stated, or with a user's own.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a key is unknown, or an effect refuses axis or values.
+    ``values``: values of the parameters by their names, by the keys of the effects: the ``[effects]`` of a model
+    file. Every ``wrong-parameter:…`` is known without being in the table; ``effects``: the table: that of the
+    product for such a model if not stated, or with a user's own. ``OutsideValidityError`` if a key is unknown, or
+    an effect refuses axis or values.
     """
     if effects is None:
         effects = MOTION_EFFECTS if isinstance(model, MotionModel) else DRIVE_EFFECTS

@@ -102,11 +102,8 @@ class Effect(Generic[Physics]):
 
         Values beyond the plausible range are taken: whether to believe them is for whoever fitted them.
 
-        Raises
-        ------
-        OutsideValidityError
-            If a value is missing, not of this effect or not finite, if no axis could have it, or if the effect does
-            not apply to this axis.
+        ``OutsideValidityError`` if a value is missing, not of this effect or not finite, if no axis could have
+        it, or if the effect does not apply to this axis.
         """
         expected = [parameter.name for parameter in self.parameters]
         if set(values) != set(expected):

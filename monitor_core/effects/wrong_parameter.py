@@ -38,23 +38,10 @@ _HIGHEST_PURE_NUMBER = 0.9
 def wrong_parameter(name: str, parameters: DriveParameters) -> Effect[AxisPhysics]:
     """Return the effect that one parameter of an axis has another value.
 
-    Parameters
-    ----------
-    name : str
-        As in files, such as ``bearing_stiffness_n_per_m``.
-    parameters : DriveParameters
-        Of the axis, as declared.
-
-    Returns
-    -------
-    Effect
-        Its parameter is ``ln_ratio``, true over declared value. The range is that of a misprint; what is tolerance is
-        for the caller to say.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the axis does not state this parameter, or states it as zero, of which there is no ratio.
+    ``name``: as in files, such as ``bearing_stiffness_n_per_m``; ``parameters``: of the axis, as declared.
+    Returned: its parameter is ``ln_ratio``, true over declared value. The range is that of a misprint; what is
+    tolerance is for the caller to say. ``OutsideValidityError`` if the axis does not state this parameter, or
+    states it as zero, of which there is no ratio.
     """
     return _wrong_value(name, parameters, stated_names(parameters), _drive_carried_over)
 

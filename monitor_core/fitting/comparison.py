@@ -151,8 +151,7 @@ class Comparison(Protocol[Physics_contra]):
     def gap(self, misfit: FloatArray, standardised: FloatArray, chosen: BoolArray) -> float:
         """Return the size of the gap over the chosen values in ``unit``.
 
-        ``standardised`` is the misfit after the condition errors have explained what they can, in standard
-        deviations.
+        ``standardised`` is the misfit after the condition errors have explained what they can, in standard deviations.
         """
         ...
 

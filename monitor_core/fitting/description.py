@@ -38,16 +38,9 @@ class AxisDescription:
     def build(self, effects: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS) -> DriveModel:
         """Return the model: that of the family, or with effects the extended drive with them added in their order.
 
-        Parameters
-        ----------
-        effects : sequence of Effect
-            What the keys of the effects may mean: the table of the product, or with a user's own.
-
-        Raises
-        ------
-        OutsideValidityError
-            If an effect is unknown, or does not fit the axis or its values; if it is a motion model, which has no
-            frequency response; or as :func:`build_model` says.
+        ``effects``: what the keys of the effects may mean: the table of the product, or with a user's own.
+        ``OutsideValidityError`` if an effect is unknown, or does not fit the axis or its values; if it is a
+        motion model, which has no frequency response; or as :func:`build_model` says.
         """
         if self.family == MOTION:
             raise OutsideValidityError(
@@ -62,15 +55,9 @@ class AxisDescription:
     def build_motion(self, effects: Sequence[Effect[MotionPhysics]] = MOTION_EFFECTS) -> MotionModel:
         """Return the rigid axis of a motion model, with its effects added in their order.
 
-        Parameters
-        ----------
-        effects : sequence of Effect
-            What the keys of the effects may mean: the table of the product, or with a user's own.
-
-        Raises
-        ------
-        OutsideValidityError
-            If an effect is unknown, or does not fit the axis or its values; or if it is the model of a drive.
+        ``effects``: what the keys of the effects may mean: the table of the product, or with a user's own.
+        ``OutsideValidityError`` if an effect is unknown, or does not fit the axis or its values; or if it is
+        the model of a drive.
         """
         if self.family != MOTION:
             raise OutsideValidityError(f"expected a model of the family {MOTION}; got one of {self.family}")

@@ -104,17 +104,10 @@ def predict_coefficients(
     what tests it. Raises OutsideValidityError as :func:`mode_frequencies`, also where a step in a coordinate takes the
     mode out of its band.
 
-    Parameters
-    ----------
-    model_at : callable
-        Returns the model at coordinates of shape (n_parameters,).
-    coordinates : VectorEstimate
-        Decimal logarithms of the identified parameters, as a fit leaves them. Those of zero variance are known. Its
-        degrees of freedom are those of the coefficients.
-    mode : MonitoredMode
-    reference_preload : Estimate, optional
-        :math:`P_0` under which the joints were identified, see :func:`mode_frequencies`; its uncertainty makes k3
-        uncertain by a third of it. [N]
+    ``model_at``: returns the model at coordinates of shape (n_parameters,); ``coordinates``: decimal logarithms of
+    the identified parameters, as a fit leaves them. Those of zero variance are known. Its degrees of freedom are
+    those of the coefficients; ``reference_preload``: :math:`P_0` under which the joints were identified, see
+    :func:`mode_frequencies`; its uncertainty makes k3 uncertain by a third of it [N].
 
     References
     ----------

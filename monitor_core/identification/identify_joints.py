@@ -56,30 +56,12 @@ def identify(
 ) -> IdentifiedJoints:
     """Find stiffness and damping of the joints, judge how well each is known, and predict what was held out.
 
-    Parameters
-    ----------
-    axis : AxisDescription
-        A drive of any family without effects. Free are the parameters that it calls uncertain, or else all its joints.
-    observations : sequence of ModalObservation or of FrequencyResponseObservation
-        Peaks, or whole responses, at two positions or more.
-    options : IdentifyOptions, optional
-    map_function : MapFunction
-        Spreads the work over processes; the answer does not depend on it.
-    progress : callable, optional
-        Called with (done, total).
-
-    Returns
-    -------
-    IdentifiedJoints
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there are too few positions or data, no joint moves anything, every joint ended at a limit, a limit names no
-        free joint, or a calibration is to be predicted for a nut whose mass the model's natural frequencies have
-        elsewhere.
-    OutsideValidityError
-        If the model has no answer under one of the conditions, or limits do not rise.
+    ``axis``: a drive of any family without effects. Free are the parameters that it calls uncertain, or else all its
+    joints; ``observations``: peaks, or whole responses, at two positions or more; ``map_function``: spreads the work
+    over processes; the answer does not depend on it; ``progress``: called with (done, total). ``NotIdentifiableError``
+    if there are too few positions or data, no joint moves anything, every joint ended at a limit, a limit names no free
+    joint, or a calibration is to be predicted for a nut whose mass the model's natural frequencies have elsewhere;
+    ``OutsideValidityError`` if the model has no answer under one of the conditions, or limits do not rise.
     """
     options = options or IdentifyOptions()
     require_identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds

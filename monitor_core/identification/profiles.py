@@ -190,20 +190,9 @@ def profile_interval(
 ) -> ProfileInterval:
     """Return the interval of one coordinate from the profile of χ², all others fitted again at each point.
 
-    Parameters
-    ----------
-    problem, bounds : Problem, Bounds
-        Those of the fit.
-    fit : LocalFit
-        The minimum; where a lower χ² is found on the way, ``undercut`` says by how much and ``lowest`` where.
-    index : int
-        Of the coordinate.
-    level : float
-        Of coverage, in a model that is linear in some coordinates. [-]
-
-    Returns
-    -------
-    ProfileInterval
-        Its ends do not depend on how the coordinate is expressed (logarithm or not), unlike those of the linear one.
+    ``problem``, ``bounds``: those of the fit; ``fit``: the minimum; where a lower χ² is found on the way,
+    ``undercut`` says by how much and ``lowest`` where; ``index``: of the coordinate; ``level``: of coverage, in a
+    model that is linear in some coordinates [-]. Returned: its ends do not depend on how the coordinate is
+    expressed (logarithm or not), unlike those of the linear one.
     """
     return Profile(problem, bounds, fit, index).interval(level)

@@ -60,31 +60,13 @@ def measure_mode(
     say so; gate on mean coherence over the half-power band, phase of the residue, uncertainty of the frequency, and
     ambiguity.
 
-    Parameters
-    ----------
-    windows : sequence of Window
-        Gated windows of one measurement: one rate, one length, one excitation.
-    band : tuple of float
-        Where the mode is expected. [Hz]
-    gate : ModeGate
-        What must be met.
-    phase : PhaseReference, optional
-        Calibrated polarity and delay; without it the phase is not judged, and the result warns.
-    maximum_modes : int
-        1 where a calibration rests on fits of one mode: the frequencies of one and of two modes fitted to the same
-        peak differ a little, and a change of model must not look like a change of preload.
-    lines : tuple of float, optional
-        Of the frequency response that is returned, where more is wanted of it than the band of the mode. [Hz]
-
-    Returns
-    -------
-    ModalMeasurement or Rejection
-        The outcome; a refusal is not an error.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the band does not lie between 0 Hz and half the sampling rate.
+    ``windows``: gated windows of one measurement: one rate, one length, one excitation; ``band``: where the mode is
+    expected [Hz]; ``gate``: what must be met; ``phase``: calibrated polarity and delay; without it the phase is not
+    judged, and the result warns; ``maximum_modes``: 1 where a calibration rests on fits of one mode: the
+    frequencies of one and of two modes fitted to the same peak differ a little, and a change of model must not look
+    like a change of preload; ``lines``: of the frequency response that is returned, where more is wanted of it than
+    the band of the mode [Hz]. Returned: the outcome; a refusal is not an error. ``OutsideValidityError`` if the
+    band does not lie between 0 Hz and half the sampling rate.
     """
     if (refusal := _check_windows(windows, gate)) is not None:
         return refusal

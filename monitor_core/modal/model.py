@@ -18,6 +18,7 @@ frequencies of the tones [Hz], shape (n_nonlinear,). ``FitLines`` are the whiten
 
 import math
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 import scipy.linalg
@@ -83,20 +84,24 @@ def tone_shape(frequency: FloatArray, tone: FloatArray | float, n_samples: int, 
 
 def poles_of(parameters: FloatArray, order: ModelOrder) -> FloatArray:
     """Return natural frequency [Hz] and damping ratio [-] of each mode, shape (n_modes, 2)."""
-    pairs = parameters[: 2 * order.n_modes].reshape(-1, 2)
-    return np.column_stack([pairs[:, 0], np.exp(pairs[:, 1])])
+    poles = parameters[: 2 * order.n_modes].reshape(-1, 2).copy()
+    poles[:, 1] = np.exp(poles[:, 1])
+    return poles
 
 
 def basis_of(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Basis:
     """Build the linear terms of the model; ``parameters`` as in the module's text."""
     f = lines.frequency
-    a = np.prod([pole_factor(f, *pole) for pole in poles_of(parameters, order)], axis=0)
+    a = reduce(np.multiply, [pole_factor(f, *pole) for pole in poles_of(parameters, order)])
     n_powers = max(order.n_response_terms, order.n_transient_terms)
     powers = normalised_frequency(f, f) ** np.arange(n_powers)[:, None] / a
     tones = parameters[2 * order.n_modes :]
-    shapes = lines.weight * tone_shape(f, tones[:, None], lines.n_samples, lines.sample_rate)
     transient = lines.weight * powers[: order.n_transient_terms]
-    nuisance, triangle = np.linalg.qr(np.concatenate([transient, shapes]).T)
+    shapes = np.empty((0, f.size), dtype=np.complex128)
+    if tones.size:
+        shapes = lines.weight * tone_shape(f, tones[:, None], lines.n_samples, lines.sample_rate)
+        transient = np.concatenate([transient, shapes])
+    nuisance, triangle = np.linalg.qr(transient.T)
     return Basis(powers[: order.n_response_terms], shapes, nuisance, triangle)
 
 
@@ -114,7 +119,7 @@ def project(lines: FitLines, parameters: FloatArray, order: ModelOrder) -> Proje
     derivatives = _derivatives(lines, parameters, order, basis, forced)
     flat = basis.annul(derivatives).reshape(order.n_nonlinear, -1)
     columns = forced.columns
-    flat -= scipy.linalg.cho_solve(forced.gram, columns.conj() @ flat.T).T @ columns
+    flat -= _solve_gram(forced.gram, columns.conj() @ flat.T).T @ columns
     return Projection(forced.residual, flat.reshape(derivatives.shape), forced.coefficients)
 
 
@@ -158,7 +163,7 @@ def overdispersion(lines: FitLines, parameters: FloatArray, plain: ModelOrder, r
 class _ForcedResponse:
     coefficients: ComplexArray  # of B
     columns: ComplexArray  # projected terms of B over all windows, shape (n_response_terms, n_windows · n_frequencies)
-    gram: tuple[ComplexArray, bool]  # Cholesky factor of their products
+    gram: ComplexArray  # upper Cholesky factor of their products
     residual: ComplexArray  # shape (n_windows, n_frequencies)
 
 
@@ -167,9 +172,24 @@ def _solve_response(lines: FitLines, basis: Basis) -> _ForcedResponse:
     terms = basis.response_terms
     columns = basis.annul(terms[:, None, :] * lines.excitation).reshape(terms.shape[0], -1)
     target = basis.annul(lines.response)
-    gram = scipy.linalg.cho_factor(columns.conj() @ columns.T)
-    b: ComplexArray = scipy.linalg.cho_solve(gram, columns.conj() @ target.ravel())
+    conjugate = columns.conj()
+    gram = _factor_gram(conjugate @ columns.T)
+    b = _solve_gram(gram, conjugate @ target.ravel())
     return _ForcedResponse(b, columns, gram, target - (b @ columns).reshape(target.shape))
+
+
+def _factor_gram(products: ComplexArray) -> ComplexArray:
+    """Return the upper Cholesky factor: LAPACK's own, for what SciPy does around it takes longer at this size."""
+    if not np.isfinite(products).all():
+        raise ValueError("the terms of the response must be finite")
+    factor, info = scipy.linalg.lapack.zpotrf(products, lower=False, clean=False)
+    if info:
+        raise np.linalg.LinAlgError("the terms of the response are not independent")
+    return np.asarray(factor)
+
+
+def _solve_gram(factor: ComplexArray, right: ComplexArray) -> ComplexArray:
+    return np.asarray(scipy.linalg.lapack.zpotrs(factor, right, lower=False)[0])
 
 
 def _derivatives(

@@ -39,20 +39,8 @@ def calibrate_phase(modes: Sequence[ModalParameters]) -> PhaseReference:
     by least squares over the modes; of the two polarities the one with the smaller delay is taken, so that the delay
     stays below a quarter of a period.
 
-    Parameters
-    ----------
-    modes : sequence of ModalParameters
-        Modes of the same axis and channels, e.g. of the calibration's measurements.
-
-    Returns
-    -------
-    PhaseReference
-        Polarity and delay.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If there is no mode, or the residues' phases cancel.
+    ``modes``: modes of the same axis and channels, e.g. of the calibration's measurements. Returned: polarity and
+    delay. ``NotIdentifiableError`` if there is no mode, or the residues' phases cancel.
 
     Examples
     --------

@@ -67,21 +67,9 @@ def fit_modes(
     poles. A second mode is tried where the first leaves something that the excitation explains, and kept if the
     (quasi-)Bayesian information criterion says so.
 
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Un-windowed lines of a band wide enough for the fit.
-    frequency : float
-        Where to start, e.g. a candidate peak. [Hz]
-    damping_ratio : float
-        Where to start; a factor of three off does no harm. [-]
-    maximum_modes : int
-        1 or 2.
-
-    Returns
-    -------
-    ModeFit or Rejection
-        ``FIT_FAILED`` if there are too few lines or no optimum near the start.
+    ``spectra``: un-windowed lines of a band wide enough for the fit; ``frequency``: where to start, e.g. a
+    candidate peak [Hz]; ``damping_ratio``: where to start; a factor of three off does no harm [-];
+    ``maximum_modes``: 1 or 2. Returned: ``FIT_FAILED`` if there are too few lines or no optimum near the start.
 
     Notes
     -----

@@ -2,7 +2,7 @@
 
 import numpy as np
 import scipy.optimize
-import scipy.stats
+import scipy.special
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.modal.fit_lines import FitLines
@@ -67,7 +67,7 @@ def strongest_tone(lines: FitLines, solution: Solution) -> float | None:
     best = int(np.argmax(candidates))
     distance = np.abs(f - places[best]) / lines.resolution
     neighbours = power[(distance > 1.5) & (distance < 6.5)].mean()
-    level = scipy.stats.chi2.isf(_FALSE_ALARM_PROBABILITY / places.size, 2 * lines.n_windows)
+    level = scipy.special.chdtri(2 * lines.n_windows, _FALSE_ALARM_PROBABILITY / places.size)
     significant = 2.0 * candidates[best] / solution.noise_variance > level
     return float(places[best]) if significant and candidates[best] > _LEAST_RISE * neighbours else None
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from monitor_core.modal.fit_lines import FitLines, ModelOrder
 from monitor_core.modal.model import basis_of, forced_cost, overdispersion
@@ -62,7 +62,7 @@ def _leaves_response(lines: FitLines, one_mode: Solution) -> bool:
     costs = [forced_cost(lines, one_mode.parameters, order, nuisance) for order in (plain, background)]
     n_more = 2 * (background.n_response_terms - plain.n_response_terms)
     gain = 2 * lines.response.size * math.log(costs[0] / costs[1])
-    return bool(gain > scipy.stats.chi2.isf(_SCREENING_PROBABILITY, n_more))
+    return bool(gain > scipy.special.chdtri(n_more, _SCREENING_PROBABILITY))
 
 
 def _richer_model(white: FitLines, one_mode: Solution) -> Solution | None:

@@ -25,19 +25,9 @@ def zeros_between(
     Chandrupatla's method [1]_, with the arithmetic of ``scipy.optimize.elementwise.find_root``, whose numbers these
     are; that of SciPy takes longer for its own steps than a closed form for its values.
 
-    Parameters
-    ----------
-    function : callable
-        Takes places and what of ``which`` goes with them, and returns the values there.
-    low, high : ndarray
-        Ends of the intervals, shape (n_zeros,).
-    which : ndarray
-        Number of the function in each interval, shape (n_zeros,).
-
-    Returns
-    -------
-    ndarray
-        The zeros, shape (n_zeros,).
+    ``function``: takes places and what of ``which`` goes with them, and returns the values there; ``low``,
+    ``high``: ends of the intervals, shape (n_zeros,); ``which``: number of the function in each interval, shape
+    (n_zeros,). Returned: the zeros, shape (n_zeros,).
 
     References
     ----------

@@ -41,22 +41,9 @@ def family_named(name: str) -> Family:
 def build_model(family: str, parameters: Mapping[str, float]) -> DriveModel:
     """Build a model from the name of its family and its parameters by their names in files.
 
-    Parameters
-    ----------
-    family : str
-        ``lumped``, ``hybrid``, ``receptance`` or ``transmission-line``.
-    parameters : mapping of str to float
-        SI values by names that end with the unit, such as ``table_mass_kg``.
-
-    Returns
-    -------
-    DriveModel
-        Of that family.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the family is unknown, a name is missing or not one of the family, or a value is out of range.
+    ``family``: ``lumped``, ``hybrid``, ``receptance`` or ``transmission-line``; ``parameters``: SI values by names
+    that end with the unit, such as ``table_mass_kg``. Returned: of that family. ``OutsideValidityError`` if the
+    family is unknown, a name is missing or not one of the family, or a value is out of range.
     """
     found = family_named(family)
     return found.model(found.parameters.from_file_names(parameters, found.name))

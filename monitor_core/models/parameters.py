@@ -7,6 +7,7 @@ vocabulary; a family's record picks from it, so that a quantity means the same i
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import cache
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from monitor_core.errors import OutsideValidityError
@@ -63,6 +64,9 @@ PARAMETERS: tuple[ParameterName, ...] = (
 #: Beyond these no drive was meant, but a slip of the unit or of the keyboard.
 _PLAUSIBLE = {"m": (1e-6, 1e3), "-": (0.0, 0.9)}
 _ANY_SCALE = (1e-30, 1e30)
+#: Of each field of a family's record its name, its default, whether it must be positive, and where it is plausible.
+_Ranges = tuple[tuple[str, object, bool, tuple[float, float]], ...]
+_RANGES: dict[type, _Ranges] = {}  # by family, filled when first asked for
 _VOCABULARY = {word.name: word for word in PARAMETERS}
 
 
@@ -87,10 +91,33 @@ def transmission_ratio(screw_lead: float) -> float:
     return screw_lead / (2.0 * math.pi)
 
 
+def _after_value(name: str) -> str:
+    unit = unit_of(name)
+    return "" if unit == "-" else f" {unit}"
+
+
+def _ranges(record: type["DriveParameters"]) -> _Ranges:
+    if record not in _RANGES:
+        _RANGES[record] = tuple(
+            (
+                item.name,
+                item.default,
+                item.default in (MISSING, math.inf),
+                _PLAUSIBLE.get(unit_of(item.name), _ANY_SCALE),
+            )
+            for item in fields(record)
+        )
+    return _RANGES[record]
+
+
+@cache
+def _names_of_damping(record: type) -> tuple[str, ...]:
+    return tuple(item.name for item in fields(record) if item.name.endswith(("_damping", "loss_factor")))
+
+
 def scaled_damping(record: _Record, share: float) -> _Record:
     """Return a record of parameters with a share of each of its dampers and loss factors."""
-    damping = [item.name for item in fields(record) if item.name.endswith(("_damping", "loss_factor"))]
-    return replace(record, **{name: share * getattr(record, name) for name in damping})
+    return replace(record, **{name: share * getattr(record, name) for name in _names_of_damping(type(record))})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,19 +129,17 @@ class DriveParameters:
     """
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value is None or value == math.inf == item.default:
+        for name, default, required, (lowest, highest) in _ranges(type(self)):
+            value = getattr(self, name)
+            if value is None or value == math.inf == default:
                 continue
-            required = item.default in (MISSING, math.inf)
-            unit = "" if unit_of(item.name) == "-" else f" {unit_of(item.name)}"
             if not math.isfinite(value) or value < 0.0 or (required and value == 0.0):
                 expected = "positive and finite" if required else "finite and not negative"
-                raise OutsideValidityError(f"{name_in_file(item.name)} must be {expected}; got {value}{unit}")
-            lowest, highest = _PLAUSIBLE.get(unit_of(item.name), _ANY_SCALE)
+                raise OutsideValidityError(f"{name_in_file(name)} must be {expected}; got {value}{_after_value(name)}")
             if value and not lowest <= value <= highest:
                 raise OutsideValidityError(
-                    f"{name_in_file(item.name)} must lie within {lowest:g} and {highest:g}{unit}; got {value:g}"
+                    f"{name_in_file(name)} must lie within {lowest:g} and {highest:g}{_after_value(name)}; "
+                    f"got {value:g}"
                 )
 
     @classmethod

@@ -125,18 +125,9 @@ class DriveModel(Protocol):
     ) -> FrequencyResponse:
         """Return the response per unit excitation, named by ISO 7626.
 
-        Parameters
-        ----------
-        frequency : ndarray, shape (n_frequencies,)
-            Above zero. [Hz]
-        conditions : DriveConditions
-        excitation, response : ExcitationPoint, ResponsePoint
-            Where the drive is driven and where it answers; a torque says what holds the motor end.
-
-        Raises
-        ------
-        OutsideValidityError
-            If a frequency is not positive or a condition is out of the model's range.
+        ``frequency``: above zero [Hz], shape (n_frequencies,); ``excitation``, ``response``: where the drive is
+        driven and where it answers; a torque says what holds the motor end. ``OutsideValidityError`` if a
+        frequency is not positive or a condition is out of the model's range.
         """
         ...
 

@@ -1,4 +1,4 @@
-"""Compute a uniform rod in axial or torsional vibration: receptance, dynamic stiffness, condensed end stiffness.
+"""Compute a uniform rod in axial or torsional vibration: rigidity, wave number, receptance.
 
 Axial and torsional waves obey one equation. Axially the rigidity is E S and the wave runs on E; in torsion it is G J
 and the wave runs on G. All functions also take complex ω, so that poles can be sought with them.
@@ -70,10 +70,7 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
 
     Eqs. (1), (2), (10) and (11) of Tian et al.
 
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 2, 2)
-        Between the near end and the far end. [m/N] or [rad/(N·m)]
+    Returned: between the near end and the far end. [m/N] or [rad/(N·m)], shape (n_frequencies, 2, 2).
 
     Notes
     -----
@@ -81,57 +78,6 @@ def rod_receptance(rigidity: float, wave_number: Wave, length: float) -> Complex
     """
     waves = rod_waves(rigidity, wave_number, length)
     return _symmetric(-waves.cosine / waves.z_sine, -1.0 / waves.z_sine)
-
-
-def rod_dynamic_stiffness(rigidity: float, wave_number: Wave, length: float) -> ComplexArray:
-    r"""Return the dynamic stiffness of a rod, the inverse of its receptance.
-
-    .. math::
-
-        \mathbf D = z \begin{bmatrix} \cot\lambda l & -\csc\lambda l \\ -\csc\lambda l & \cot\lambda l \end{bmatrix}
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 2, 2)
-        Between the near end and the far end. [N/m] or [N·m/rad]
-    """
-    waves = rod_waves(rigidity, wave_number, length)
-    return _symmetric(waves.cosine / waves.sine_over_z, -1.0 / waves.sine_over_z)
-
-
-def condensed_stiffness(
-    rigidity: float, wave_number: Wave, length: float, end_stiffness: FloatArray | ComplexArray
-) -> ComplexArray:
-    r"""Return the dynamic stiffness felt at one end of a rod whose other end is held by a dynamic stiffness k.
-
-    .. math::
-
-        D = z \, \frac{k \cos\lambda l - z \sin\lambda l}{z \cos\lambda l + k \sin\lambda l}
-
-    The wave equation with the end's condition put in; a free end has k = 0.
-
-    Parameters
-    ----------
-    rigidity, wave_number, length
-        As for all functions.
-    end_stiffness : ndarray, shape (n_frequencies,) or ()
-        k(ω): spring, damper and mass at the other end together. [N/m] or [N·m/rad]
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        [N/m] or [N·m/rad]
-
-    Examples
-    --------
-    Slowly, a bar of E S/l = 2 N/m behind a spring of 2 N/m is a spring of 1 N/m:
-
-    >>> condensed_stiffness(2.0, np.array([1e-6]), 1.0, np.array(2.0)).round(9).item()
-    (1+0j)
-    """
-    waves = rod_waves(rigidity, wave_number, length)
-    quotient = (end_stiffness * waves.cosine - waves.z_sine) / (waves.cosine + end_stiffness * waves.sine_over_z)
-    return np.asarray(quotient, dtype=np.complex128)
 
 
 def _symmetric(diagonal: FloatArray | ComplexArray, off_diagonal: FloatArray | ComplexArray) -> ComplexArray:

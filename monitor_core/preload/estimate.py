@@ -56,28 +56,13 @@ def estimate_preload(
     the gradient of :math:`g - \theta k_3`; t from the effective degrees of freedom (Welch–Satterthwaite). Translated by
     :math:`\mathrm{preload} = \theta^{-3}` it is wider upwards than downwards.
 
-    Parameters
-    ----------
-    frequency : Estimate
-        Axial natural frequency. [Hz]
-    conditions : Conditions
-        Position; payload and temperature where stated (what is not stated is taken as the reference, and said so).
-    calibration : Calibration
-        Of the axis.
-    excitation_source, excitation_quantity : optional
-        Of the measurement; ``None`` where a table of frequencies does not tell.
-
-    Returns
-    -------
-    PreloadEstimate or Rejection
-        Refused if the excitation is not the calibration's, if a payload cannot be corrected, or if the frequency is
-        above what any preload gives. The upper end of the interval is ``inf`` where no preload is too high to agree
-        with the data (write ``null`` where a format has no infinity); the lower end is 0 where nothing is known.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the frequency is not positive.
+    ``frequency``: axial natural frequency [Hz]; ``conditions``: position; payload and temperature where stated
+    (what is not stated is taken as the reference, and said so); ``calibration``: of the axis;
+    ``excitation_source``, ``excitation_quantity``: of the measurement; ``None`` where a table of frequencies does
+    not tell. Returned: refused if the excitation is not the calibration's, if a payload cannot be corrected, or if
+    the frequency is above what any preload gives. The upper end of the interval is ``inf`` where no preload is too
+    high to agree with the data (write ``null`` where a format has no infinity); the lower end is 0 where nothing is
+    known. ``OutsideValidityError`` if the frequency is not positive.
 
     Examples
     --------

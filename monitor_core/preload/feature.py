@@ -61,25 +61,11 @@ def preload_feature(
 
     Eq. (8) of Nguyen et al. (2018). What is left depends on the preload alone.
 
-    Parameters
-    ----------
-    axial_frequency : float or ndarray, shape (n_windows,)
-        First axial natural frequency :math:`f_{ax}`. [Hz]
-    position : float or ndarray, shape (n_windows,)
-        Table position :math:`x` from the fixed bearing. [m]
-    coefficients : PreloadFeatureCoefficients
-        From :func:`monitor_core.preload.calibrate`.
-
-    Returns
-    -------
-    float or ndarray, shape (n_windows,)
-        :math:`1/P^2`; it falls as the preload rises. Not positive where the frequency is above what any preload
-        gives. [s²]
-
-    Raises
-    ------
-    OutsideValidityError
-        If a frequency is not positive.
+    ``axial_frequency``: first axial natural frequency :math:`f_{ax}` [Hz], shape (n_windows,); ``position``: table
+    position :math:`x` from the fixed bearing [m], shape (n_windows,); ``coefficients``: from
+    :func:`monitor_core.preload.calibrate`. Returned: :math:`1/P^2`; it falls as the preload rises. Not positive
+    where the frequency is above what any preload gives [s²], shape (n_windows,). ``OutsideValidityError`` if a
+    frequency is not positive.
 
     Notes
     -----

@@ -60,43 +60,23 @@ def calibrate(
     Eq. (8) of Nguyen et al. (2018); the factor is its Eq. (6). The lowest payload is the reference :math:`m_0`, the
     mean temperature :math:`T_0`.
 
-    Parameters
-    ----------
-    readings : sequence of ModalReading
-        At three or more positions and two or more preloads; with a prior one reading will do. Payload and temperature
-        are stated for all of them or for none; no payload stated means an empty table, 0 kg.
-    weighting : Weighting
-        ``std`` weights by the stated standard uncertainties of the frequencies. Where these come from the fit of one
-        record, scatter between measurements is usually many times larger and ``none`` uses the readings better.
-    excitation_source : ExcitationSource or None
-        The calibration holds for this source alone; ``None`` where a table of frequencies does not tell.
-    excitation_quantity : ExcitationQuantity or None
-        Torque or force; as above.
-    moving_mass : Estimate, optional
-        Effective mass that moves without payload, used where the readings hold one payload only. [kg]
-    temperature_coefficient : Estimate, optional
-        Used where the temperatures span less than ``TEMPERATURE_RESOLUTION``. [s²/K]
-    maximum_modes, phase_reference, excitation_level : optional
-        Carried along for the gates before the estimate.
-    prior : CoefficientPrior, optional
-        What was known of k1…k4 before, from other readings or none: see :func:`fit_with_prior`. Its payload must be the
-        lowest of the readings, its excitation theirs.
-
-    Returns
-    -------
-    Calibration
-        The covariance rests on the residuals (n − p degrees of freedom): unweighted on their variance alone, weighted
-        on the stated uncertainties plus the scatter between measurements that the residuals show beyond them. Its
-        ranges are those of readings and prior joined.
-
-    Raises
-    ------
-    NotIdentifiableError
-        If the readings at the lowest payload cannot determine the coefficients by their positions, preloads or number,
-        if they contradict the prior, or if the frequency does not rise measurably with the preload.
-    OutsideValidityError
-        If a preload is missing, an influence quantity is stated for some readings only, a weight is missing, or the
-        prior holds under other conditions.
+    ``readings``: at three or more positions and two or more preloads; with a prior one reading will do. Payload and
+    temperature are stated for all of them or for none; no payload stated means an empty table, 0 kg; ``weighting``:
+    ``std`` weights by the stated standard uncertainties of the frequencies. Where these come from the fit of one
+    record, scatter between measurements is usually many times larger and ``none`` uses the readings better;
+    ``excitation_source``: the calibration holds for this source alone; ``None`` where a table of frequencies does
+    not tell; ``excitation_quantity``: torque or force; as above; ``moving_mass``: effective mass that moves without
+    payload, used where the readings hold one payload only [kg]; ``temperature_coefficient``: used where the
+    temperatures span less than ``TEMPERATURE_RESOLUTION`` [s²/K]; ``maximum_modes``, ``phase_reference``,
+    ``excitation_level``: carried along for the gates before the estimate; ``prior``: what was known of k1…k4
+    before, from other readings or none: see :func:`fit_with_prior`. Its payload must be the lowest of the readings,
+    its excitation theirs. Returned: the covariance rests on the residuals (n − p degrees of freedom): unweighted on
+    their variance alone, weighted on the stated uncertainties plus the scatter between measurements that the
+    residuals show beyond them. Its ranges are those of readings and prior joined. ``NotIdentifiableError`` if the
+    readings at the lowest payload cannot determine the coefficients by their positions, preloads or number, if they
+    contradict the prior, or if the frequency does not rise measurably with the preload; ``OutsideValidityError`` if
+    a preload is missing, an influence quantity is stated for some readings only, a weight is missing, or the prior
+    holds under other conditions.
 
     Notes
     -----

@@ -46,20 +46,9 @@ _LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORC
 def calibration_document(calibration: Calibration) -> dict[str, object]:
     """Lay out a calibration as a document of finite numbers, texts, lists and ``None``.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of one axis.
-
-    Returns
-    -------
-    dict
-        Ready for :func:`json.dumps`; :func:`calibration_from_document` reads it back.
-
-    Raises
-    ------
-    OutsideValidityError
-        If Eq. (8) gives no frequency within the calibrated range, so that no loss can be stated.
+    ``calibration``: of one axis. Returned: ready for :func:`json.dumps`; :func:`calibration_from_document` reads it
+    back. ``OutsideValidityError`` if Eq. (8) gives no frequency within the calibrated range, so that no loss can be
+    stated.
     """
     values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
     mass, phase = calibration.moving_mass, calibration.phase_reference
@@ -115,22 +104,8 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
 def calibration_from_document(document: object, where: str = "calibration") -> Calibration:
     """Read what :func:`calibration_document` wrote.
 
-    Parameters
-    ----------
-    document : object
-        A parsed JSON document.
-    where : str
-        Its name, for messages.
-
-    Returns
-    -------
-    Calibration
-        The one written, up to the rounding of millimetres.
-
-    Raises
-    ------
-    RecordingFormatError
-        If anything does not fit, in one sentence.
+    ``document``: a parsed JSON document; ``where``: its name, for messages. Returned: the one written, up to the
+    rounding of millimetres. ``RecordingFormatError`` if anything does not fit, in one sentence.
     """
     top = json_object(document, where)
     top.require_format(FORMAT, VERSION)
@@ -146,10 +121,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration that :func:`write_calibration` or ``preload calibrate --json`` wrote.
 
-    Raises
-    ------
-    RecordingFormatError
-        If the file is no JSON document or does not fit.
+    ``RecordingFormatError`` if the file is no JSON document or does not fit.
     """
     text = read_text(path)
     try:

@@ -41,22 +41,11 @@ class FileReport:
 def check_file(path: Path) -> FileReport:
     """Recognise a file by its content and read all of it.
 
-    Parameters
-    ----------
-    path : Path
-        A session, an FRF set, a modal table, a motion record, a calibration, a drive model, a channel map, or a raw
-        file (TDMS, UFF58, MAT, NPZ, text columns). A raw file is checked for being readable; what it means is for a
-        channel map to say.
-
-    Returns
-    -------
-    FileReport
-        Of a session every window and of an FRF set every condition is looked at, and at most 20 problems are listed.
-
-    Raises
-    ------
-    MissingReaderError
-        If the format needs an optional library that is not installed: that is no fault of the file.
+    ``path``: a session, an FRF set, a modal table, a motion record, a calibration, a drive model, a channel map, or
+    a raw file (TDMS, UFF58, MAT, NPZ, text columns). A raw file is checked for being readable; what it means is for
+    a channel map to say. Returned: of a session every window and of an FRF set every condition is looked at, and at
+    most 20 problems are listed. ``MissingReaderError`` if the format needs an optional library that is not
+    installed: that is no fault of the file.
     """
     try:
         name = format_of(path)
@@ -71,16 +60,9 @@ def check_file(path: Path) -> FileReport:
 def format_of(path: Path) -> str:
     """Recognise a file by its content without reading all of it.
 
-    Returns
-    -------
-    str
-        As in a report: ``preload-session``, ``preload-frf-set``, ``modal-table``, ``motion-record``, ``preload-model``,
-        ``csv`` for other columns of text, …
-
-    Raises
-    ------
-    RecordingFormatError
-        If there is no such file, or it is text of no known encoding.
+    Returned: as in a report: ``preload-session``, ``preload-frf-set``, ``modal-table``, ``motion-record``,
+    ``preload-model``, ``csv`` for other columns of text, …. ``RecordingFormatError`` if there is no such file, or
+    it is text of no known encoding.
     """
     with require_file(path).open("rb") as stream:
         head = stream.read(1024)

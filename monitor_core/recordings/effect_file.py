@@ -37,16 +37,9 @@ from monitor_core.recordings.elements.files import naming, read_text, refusing
 def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
     """Run a Python file and return the effects that it defines; the module's text shows one.
 
-    Returns
-    -------
-    tuple of Effect
-        Its ``EFFECTS``, at least one. Whether an effect fits an axis shows when it is added to one.
-
-    Raises
-    ------
-    RecordingFormatError
-        If it is no Python, fails as it is run, or ``EFFECTS`` is missing or anything but effects with keys of their
-        own: one sentence names the file.
+    Returned: its ``EFFECTS``, at least one. Whether an effect fits an axis shows when it is added to one.
+    ``RecordingFormatError`` if it is no Python, fails as it is run, or ``EFFECTS`` is missing or anything but
+    effects with keys of their own: one sentence names the file.
     """
     text = read_text(path)
     namespace: dict[str, object] = {"__name__": path.stem, "__file__": str(path)}

@@ -60,20 +60,8 @@ class FrequencyResponseSetReader:
 def open_frf_set(path: Path) -> Iterator[FrequencyResponseSetReader]:
     """Open an FRF set and check its frame; a response is read when asked for.
 
-    Parameters
-    ----------
-    path : Path
-        A ``*.frf.h5`` file.
-
-    Yields
-    ------
-    FrequencyResponseSetReader
-        Valid inside the ``with`` block.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is no such set: one sentence says what was expected, what was got, and where.
+    ``path``: a ``*.frf.h5`` file. Returned: valid inside the ``with`` block. ``RecordingFormatError`` if the file
+    is no such set: one sentence says what was expected, what was got, and where.
     """
     with open_hdf5(path) as file:
         with refusing(path.name, f"a {FORMAT} file"):
@@ -84,11 +72,8 @@ def open_frf_set(path: Path) -> Iterator[FrequencyResponseSetReader]:
 def read_frf_set(path: Path) -> FrequencyResponseSet:
     """Read an FRF set; raises as :func:`open_frf_set`.
 
-    Returns
-    -------
-    FrequencyResponseSet
-        SI units. Of what is not stated, the preload is None and the payload and the deviation from the reference
-        temperature are 0; an excitation level that is not stated counts as small signals.
+    Returned: SI units. Of what is not stated, the preload is None and the payload and the deviation from the
+    reference temperature are 0; an excitation level that is not stated counts as small signals.
     """
     with open_frf_set(path) as reader:
         return FrequencyResponseSet(tuple(reader.measured(name) for name in reader.conditions))
@@ -97,17 +82,8 @@ def read_frf_set(path: Path) -> FrequencyResponseSet:
 def write_frf_set(path: Path, responses: FrequencyResponseSet) -> None:
     """Write an FRF set; the same set gives the same bytes, whenever it is written.
 
-    Parameters
-    ----------
-    path : Path
-        Usually ``*.frf.h5``; an existing file is replaced.
-    responses : FrequencyResponseSet
-        At least one.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the set holds no response.
+    ``path``: usually ``*.frf.h5``; an existing file is replaced; ``responses``: at least one.
+    ``RecordingFormatError`` if the set holds no response.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
 

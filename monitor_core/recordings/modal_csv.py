@@ -75,21 +75,9 @@ class ModalRow:
 def read_modal_table(path: Path) -> tuple[ModalRow, ...]:
     """Read a modal table.
 
-    Parameters
-    ----------
-    path : Path
-        CSV with a header.
-
-    Returns
-    -------
-    tuple of ModalRow
-        In the order of the file; positions in metres.
-
-    Raises
-    ------
-    RecordingFormatError
-        If a column is missing, stands twice or lacks its unit, or if a cell is not what its column promises; the
-        sentence names row (the header is row 1) and column.
+    ``path``: CSV with a header. Returned: in the order of the file; positions in metres. ``RecordingFormatError``
+    if a column is missing, stands twice or lacks its unit, or if a cell is not what its column promises; the
+    sentence names row (the header is row 1) and column.
     """
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
@@ -115,17 +103,7 @@ def read_modal_table(path: Path) -> tuple[ModalRow, ...]:
 def write_modal_table(path: Path, rows: Iterable[ModalRow]) -> None:
     """Write a modal table, leaving out the columns that no row states.
 
-    Parameters
-    ----------
-    path : Path
-        An existing file is replaced.
-    rows : iterable of ModalRow
-        At least one.
-
-    Raises
-    ------
-    RecordingFormatError
-        If there is no row.
+    ``path``: an existing file is replaced; ``rows``: at least one. ``RecordingFormatError`` if there is no row.
     """
     stated = [_cells(row) for row in rows]
     if not stated:

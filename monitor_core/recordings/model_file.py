@@ -38,21 +38,9 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 def read_model_file(path: Path) -> AxisDescription:
     """Read a drive model; the module's text shows every entry.
 
-    Parameters
-    ----------
-    path : Path
-        A TOML file.
-
-    Returns
-    -------
-    AxisDescription
-        Family and parameters fit each other, so that only an effect can keep it from being built.
-
-    Raises
-    ------
-    RecordingFormatError
-        If it is no TOML, or anything in it is missing, unknown, of the wrong type or out of range: one sentence names
-        file and entry.
+    ``path``: a TOML file. Returned: family and parameters fit each other, so that only an effect can keep it from
+    being built. ``RecordingFormatError`` if it is no TOML, or anything in it is missing, unknown, of the wrong type
+    or out of range: one sentence names file and entry.
     """
     return parse_model(read_text(path), path.name)
 
@@ -69,10 +57,7 @@ def parse_model(text: str, where: str) -> AxisDescription:
 def model_file_text(model: AxisDescription) -> str:
     """Return the model as TOML text; :func:`read_model_file` reads it back to the last bit.
 
-    Raises
-    ------
-    RecordingFormatError
-        If the record is not one that could be read back.
+    ``RecordingFormatError`` if the record is not one that could be read back.
     """
     tables: dict[str, object] = {
         "family": model.family,

@@ -32,15 +32,8 @@ def is_motion_header(columns: list[str]) -> bool:
 def read_motion_record(path: Path) -> MotionRecord:
     """Read a motion record.
 
-    Parameters
-    ----------
-    path : Path
-        CSV with a header.
-
-    Raises
-    ------
-    RecordingFormatError
-        If a column is missing, both force and torque are there, the sampling is not uniform, or a value is not finite.
+    ``path``: CSV with a header. ``RecordingFormatError`` if a column is missing, both force and torque are there,
+    the sampling is not uniform, or a value is not finite.
     """
     channels = csv_samples.read_channels(path)
     drives = [name for name in DRIVES if name in channels.names]

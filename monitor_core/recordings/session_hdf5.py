@@ -46,6 +46,8 @@ _KNOWN_ATTRIBUTES = frozenset((
     "response_unit", "position_mm", "position_span_mm", "direction", "measurement", "payload_kg", "temperature_c",
     "preload_n",
 ))  # fmt: skip
+#: What the frame of a session says of each window; the others are read with its samples.
+_FRAME_ATTRIBUTES = frozenset(("started_at", "measurement"))
 _SAMPLES = ("float32", "float64")
 
 
@@ -84,20 +86,8 @@ class SessionReader:
 def open_session(path: Path) -> Iterator[SessionReader]:
     """Open a session file and check its frame; the samples stay on disk until a window is asked for.
 
-    Parameters
-    ----------
-    path : Path
-        A ``*.session.h5`` file.
-
-    Yields
-    ------
-    SessionReader
-        Valid inside the ``with`` block.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is no such session: one sentence says what was expected, what was got, and where.
+    ``path``: a ``*.session.h5`` file. Returned: valid inside the ``with`` block. ``RecordingFormatError`` if the
+    file is no such session: one sentence says what was expected, what was got, and where.
     """
     with open_hdf5(path) as file:
         with refusing(path.name, f"a {FORMAT} file"):
@@ -108,10 +98,7 @@ def open_session(path: Path) -> Iterator[SessionReader]:
 def read_session(path: Path) -> Session:
     """Read a whole session into memory; raises as :func:`open_session`.
 
-    Returns
-    -------
-    Session
-        Windows in time order; samples in the precision of the file, positions in metres.
+    Returned: windows in time order; samples in the precision of the file, positions in metres.
     """
     with open_session(path) as reader:
         return Session(reader.axis_id, tuple(reader.windows()), reader.description, reader.created)
@@ -120,17 +107,8 @@ def read_session(path: Path) -> Session:
 def write_session(path: Path, session: Session) -> None:
     """Write a session; the same session gives the same bytes, whenever it is written.
 
-    Parameters
-    ----------
-    path : Path
-        Usually ``*.session.h5``; an existing file is replaced.
-    session : Session
-        Windows in time order.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the session holds no window, names no axis, or is not in time order.
+    ``path``: usually ``*.session.h5``; an existing file is replaced; ``session``: windows in time order.
+    ``RecordingFormatError`` if the session holds no window, names no axis, or is not in time order.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
 
@@ -149,7 +127,7 @@ def write_session(path: Path, session: Session) -> None:
 def _session_reader(file: "h5py.File", where: str) -> SessionReader:
     root = attributes(file, _KNOWN_ATTRIBUTES, f"{where} /")
     root.require_format(FORMAT, VERSION)
-    windows, stated = numbered_groups(file, "windows", 6, _KNOWN_ATTRIBUTES, where)
+    windows, stated = numbered_groups(file, "windows", 6, _FRAME_ATTRIBUTES, where)
     measurement_of = {
         name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()
     }

@@ -17,15 +17,7 @@ def coherence_bias(coherence: FloatArray | float, n_averages: float) -> FloatArr
 
     Carter, Knapp and Nuttall [1]_, Eq. (5).
 
-    Parameters
-    ----------
-    coherence : float or ndarray
-        True ordinary coherence γ². [-]
-
-    Returns
-    -------
-    ndarray
-        Expected excess over the true value. [-]
+    ``coherence``: true ordinary coherence γ² [-]. Returned: expected excess over the true value [-].
 
     Examples
     --------
@@ -51,15 +43,7 @@ def significance_level(n_averages: float, *, false_alarm_probability: float = 0.
 
     Exact for Gaussian channels, [1]_ Eq. (9).
 
-    Parameters
-    ----------
-    false_alarm_probability : float
-        α. [-]
-
-    Returns
-    -------
-    float
-        Threshold. [-]
+    ``false_alarm_probability``: α [-]. Returned: threshold [-].
 
     Examples
     --------
@@ -83,15 +67,8 @@ def random_error(coherence: FloatArray | float, n_averages: float) -> FloatArray
 
     Bendat and Piersol [1]_, Eqs. (9.90) and (9.91), first order, good while it is below about 0.2.
 
-    Parameters
-    ----------
-    coherence : float or ndarray
-        Ordinary coherence γ², above 0. [-]
-
-    Returns
-    -------
-    ndarray
-        Relative standard deviation of the magnitude [-], and standard deviation of the phase [rad].
+    ``coherence``: ordinary coherence γ², above 0 [-]. Returned: relative standard deviation of the magnitude [-],
+    and standard deviation of the phase [rad].
 
     Examples
     --------
@@ -114,24 +91,9 @@ def effective_averages(n_windows: int, overlap: float = 0.0, *, taper: Taper = "
 
     Welch [1]_, for a white record. Separate windows are worth their number.
 
-    Parameters
-    ----------
-    n_windows : int
-        Windows averaged.
-    overlap : float
-        Share of a window that the next one repeats, from 0 to below 1. [-]
-    taper : {"hann", "rectangular"}
-        Window w.
-
-    Returns
-    -------
-    float
-        Effective number, at most ``n_windows``. [-]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the overlap lies outside its range.
+    ``n_windows``: windows averaged; ``overlap``: share of a window that the next one repeats, from 0 to below 1
+    [-]; ``taper``: window w. Returned: effective number, at most ``n_windows`` [-]. ``OutsideValidityError`` if the
+    overlap lies outside its range.
 
     Examples
     --------
@@ -162,19 +124,8 @@ def effective_averages(n_windows: int, overlap: float = 0.0, *, taper: Taper = "
 def band_average(frequency: FloatArray, coherence: FloatArray, band: tuple[float, float]) -> float:
     """Return the mean coherence over a band, or at its nearest line if it is narrower than a line.
 
-    Parameters
-    ----------
-    frequency : ndarray, shape (n_frequencies,)
-        Lines. [Hz]
-    coherence : ndarray, shape (n_frequencies,)
-        Ordinary coherence. [-]
-    band : tuple of float
-        Lowest and highest frequency. [Hz]
-
-    Returns
-    -------
-    float
-        Mean coherence. [-]
+    ``frequency``: lines [Hz], shape (n_frequencies,); ``coherence``: ordinary coherence [-], shape
+    (n_frequencies,); ``band``: lowest and highest frequency [Hz]. Returned: mean coherence [-].
     """
     inside = (frequency >= band[0]) & (frequency <= band[1])
     if not inside.any():

@@ -52,17 +52,8 @@ def cross_spectra(spectra: BandSpectra, *, taper: Taper = "hann") -> CrossSpectr
     Window by window (``cross_spectra(first) + cross_spectra(second)``) or all at once give the same numbers, because
     the sums are in double precision whatever the samples were.
 
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Raw lines, of which the outermost two are used up by the taper.
-    taper : {"hann", "rectangular"}
-        See :meth:`BandSpectra.tapered`.
-
-    Returns
-    -------
-    CrossSpectra
-        Sums at the inner lines.
+    ``spectra``: raw lines, of which the outermost two are used up by the taper; ``taper``: see
+    :meth:`BandSpectra.tapered`. Returned: sums at the inner lines.
     """
     frequency, x, y = spectra.tapered(taper)
     return CrossSpectra(
@@ -87,24 +78,9 @@ def estimate_frf(cross: CrossSpectra, *, estimator: Estimator = "H1", quantity: 
     [1]_, sections 6.1 and 9.2. :math:`H_1` is unbiased under noise on the response, :math:`H_2` under noise on the
     excitation, :math:`H_v` (total least squares, both noises alike after scaling) lies between them.
 
-    Parameters
-    ----------
-    cross : CrossSpectra
-        Sums over windows.
-    estimator : {"H1", "H2", "Hv"}
-        Which of the three.
-    quantity : str
-        What the ratio is, e.g. ``"torque_accelerance"``.
-
-    Returns
-    -------
-    FrequencyResponse
-        With ``coherence=None`` for a single average, where it is 1 whatever the data: it must not be judged.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a channel has no power at all at a line.
+    ``cross``: sums over windows; ``estimator``: which of the three; ``quantity``: what the ratio is, e.g.
+    ``"torque_accelerance"``. Returned: with ``coherence=None`` for a single average, where it is 1 whatever the
+    data: it must not be judged. ``OutsideValidityError`` if a channel has no power at all at a line.
 
     References
     ----------
@@ -135,15 +111,7 @@ def least_leaking_taper(spectra: BandSpectra) -> Taper:
     an end under Hann) both lower the coherence; nothing about a taper raises it. With a single window there is nothing
     to compare, and Hann is taken.
 
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Un-windowed lines of the band of interest.
-
-    Returns
-    -------
-    {"hann", "rectangular"}
-        The better taper.
+    ``spectra``: un-windowed lines of the band of interest. Returned: the better taper.
     """
     return max(TAPERS, key=lambda taper: mean_coherence(spectra, taper)) if spectra.n_windows > 1 else "hann"
 

@@ -29,25 +29,11 @@ def line_spread(excitation: SampleArray, sample_rate: float, frequency: FloatArr
     for an axis that was at rest before the window, or under the median of the excitation since long. Of an excitation
     that is flat around a line the weights are, in expectation, :math:`|W|^2`.
 
-    Parameters
-    ----------
-    excitation : ndarray, shape (n_windows, n_samples)
-        Torque or force of the windows that were averaged. [N·m or N]
-    sample_rate : float
-        [Hz]
-    frequency : ndarray, shape (n_lines,)
-        Lines of the estimate, whole multiples of 1/T. [Hz]
-
-    Returns
-    -------
-    LineSpread
-        What it says errs by some 0.4 % at a peak three lines wide between its half-power points, and by 1 % at one and
-        a half; of a peak one line wide after a pulse late in the window, by 3 %.
-
-    Raises
-    ------
-    OutsideValidityError
-        If a frequency is no line of these windows.
+    ``excitation``: torque or force of the windows that were averaged [N·m or N], shape (n_windows, n_samples);
+    ``sample_rate``: [Hz]; ``frequency``: lines of the estimate, whole multiples of 1/T [Hz], shape (n_lines,).
+    Returned: what it says errs by some 0.4 % at a peak three lines wide between its half-power points, and by 1 %
+    at one and a half; of a peak one line wide after a pulse late in the window, by 3 %. ``OutsideValidityError`` if
+    a frequency is no line of these windows.
 
     Notes
     -----

@@ -9,17 +9,8 @@ from monitor_core.spectral.spectra import BandSpectra, Taper
 def median_misfit(spectra: BandSpectra, taper: Taper) -> tuple[FloatArray, FloatArray]:
     """Return how far each window is from the line-by-line median of the windows' own responses.
 
-    Parameters
-    ----------
-    spectra : BandSpectra
-        Un-windowed lines.
-    taper : {"hann", "rectangular"}
-        See :meth:`BandSpectra.tapered`.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n_windows,)
-        Sums over the lines of the squared moduli of what the median leaves, and of the response. [(m/s²)²]
+    ``spectra``: un-windowed lines; ``taper``: see :meth:`BandSpectra.tapered`. Returned: sums over the lines of the
+    squared moduli of what the median leaves, and of the response [(m/s²)²], shape (n_windows,).
     """
     _, x, y = spectra.tapered(taper)
     ratio = y / np.where(x == 0.0, np.finfo(np.float32).tiny, x)

@@ -20,9 +20,8 @@ TAPERS: tuple[Taper, ...] = ("hann", "rectangular")
 class BandSpectra:
     """Un-windowed DFT lines of excitation and response, one row per window.
 
-    The rectangular window is kept on purpose: the same lines serve the Hann-tapered average
-    (:meth:`tapered`) and the transient-aware fit of :mod:`monitor_core.modal`, which needs lines whose noise is
-    independent from one to the next.
+    The rectangular window is kept on purpose: the same lines serve the Hann-tapered average (:meth:`tapered`) and the
+    transient-aware fit of :mod:`monitor_core.modal`, which needs lines whose noise is independent from one to the next.
     """
 
     frequency: FloatArray  # neighbouring lines, shape (n_frequencies,) [Hz]
@@ -72,16 +71,9 @@ class BandSpectra:
 
         and uses up the outermost line on either side. The rectangular one drops the same two lines.
 
-        Parameters
-        ----------
-        taper : {"hann", "rectangular"}
-            Hann for what goes on across the ends of the window, rectangular for an impact that rings out inside it: a
-            hit near an end is all but erased by Hann.
-
-        Returns
-        -------
-        tuple of ndarray
-            Frequency, shape (n_frequencies − 2,) [Hz]; excitation and response, shape (n_windows, n_frequencies − 2).
+        ``taper``: Hann for what goes on across the ends of the window, rectangular for an impact that rings out
+        inside it: a hit near an end is all but erased by Hann. Returned: frequency, shape (n_frequencies − 2,)
+        [Hz]; excitation and response, shape (n_windows, n_frequencies − 2).
         """
         inner = self.frequency[1:-1]
         if taper == "rectangular":
@@ -97,26 +89,11 @@ def band_spectra(
     One batched real FFT per channel, in the precision of the samples. The extra line is what the Hann taper in the
     frequency domain needs. The mean of each window is removed with the line at 0 Hz.
 
-    Parameters
-    ----------
-    excitation : ndarray, shape (n_windows, n_samples)
-        Motor torque or force. [N·m or N]
-    response : ndarray, shape (n_windows, n_samples)
-        Acceleration. [m/s²]
-    sample_rate : float
-        Samples per second. [Hz]
-    band : tuple of float
-        Lowest and highest frequency wanted. [Hz]
-
-    Returns
-    -------
-    BandSpectra
-        Lines from one below to one above the band, as far as they exist between 0 Hz and half the sampling rate.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the channels differ in shape, or the band holds no line between 0 Hz and half the sampling rate.
+    ``excitation``: motor torque or force [N·m or N], shape (n_windows, n_samples); ``response``: acceleration
+    [m/s²], shape (n_windows, n_samples); ``sample_rate``: samples per second [Hz]; ``band``: lowest and highest
+    frequency wanted [Hz]. Returned: lines from one below to one above the band, as far as they exist between 0 Hz
+    and half the sampling rate. ``OutsideValidityError`` if the channels differ in shape, or the band holds no line
+    between 0 Hz and half the sampling rate.
 
     Examples
     --------

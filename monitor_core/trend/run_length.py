@@ -41,18 +41,10 @@ def cusum_run_length(
 
         a = 1 + P_0 a + P_1 b, \qquad b = 1 + P_0 a
 
-    Parameters
-    ----------
-    limit : float
-        h. [-]
-    reference : float
-        k. [-]
-    largest_increment : float
-        Winsorising constant of :func:`monitor_core.trend.charts.cusum_step`. [-]
-    confirmed_limit : float
-        Shewhart limit of the second rule; infinite without it. [-]
-    n_cells : int
-        Cells of the chain. The error falls with its square; 80 give 0.1 % at k = 0.5, h = 5. [-]
+    ``limit``: h [-]; ``reference``: k [-]; ``largest_increment``: winsorising constant of
+    :func:`monitor_core.trend.charts.cusum_step` [-]; ``confirmed_limit``: shewhart limit of the second rule;
+    infinite without it [-]; ``n_cells``: cells of the chain. The error falls with its square; 80 give 0.1 % at k =
+    0.5, h = 5 [-].
 
     Examples
     --------
@@ -104,16 +96,9 @@ def ewma_run_length(
 
     Markov chain of [1]_ on [−c, c].
 
-    Parameters
-    ----------
-    limit : float
-        c, the limit of the average itself; :math:`c = L \sqrt{\lambda/(2-\lambda)}`. [-]
-    weight : float
-        λ. [-]
-    largest_residual : float
-        Magnitude at which residuals are winsorised. [-]
-    n_cells : int
-        Cells of the chain; odd, so that zero is the middle of one. 81 give 0.6 % at λ = 0.1, ARL 500. [-]
+    ``limit``: c, the limit of the average itself; :math:`c = L \sqrt{\lambda/(2-\lambda)}` [-]; ``weight``: λ [-];
+    ``largest_residual``: magnitude at which residuals are winsorised [-]; ``n_cells``: cells of the chain; odd, so
+    that zero is the middle of one. 81 give 0.6 % at λ = 0.1, ARL 500 [-].
 
     Examples
     --------
@@ -159,14 +144,8 @@ def shewhart_run_length(
 
     Mean waiting time for a run of r successes, section XIII.7 of [1]_; 1/p for r = 1.
 
-    Parameters
-    ----------
-    limit : float
-        In standard deviations. [-]
-    consecutive : int
-        r. [-]
-    two_sided : bool
-        Residuals beyond the limit on either side count. [-]
+    ``limit``: in standard deviations [-]; ``consecutive``: r [-]; ``two_sided``: residuals beyond the limit on
+    either side count [-].
 
     Examples
     --------

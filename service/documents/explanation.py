@@ -16,11 +16,7 @@ from service.json_types import JsonObject
 def explanation_document(explanation: Explanation, model_text: str) -> JsonObject:
     """Return the whole answer except its pictures; a number that is not known is ``null``.
 
-    Parameters
-    ----------
-    explanation : Explanation
-    model_text : str
-        The augmented drive model, as TOML.
+    ``model_text``: the augmented drive model, as TOML.
     """
     gap = explanation.gap
     return finite_or_null({

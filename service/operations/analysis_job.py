@@ -82,10 +82,7 @@ class AnalysisJob(Generic[Arguments]):
     def require(self, axis_id: str, arguments: Arguments) -> None:
         """Refuse what cannot be answered before a job is made of it, as far as that shows without measuring.
 
-        Raises
-        ------
-        MonitorCoreError, ServiceError
-            With the reason in one sentence.
+        ``MonitorCoreError`` or ``ServiceError`` with the reason in one sentence.
         """
         with self._database.read() as session:
             get_axis(session, axis_id)
@@ -115,10 +112,7 @@ class AnalysisJob(Generic[Arguments]):
     def report(self, axis_id: str, job_id: str) -> str:
         """Return the page of a finished job, HTML.
 
-        Raises
-        ------
-        UnknownResourceError
-            If there is no such job of the axis, or it has no answer.
+        ``UnknownResourceError`` if there is no such job of the axis, or it has no answer.
         """
         with self._database.read() as session:
             row = jobs.get_job(session, job_id)

@@ -21,8 +21,9 @@ from monitor_core.models.published.receptance.closed_form import (
 )
 from monitor_core.models.published.receptance.matrices import drive_receptance
 from monitor_core.models.published.receptance.parameters import JOINT_NAMES
-from monitor_core.models.rod import condensed_stiffness, wave_number
+from monitor_core.models.rod import wave_number
 from tests.models.finite_elements import Assembly, Axis
+from tests.models.rods import condensed_stiffness
 
 FREQUENCY = np.linspace(5.0, 1000.0, 400)
 OMEGA = 2 * np.pi * FREQUENCY

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from monitor_core.models.rod import condensed_stiffness, rod_dynamic_stiffness, rod_receptance, rod_waves, wave_number
+from monitor_core.models.rod import rod_receptance, rod_waves, wave_number
+from tests.models.rods import condensed_stiffness, rod_dynamic_stiffness
 
 LENGTH, DIAMETER, DENSITY, YOUNGS, SHEAR = 1.3, 0.04, 7850.0, 2e11, 7.75e10
 AREA, POLAR = np.pi * DIAMETER**2 / 4, np.pi * DIAMETER**4 / 32

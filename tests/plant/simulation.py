@@ -138,33 +138,46 @@ def simulate(
     turning = axis.motor_inertia + axis.screw_inertia + axis.coupling_inertia
     inertia = turning + moving * axis.transmission**2  # what the servo's feed-forward expects
     speed_gain = inertia * servo.speed_bandwidth
+    feed_forward = inertia * acceleration
+    to_go = angle - start
     integral = np.zeros((n_conditions, n_windows))
     levels, presliding, viscosity = _friction_levels(plant, conditions)
     bristles = np.zeros((n_conditions, 3, n_windows))
-    old_rates = np.zeros_like(bristles)
+    old_rates, rates = np.zeros_like(bristles), np.empty_like(bristles)
     outputs = np.empty((n_conditions, 7, n_windows))
+    advanced = np.empty((n_conditions, n_states + 2, n_windows))
+    of_states, of_load = combined[:, n_states:, :n_states], combined[:, : n_states + 2]
 
     for k in range(n_steps):
         # Speeds and angle depend on the states alone: the outputs with feed-through follow when the inputs are known.
-        np.matmul(combined[:, n_states:, :n_states], state, out=outputs)
-        error = speed[k] - outputs[:, 3] + servo.position_gain * (angle[k] - start - outputs[:, 2])
-        torque = inertia * acceleration[k] + speed_gain * (error + integral / servo.reset_time)
-        torque = np.minimum(np.maximum(torque, -servo.torque_limit), servo.torque_limit)
-        integral += step * error
+        np.matmul(of_states, state, out=outputs)
+        error = speed[k] - outputs[:, 3] + servo.position_gain * (to_go[k] - outputs[:, 2])
+        torque = feed_forward[k] + speed_gain * (error + integral / servo.reset_time)
+        np.minimum(np.maximum(torque, -servo.torque_limit, out=torque), servo.torque_limit, out=torque)
+        error *= step
+        integral += error
         inputs[:, 0] = torque
 
-        rates = outputs[:, 4:]
-        middle = 1.5 * rates - 0.5 * old_rates
-        old_rates = rates.copy()
+        rates[:] = outputs[:, 4:]
+        middle = 1.5 * rates
+        old_rates *= 0.5
+        middle -= old_rates
+        rates, old_rates = old_rates, rates
         new_bristles = advance_bristles(bristles, middle, presliding, step)
-        inputs[:, 1:] = -levels * (0.5 * (bristles + new_bristles) / presliding) - viscosity * middle
+        bristles += new_bristles
+        bristles *= 0.5
+        bristles /= presliding
+        bristles *= -levels
+        middle *= viscosity
+        np.subtract(bristles, middle, out=inputs[:, 1:])
         bristles = new_bristles
         if table_force is not None:
             inputs[:, 1] += table_force[k]
 
-        advanced = combined[:, : n_states + 2] @ load
-        seen[0, k], seen[1, k], seen[2, k], seen[3, k] = advanced[:, -2], torque, advanced[:, -1], outputs[:, 2] + start
+        np.matmul(of_load, load, out=advanced)
+        seen[0, k], seen[1, k], seen[2, k], seen[3, k] = advanced[:, -2], torque, advanced[:, -1], outputs[:, 2]
         state[:] = advanced[:, :n_states]
+    seen[3] += start
     return Motion(seen[0], seen[1], seen[2], seen[3] * axis.transmission)
 
 

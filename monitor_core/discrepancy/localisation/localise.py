@@ -64,16 +64,11 @@ def localise(
 
     Raises OutsideValidityError if the arrays do not fit the layout.
 
-    Parameters
-    ----------
-    layout : Layout
-        What the values belong to; those of a setting and channel follow one another in frequency or time.
-    standardised : ndarray, shape (n_values,)
-        Misfit in standard deviations: standard normal where the model is right, and independent but for neighbours.
-    signatures : mapping of MisfitKind to ndarray, shape (n_directions, n_values)
-        Change of ``standardised`` with a unit of each stiffness, mass, damping, delay that the model could be wrong in.
-    scatter : HealthyScatter, optional
-        Where neighbours in a series are correlated, or the deviations off by a factor.
+    ``layout``: what the values belong to; those of a setting and channel follow one another in frequency or time;
+    ``standardised``: misfit in standard deviations: standard normal where the model is right, and independent but
+    for neighbours, shape (n_values,); ``signatures``: change of ``standardised`` with a unit of each stiffness,
+    mass, damping, delay that the model could be wrong in, shape (n_directions, n_values); ``scatter``: where
+    neighbours in a series are correlated, or the deviations off by a factor.
     """
     _check(layout, standardised, signatures)
     scatter = scatter or HealthyScatter()

@@ -62,21 +62,22 @@ def assign_modes(predicted: FloatArray, measured: FloatArray, missed: float) -> 
     ``missed``.
     """
     n, m = measured.size, predicted.size
-    cost = np.full((n + 1, m + 1), np.inf)
-    cost[0] = 0.0
-    came_from = np.zeros((n + 1, m + 1), dtype=np.int8)  # 1: matched, 2: measured missed, 0: predicted skipped
-    for i in range(1, n + 1):
-        for j in range(m + 1):
-            choices = [
-                (cost[i, j - 1] if j else math.inf, 0),
-                (cost[i - 1, j - 1] + abs(predicted[j - 1] - measured[i - 1]) if j else math.inf, 1),
-                (cost[i - 1, j] + missed, 2),
-            ]
-            cost[i, j], came_from[i, j] = min(choices)
+    of_model: list[float] = predicted.tolist()
+    before = [0.0] * (m + 1)  # cost without the measured value, by how many predicted ones are used up
+    came_from = [[0] * (m + 1)]  # 1: matched, 2: measured missed, 0: predicted skipped
+    for value in measured.tolist():
+        least, steps = [before[0] + missed], [2]
+        for j, at in enumerate(of_model):
+            choices = [(least[j], 0), (before[j] + abs(at - value), 1), (before[j + 1] + missed, 2)]
+            cost, step = min(choices)
+            least.append(cost)
+            steps.append(step)
+        before = least
+        came_from.append(steps)
     misfit, whose = np.empty(n), np.full(n, -1, dtype=np.intp)
     i, j = n, m
     while i:
-        step = came_from[i, j]
+        step = came_from[i][j]
         if step == 0:
             j -= 1
             continue

@@ -1,7 +1,6 @@
 r"""Compare natural frequencies with those of a drive model of any family.
 
-The model answers by the common protocol, once per condition.
-A measured frequency leaves
+The model answers by the common protocol, once per condition. A measured frequency leaves
 
 .. math::
 

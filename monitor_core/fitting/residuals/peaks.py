@@ -134,18 +134,11 @@ def peak_problem(
     Raises NotIdentifiableError if there are too few positions, or fewer data than free joints; OutsideValidityError if
     a mode has no band, or a measured peak lies outside it.
 
-    Parameters
-    ----------
-    drive : FreeParameters
-        Of the receptance family; joints alone may be free.
-    peaks : sequence of AssignedPeak
-        Measured peaks with their modes, from :func:`monitor_core.identification.cases.assignment.assign_modes`.
-    bands : mapping of int to Band, optional
-        Where the peak of each mode is looked for; by default :func:`mode_bands`.
-    minimum_positions : int
-        Fewer are refused. One position fits its own peaks with joints that fail elsewhere, which is the paper's point.
-    minimum_data : int, optional
-        Frequencies and amplitudes; by default one per free joint.
+    ``drive``: of the receptance family; joints alone may be free; ``peaks``: measured peaks with their modes, from
+    :func:`monitor_core.identification.cases.assignment.assign_modes`; ``bands``: where the peak of each mode is
+    looked for; by default :func:`mode_bands`; ``minimum_positions``: fewer are refused. One position fits its own
+    peaks with joints that fail elsewhere, which is the paper's point; ``minimum_data``: frequencies and amplitudes;
+    by default one per free joint.
     """
     _require_enough(peaks, minimum_positions, len(drive.free) if minimum_data is None else minimum_data)
     bands = dict(bands) if bands is not None else mode_bands(peaks)

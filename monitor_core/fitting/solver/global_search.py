@@ -107,14 +107,9 @@ def search(
     ``progress`` is told (done, total) after each generation and each local fit, at last (total, total); between them
     ``cancelled`` is asked.
 
-    Raises
-    ------
-    SearchCancelledError
-        If ``cancelled`` said so. Nothing is returned: half a search has no agreement to report.
-    NotIdentifiableError
-        If no start led to a fit; the reason given by the first is quoted.
-    OutsideValidityError
-        If a bound is not finite, or there is nothing to start from.
+    ``SearchCancelledError`` if ``cancelled`` said so. Nothing is returned: half a search has no agreement to
+    report; ``NotIdentifiableError`` if no start led to a fit; the reason given by the first is quoted;
+    ``OutsideValidityError`` if a bound is not finite, or there is nothing to start from.
 
     References
     ----------

@@ -5,7 +5,7 @@ its torsion gives. What none of them has stands in :class:`AddedPhysics` and is 
 """
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.parameters import transmission_ratio
@@ -116,10 +116,10 @@ class AddedPhysics:
     second_mode_damping_ratio: float = 0.0  # [-]
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not math.isfinite(value) and item.name != "base_frequency":
-                raise OutsideValidityError(f"{item.name} must be finite; got {value}")
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not math.isfinite(value) and name != "base_frequency":
+                raise OutsideValidityError(f"{name} must be finite; got {value}")
         _require_not_negative(
             self, "guide_friction", "base_compliance", "base_damping_ratio", "mounting_inverse_square",
             "mounting_damping_ratio", "second_mode_damping_ratio",

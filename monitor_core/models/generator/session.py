@@ -109,31 +109,11 @@ def simulate_session(
     some millimetres moves them by less than the friction does. To the torque the table answers as the model's frequency
     response says, to friction by its normal modes below half the sampling rate.
 
-    Parameters
-    ----------
-    model : DriveModel
-        Any family.
-    conditions : sequence of DriveConditions
-        One for each measurement, in time order.
-    settings : SimulationSettings
-        How it is taken.
-    axis_id : str
-        Name of the axis.
-    started_at : datetime
-        Of the first window, with a time zone.
-    rng : numpy.random.Generator
-        Source of moves and noise. Each measurement has a stream of its own, so that it does not depend on the others.
-
-    Returns
-    -------
-    Session
-        The same for the same arguments.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the model refuses a condition or has no rigid-body mode, the moves do not fit into the windows or do not
-        overcome the friction, or a sample does not fit into single precision.
+    ``model``: any family; ``conditions``: one for each measurement, in time order; ``settings``: how it is taken;
+    ``axis_id``: name of the axis; ``started_at``: of the first window, with a time zone; ``rng``: source of moves and
+    noise. Each measurement has a stream of its own, so that it does not depend on the others. Returned: the same for
+    the same arguments. ``OutsideValidityError`` if the model refuses a condition or has no rigid-body mode, the moves
+    do not fit into the windows or do not overcome the friction, or a sample does not fit into single precision.
     """
     measurements = simulate_measurements(model, conditions, settings, started_at=started_at, rng=rng)
     return Session(axis_id, tuple(window for windows in measurements for window in windows))

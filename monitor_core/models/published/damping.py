@@ -58,22 +58,9 @@ def equivalent_viscous_damping(stiffness: npt.ArrayLike, omega: float) -> FloatA
 
     from :math:`j \omega c = j \eta_e k`; for the time domain, in which a complex stiffness must not be used.
 
-    Parameters
-    ----------
-    stiffness : array_like, shape (...)
-        k(1 + jη_e), one spring or a stiffness matrix. [N/m] or [N·m/rad]
-    omega : float
-        Where both are to be equal: the resonance. [rad/s]
-
-    Returns
-    -------
-    ndarray, shape (...)
-        [N·s/m] or [N·m·s/rad]
-
-    Raises
-    ------
-    OutsideValidityError
-        If omega is not positive.
+    ``stiffness``: k(1 + jη_e), one spring or a stiffness matrix. [N/m] or [N·m/rad], shape (...); ``omega``: where
+    both are to be equal: the resonance [rad/s]. Returned: [N·s/m] or [N·m·s/rad], shape (...).
+    ``OutsideValidityError`` if omega is not positive.
 
     Examples
     --------

@@ -177,21 +177,8 @@ class HybridModel(SmallDrive):
     def transfer_matrix(self, s: ComplexArray, conditions: DriveConditions) -> ComplexArray:
         """Return G(s) of Eq. (13), from (τ_m/r_g, f_c) [N] to (x_m, x_t) [m].
 
-        Parameters
-        ----------
-        s : ndarray, shape (n_frequencies,)
-            jω for a frequency response. [rad/s]
-        conditions : DriveConditions
-
-        Returns
-        -------
-        ndarray, shape (n_frequencies, 2, 2)
-            [m/N]
-
-        Raises
-        ------
-        OutsideValidityError
-            If there is a loss factor and an s is not in the upper half plane.
+        ``s``: jω for a frequency response [rad/s], shape (n_frequencies,). Returned: [m/N], shape (n_frequencies, 2,
+        2). ``OutsideValidityError`` if there is a loss factor and an s is not in the upper half plane.
         """
         return transfer_matrix(self.equations(conditions).system, s)
 

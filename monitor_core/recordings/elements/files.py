@@ -13,10 +13,7 @@ MAX_SAMPLES = 2**26
 def require_file(path: Path) -> Path:
     """Return the path if it is a regular file that is not empty.
 
-    Raises
-    ------
-    RecordingFormatError
-        If nothing is there, if it is a folder, a pipe or a device, or if it is empty.
+    ``RecordingFormatError`` if nothing is there, if it is a folder, a pipe or a device, or if it is empty.
     """
     if not path.exists():
         raise RecordingFormatError(f"{path.name}: expected a file; nothing is at this path")

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 def open_hdf5(path: Path) -> Iterator["h5py.File"]:
     """Open an HDF5 file for reading, after a look at what the library would crash on.
 
-    Raises
-    ------
-    RecordingFormatError
-        If it is no HDF5 file, or a damaged one.
+    ``RecordingFormatError`` if it is no HDF5 file, or a damaged one.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
 
@@ -45,16 +42,25 @@ def attributes(group: "h5py.Group", known: frozenset[str], where: str) -> Fields
     import h5py  # noqa: PLC0415
 
     values: dict[str, object] = {}
-    for name in sorted(known.intersection(group.attrs)):
-        stored = group.attrs.get_id(name)
-        readable = stored.get_type().get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    attrs, readable = group.attrs, (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    for name in sorted(known.intersection(attrs)):
+        stored = attrs.get_id(name)
+        kind, shape = stored.get_type(), stored.shape
         # MATLAB and LabVIEW write a single value as an array of one
-        if not readable or stored.shape not in ((), (1,), (1, 1)):
+        if kind.get_class() not in readable or shape not in ((), (1,), (1, 1)):
             raise RecordingFormatError(
-                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {stored.shape}"
+                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {shape}"
             )
-        values[name] = np.asarray(group.attrs[name]).reshape(-1)[0]
+        values[name] = _value_of(stored, np.zeros(shape, dtype=kind.dtype))
     return Fields(values, where)
+
+
+def _value_of(stored: "h5py.h5a.AttrID", array: npt.NDArray[np.generic]) -> object:
+    """Read a single value, of an attribute that is open, by way of an array of its type and shape."""
+    stored.read(array)
+    value: object = array.reshape(-1)[0]
+    of_any_length = array.dtype.hasobject
+    return value.decode("utf-8", "surrogateescape") if of_any_length and isinstance(value, bytes) else value
 
 
 def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group":
@@ -76,22 +82,9 @@ def numbered_groups(
 ) -> tuple["h5py.Group", dict[str, Fields]]:
     """Return a folder whose groups are named by numbers, and the known attributes of each of them, in order.
 
-    Parameters
-    ----------
-    file : h5py.File
-    folder : str
-        Name of the folder in the file.
-    digits : int
-        Fewest digits of a name.
-    known : frozenset of str
-        Attributes to read.
-    where : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the folder is missing, or something in it is no group or not named by a number.
+    ``folder``: name of the folder in the file; ``digits``: fewest digits of a name; ``known``: attributes to read;
+    ``where``: name of the file, for messages. ``RecordingFormatError`` if the folder is missing, or something in it
+    is no group or not named by a number.
     """
     found = member(file, folder, "Group", f"{where} /{folder}")
     fields = {}

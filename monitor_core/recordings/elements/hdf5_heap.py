@@ -22,10 +22,7 @@ _BLOCK = 2**20  # read in pieces, so that memory stays flat however large the se
 def require_sound_heap(path: Path) -> None:
     """Refuse an HDF5 file whose heap of texts would lead the library astray.
 
-    Raises
-    ------
-    RecordingFormatError
-        If the sizes in a global heap collection contradict each other or the length of the file.
+    ``RecordingFormatError`` if the sizes in a global heap collection contradict each other or the length of the file.
     """
     n_bytes = path.stat().st_size
     with path.open("rb") as scanned, path.open("rb") as stream:

@@ -11,22 +11,9 @@ _RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\
 def parse_instant(text: str, where: str) -> datetime:
     """Read an RFC 3339 instant; digits beyond the microsecond are cut off.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``2025-03-01T06:00:00Z`` or ``2025-03-01T07:00:00.25+01:00``.
-    where : str
-        File and place, for the message.
-
-    Returns
-    -------
-    datetime
-        With a time zone.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the text is no such instant, if the zone is missing, or if the calendar has no such day.
+    ``text``: such as ``2025-03-01T06:00:00Z`` or ``2025-03-01T07:00:00.25+01:00``; ``where``: file and place, for
+    the message. Returned: with a time zone. ``RecordingFormatError`` if the text is no such instant, if the zone is
+    missing, or if the calendar has no such day.
 
     Examples
     --------

@@ -49,10 +49,7 @@ def canonical_unit(text: str | None) -> str | None:
 def factor_to_si(unit: str, quantity: Quantity, where: str) -> float:
     """Return what a value in ``unit`` is multiplied with to be in SI.
 
-    Raises
-    ------
-    RecordingFormatError
-        If the unit does not belong to the quantity.
+    ``RecordingFormatError`` if the unit does not belong to the quantity.
     """
     factors = FACTOR_TO_SI[quantity]
     if unit not in factors:
@@ -64,28 +61,10 @@ def factor_to_si(unit: str, quantity: Quantity, where: str) -> float:
 def sensor_factor(raw_unit: str, sensitivity: float, sensitivity_unit: str, quantity: Quantity, where: str) -> float:
     """Return what a raw value is multiplied with to be in SI.
 
-    Parameters
-    ----------
-    raw_unit : str
-        V, mV, A, mA or count.
-    sensitivity : float
-        Of the sensor, in ``sensitivity_unit``.
-    sensitivity_unit : str
-        Raw per quantity as on a sensor's sheet (``mV/g``, ``mV/(m/s2)``) or quantity per raw (``N.m/A``).
-    quantity : Quantity
-        What the channel measures.
-    where : str
-        File and place, for the message.
-
-    Returns
-    -------
-    float
-        SI unit of the quantity per raw unit.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the sensitivity's unit does not connect the raw unit with the quantity.
+    ``raw_unit``: v, mV, A, mA or count; ``sensitivity``: of the sensor, in ``sensitivity_unit``; ``sensitivity_unit``:
+    raw per quantity as on a sensor's sheet (``mV/g``, ``mV/(m/s2)``) or quantity per raw (``N.m/A``); ``quantity``:
+    what the channel measures; ``where``: file and place, for the message. Returned: SI unit of the quantity per raw
+    unit. ``RecordingFormatError`` if the sensitivity's unit does not connect the raw unit with the quantity.
 
     Examples
     --------

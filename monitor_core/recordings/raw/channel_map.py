@@ -118,20 +118,8 @@ _ENTRIES = {
 def read_channel_map(path: Path) -> ChannelMap:
     """Read a channel map; the module's text shows every entry.
 
-    Parameters
-    ----------
-    path : Path
-        A TOML file.
-
-    Returns
-    -------
-    ChannelMap
-        Factors to SI and positions in metres.
-
-    Raises
-    ------
-    RecordingFormatError
-        If it is no TOML, lacks an entry, has one that is not known, or names a unit that does not fit the quantity.
+    ``path``: a TOML file. Returned: factors to SI and positions in metres. ``RecordingFormatError`` if it is no
+    TOML, lacks an entry, has one that is not known, or names a unit that does not fit the quantity.
     """
     try:
         document = tomllib.loads(read_text(path))

@@ -43,10 +43,7 @@ class Channels:
     def channel(self, name: str) -> Channel:
         """Return the channel of a name.
 
-        Raises
-        ------
-        RecordingFormatError
-            If there is none; the sentence lists those that are there.
+        ``RecordingFormatError`` if there is none; the sentence lists those that are there.
         """
         for channel in self.channels:
             if channel.name == name:

@@ -21,20 +21,8 @@ SEPARATOR_NAMES = {"\t": "tab", ";": "semicolon", ",": "comma", None: "blank"}
 def read_channels(path: Path) -> Channels:
     """Read columns of numbers; the file states neither units nor a time base (a column of times is a channel).
 
-    Parameters
-    ----------
-    path : Path
-        Every row has as many numbers as the first line has names.
-
-    Returns
-    -------
-    Channels
-        One per column.
-
-    Raises
-    ------
-    RecordingFormatError
-        If a cell is no number, if rows are of unequal length, or if two columns have one name.
+    ``path``: every row has as many numbers as the first line has names. Returned: one per column.
+    ``RecordingFormatError`` if a cell is no number, if rows are of unequal length, or if two columns have one name.
     """
     lines = read_text(path).splitlines()
     while lines and not lines[-1].strip():

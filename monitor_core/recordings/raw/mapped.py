@@ -33,10 +33,7 @@ _STEP_TOLERANCE = 0.01
 def read_channels(path: Path) -> Channels:
     """Read the channels of a raw file by the ending of its name.
 
-    Raises
-    ------
-    RecordingFormatError
-        If the ending is none of those in :data:`READERS`, or the file is not what its ending says.
+    ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
     """
     try:
         reader = READERS[path.suffix.lower()]
@@ -49,23 +46,10 @@ def read_channels(path: Path) -> Channels:
 def read_mapped(path: Path, channel_map: ChannelMap) -> Session:
     """Read a TDMS, UFF58, MAT, NPZ or CSV file as a session.
 
-    Parameters
-    ----------
-    path : Path
-        The raw file; its ending says which format it is.
-    channel_map : ChannelMap
-        What the channels mean; see :mod:`monitor_core.recordings.raw.channel_map`.
-
-    Returns
-    -------
-    Session
-        In SI units. All windows belong to one measurement.
-
-    Raises
-    ------
-    RecordingFormatError
-        If file and map do not fit each other: a channel that is not there, a unit that contradicts the file, lengths,
-        rates or starts that differ, something stated twice or not at all.
+    ``path``: the raw file; its ending says which format it is; ``channel_map``: what the channels mean; see
+    :mod:`monitor_core.recordings.raw.channel_map`. Returned: in SI units. All windows belong to one measurement.
+    ``RecordingFormatError`` if file and map do not fit each other: a channel that is not there, a unit that
+    contradicts the file, lengths, rates or starts that differ, something stated twice or not at all.
     """
     channels = read_channels(path)
     sources = [channel_map.excitation, channel_map.response]

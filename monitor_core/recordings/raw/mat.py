@@ -30,21 +30,9 @@ _MOST_BYTES = 8 * MAX_SAMPLES + 4096
 def read_channels(path: Path) -> Channels:
     """Read the numeric arrays of a MATLAB file; it states neither units nor a time base.
 
-    Parameters
-    ----------
-    path : Path
-        Version 4 to 7.2. Single numbers, structures, cells, texts, complex numbers and arrays of more than two
-        dimensions are no channels and are left out.
-
-    Returns
-    -------
-    Channels
-        One per array; MATLAB's rows and columns of one become one-dimensional.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is damaged, or of version 7.3, which is another format.
+    ``path``: version 4 to 7.2. Single numbers, structures, cells, texts, complex numbers and arrays of more than two
+    dimensions are no channels and are left out. Returned: one per array; MATLAB's rows and columns of one become
+    one-dimensional. ``RecordingFormatError`` if the file is damaged, or of version 7.3, which is another format.
     """
     content = require_file(path).read_bytes()
     if _HDF5_SIGNATURE in (content[:8], content[512:520]) or content.startswith(b"MATLAB 7.3"):

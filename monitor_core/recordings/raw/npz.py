@@ -14,21 +14,9 @@ from monitor_core.recordings.raw.channels import Channel, Channels, native_sampl
 def read_channels(path: Path) -> Channels:
     """Read the arrays of an NPZ file; it states neither units nor a time base.
 
-    Parameters
-    ----------
-    path : Path
-        A file of ``numpy.savez``. Arrays of other than one or two dimensions, and of other than real numbers,
-        are no channels and are left out.
-
-    Returns
-    -------
-    Channels
-        One per array, one- or two-dimensional.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the archive or an array in it is damaged, or if a header promises what the file does not hold.
+    ``path``: a file of ``numpy.savez``. Arrays of other than one or two dimensions, and of other than real numbers,
+    are no channels and are left out. Returned: one per array, one- or two-dimensional. ``RecordingFormatError`` if
+    the archive or an array in it is damaged, or if a header promises what the file does not hold.
     """
     channels = []
     with refusing(path.name, "a NumPy archive (.npz)"), zipfile.ZipFile(require_file(path)) as archive:

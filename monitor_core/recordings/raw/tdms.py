@@ -31,23 +31,10 @@ _VALUES_PER_BYTE = 8
 def read_channels(path: Path) -> Channels:
     """Read the numeric channels of a TDMS file, with DAQmx scaling applied.
 
-    Parameters
-    ----------
-    path : Path
-        Either byte order. Channels without samples and channels of text, times or complex numbers are left out.
-
-    Returns
-    -------
-    Channels
-        Unit from ``unit_string``, sample rate from ``wf_increment``, start from ``wf_start_time`` and
-        ``wf_start_offset``. TDMS times are UTC by definition of the format.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is damaged, cut off, or promises more samples than it can hold.
-    MissingReaderError
-        If npTDMS is not installed.
+    ``path``: either byte order. Channels without samples and channels of text, times or complex numbers are left
+    out. Returned: unit from ``unit_string``, sample rate from ``wf_increment``, start from ``wf_start_time`` and
+    ``wf_start_offset``. TDMS times are UTC by definition of the format. ``RecordingFormatError`` if the file is
+    damaged, cut off, or promises more samples than it can hold; ``MissingReaderError`` if npTDMS is not installed.
     """
     try:
         from nptdms import TdmsFile  # noqa: PLC0415

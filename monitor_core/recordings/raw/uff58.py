@@ -43,23 +43,10 @@ class _DataSet(_Header):
 def read_channels(path: Path) -> Channels:
     """Read the time histories of a universal file.
 
-    Parameters
-    ----------
-    path : Path
-        Data sets of other kinds are left out.
-
-    Returns
-    -------
-    Channels
-        Unit from the ordinate's label, sample rate from the abscissa's increment. The date in the header has no
-        zone, so there is no start.
-
-    Raises
-    ------
-    RecordingFormatError
-        If the file is damaged or cut off, holds no time history, or if a header promises other than what is there.
-    MissingReaderError
-        If pyuff is not installed.
+    ``path``: data sets of other kinds are left out. Returned: unit from the ordinate's label, sample rate from the
+    abscissa's increment. The date in the header has no zone, so there is no start. ``RecordingFormatError`` if the
+    file is damaged or cut off, holds no time history, or if a header promises other than what is there;
+    ``MissingReaderError`` if pyuff is not installed.
     """
     try:
         import pyuff  # noqa: PLC0415

@@ -22,24 +22,9 @@ def joint_receptance(omega: FloatArray, stiffness: complex, damping: float) -> C
 
     Eqs. (6) and (8) of Tian et al.
 
-    Parameters
-    ----------
-    omega : ndarray, shape (n_frequencies,)
-        [rad/s]
-    stiffness : complex
-        k, complex if the spring has a loss factor. [N/m] or [N·m/rad]
-    damping : float
-        c. [N·s/m] or [N·m·s/rad]
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies,)
-        [m/N] or [rad/(N·m)]
-
-    Raises
-    ------
-    OutsideValidityError
-        If there is neither stiffness nor damping: what does not hold must be left out.
+    ``omega``: [rad/s], shape (n_frequencies,); ``stiffness``: k, complex if the spring has a loss factor. [N/m] or
+    [N·m/rad]; ``damping``: c. [N·s/m] or [N·m·s/rad]. Returned: [m/N] or [rad/(N·m)], shape (n_frequencies,).
+    ``OutsideValidityError`` if there is neither stiffness nor damping: what does not hold must be left out.
 
     Notes
     -----
@@ -68,26 +53,11 @@ def couple_receptances(
     with v and w the columns and rows of a and, negative, b. Eqs. (4), (13), (17), (23) and (24) of Tian et al. with h_J
     = 0, rigid coupling. What holds in the joint is the force that closes the gap between both points.
 
-    Parameters
-    ----------
-    receptance_a : array_like, shape (..., n_a, n_a)
-        [m/N], or any other response per unit of its own excitation.
-    receptance_b : array_like, shape (..., n_b, n_b)
-    points : tuple of int
-        a of A and b of B.
-    joint : array_like, shape (...)
-        Receptance h_J of the joint; 0: rigid. [m/N]
-    keep : sequence of int, optional
-        Points of the assembly to return, those of A first (0 … n_a − 1), then those of B (n_a …); all if not given.
-
-    Returns
-    -------
-    ndarray, shape (..., n_keep, n_keep)
-
-    Raises
-    ------
-    OutsideValidityError
-        If a receptance is not square, a point does not exist, or the leading axes do not match.
+    ``receptance_a``: [m/N], or any other response per unit of its own excitation, shape (..., n_a, n_a);
+    ``receptance_b``: shape (..., n_b, n_b); ``points``: a of A and b of B; ``joint``: receptance h_J of the joint;
+    0: rigid [m/N], shape (...); ``keep``: points of the assembly to return, those of A first (0 … n_a − 1), then
+    those of B (n_a …); all if not given. Returned: , shape (..., n_keep, n_keep). ``OutsideValidityError`` if a
+    receptance is not square, a point does not exist, or the leading axes do not match.
 
     Examples
     --------
@@ -122,13 +92,8 @@ def ground_receptance(
 
     Eqs. (5), (7) and (9) of Tian et al.
 
-    Parameters
-    ----------
-    receptance : array_like, shape (..., n, n)
-    point : int
-        Where it is held.
-    joint, keep : optional
-        As for :func:`couple_receptances`; so are the units, the errors and what is returned.
+    ``receptance``: shape (..., n, n); ``point``: where it is held; ``joint``, ``keep``: as for
+    :func:`couple_receptances`; so are the units, the errors and what is returned.
     """
     h = _receptance(receptance, "A")
     a, kept = _point(point, h.shape[-1], "A"), _kept(keep, h.shape[-1])

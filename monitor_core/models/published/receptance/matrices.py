@@ -22,23 +22,9 @@ def drive_receptance(
 ) -> ComplexArray:
     """Couple the axial, the torsional and the worktable substructure, Eqs. (23) and (24) of Tian et al.
 
-    Parameters
-    ----------
-    parameters : ReceptanceParameters
-    omega : ndarray, shape (n_frequencies,)
-        Above zero. [rad/s]
-    conditions : DriveConditions
-    motor_end : MotorEnd
-
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 3, 3)
-        Between table (6a), screw inside the nut axially (5a) and in torsion (5t). [m/N], [rad/N], [rad/(N·m)]
-
-    Raises
-    ------
-    OutsideValidityError
-        If the position is not on the screw, or the piece inside the nut has no mass or no inertia.
+    ``omega``: above zero [rad/s], shape (n_frequencies,). Returned: between table (6a), screw inside the nut axially
+    (5a) and in torsion (5t). [m/N], [rad/N], [rad/(N·m)], shape (n_frequencies, 3, 3). ``OutsideValidityError`` if the
+    position is not on the screw, or the piece inside the nut has no mass or no inertia.
     """
     joints = parameters.joints(conditions)
     worktable = worktable_receptance(parameters, joints, omega, conditions.payload_mass)
@@ -53,10 +39,7 @@ def axial_receptance(
 ) -> ComplexArray:
     """Couple segments A and B and hold them in their bearings, Eqs. (1)-(9).
 
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 3, 3)
-        Between fixed bearing (1), nut (2) and far bearing (4). [m/N]
+    Returned: between fixed bearing (1), nut (2) and far bearing (4) [m/N], shape (n_frequencies, 3, 3).
     """
     wave = wave_number(omega, parameters.youngs_modulus, parameters.density)
     screw = _segments_a_and_b(parameters.axial_rigidity, wave, position, parameters.screw_length)
@@ -80,10 +63,7 @@ def torsional_receptance(
 ) -> ComplexArray:
     """Couple segments A and B with segment H and the rotor, Eqs. (10)-(17).
 
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 3, 3)
-        Between motor end (1), nut (2) and far end (4) of the screw. [rad/(N·m)]
+    Returned: between motor end (1), nut (2) and far end (4) of the screw [rad/(N·m)], shape (n_frequencies, 3, 3).
     """
     wave = wave_number(omega, parameters.shear_modulus, parameters.density)
     screw = _segments_a_and_b(parameters.torsional_rigidity, wave, position, parameters.screw_length)
@@ -110,15 +90,9 @@ def worktable_receptance(
 ) -> ComplexArray:
     """Invert the dynamic stiffness of table, segment F and nut, Eqs. (18)-(22).
 
-    Returns
-    -------
-    ndarray, shape (n_frequencies, 3, 3)
-        Between table (6a), segment F axially (5a) and in torsion (5t). [m/N], [rad/N], [rad/(N·m)]
-
-    Raises
-    ------
-    OutsideValidityError
-        If segment F has no mass or no inertia: alone, it then has no receptance.
+    Returned: between table (6a), segment F axially (5a) and in torsion (5t). [m/N], [rad/N], [rad/(N·m)], shape
+    (n_frequencies, 3, 3). ``OutsideValidityError`` if segment F has no mass or no inertia: alone, it then has no
+    receptance.
     """
     mass, inertia = parameters.screw_nut_segment_mass, parameters.screw_nut_segment_inertia
     if mass == 0.0 or inertia == 0.0:
@@ -144,14 +118,7 @@ def nut_pattern(transmission_ratio: float) -> FloatArray:
 
     from the energy ½ k_n (x_b − x_s − i_b θ)²: Eqs. (19) and (20) of Tian et al. without their misprint.
 
-    Parameters
-    ----------
-    transmission_ratio : float
-        i_b, Eq. (21). [m/rad]
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
+    ``transmission_ratio``: i_b, Eq. (21) [m/rad]. Returned: , shape (3, 3).
 
     Notes
     -----

@@ -59,28 +59,13 @@ def simulate_drive(
 
     With numba installed the steps are compiled; without it the same numbers take some two hundred times longer.
 
-    Parameters
-    ----------
-    grid : LineGrid
-        Sections and time step, from ``common_step_grid`` or ``synchronised_grid``.
-    conditions : DriveConditions
-        Position, preload and payload.
-    torque : ndarray, shape (n_samples,)
-        On the rotor, or with a prescribed motor end on the screw. [N·m]
-    motor_end : MotorEnd
-        What holds the motor end; a clamped one takes no torque.
-    force_at_table : ndarray, shape (n_samples,), optional
-        Along the axis. [N]
-    position : ndarray, shape (n_samples,), optional
-        Where the nut is at each step, instead of the position of the conditions. [m]
-    friction : StribeckFriction
-        Dry friction of the guides.
-
-    Raises
-    ------
-    OutsideValidityError
-        If the arrays differ in length or are not finite, the nut comes within a section of an end of the screw, or a
-        clamped motor is given a torque.
+    ``grid``: sections and time step, from ``common_step_grid`` or ``synchronised_grid``; ``conditions``: position,
+    preload and payload; ``torque``: on the rotor, or with a prescribed motor end on the screw [N·m], shape
+    (n_samples,); ``motor_end``: what holds the motor end; a clamped one takes no torque; ``force_at_table``: along
+    the axis [N], shape (n_samples,); ``position``: where the nut is at each step, instead of the position of the
+    conditions [m], shape (n_samples,); ``friction``: dry friction of the guides. ``OutsideValidityError`` if the
+    arrays differ in length or are not finite, the nut comes within a section of an end of the screw, or a clamped
+    motor is given a torque.
     """
     torque = _finite("torque", torque, np.shape(torque))
     force = _finite("force_at_table", np.zeros_like(torque) if force_at_table is None else force_at_table, torque.shape)
