@@ -11,12 +11,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from monitor_core.models.generator import SimulationSettings, condition_grid, simulate_session
 from monitor_core.models.generator.scan import GuideFriction
 from monitor_core.models.protocol import DriveConditions, DriveModel
 from monitor_core.recordings.model_file import read_model_file
+from service.blas_threads import compute_in_one_thread
 
 MODELS = Path(__file__).resolve().parent.parent / "replay_data" / "models"
 N_WINDOWS, PER_MEASUREMENT, ROUNDS = 300, 15, 3
@@ -62,9 +62,9 @@ def measure(rounds: int = ROUNDS) -> dict[str, float]:
 def main() -> None:
     """Print the table."""
     simulated = N_WINDOWS * SETTINGS.window_duration
-    with threadpool_limits(limits=1):
-        for name, seconds in measure().items():
-            print(f"{name:45s} {seconds:6.2f} s for {simulated:.0f} s   {simulated / seconds:6.0f} x real time")
+    compute_in_one_thread()
+    for name, seconds in measure().items():
+        print(f"{name:45s} {seconds:6.2f} s for {simulated:.0f} s   {simulated / seconds:6.0f} x real time")
 
 
 if __name__ == "__main__":

@@ -30,13 +30,13 @@ import httpx
 import msgpack
 import numpy as np
 import scipy.signal
-from threadpoolctl import threadpool_limits
 
 from monitor_core.pipeline import check_window, judge_measurement
 from monitor_core.preload import Calibration, ModalReading, Weighting, calibrate
 from monitor_core.recording import Conditions, ExcitationSource, Rejection, Window
 from monitor_core.recordings.calibration_file import calibration_document
 from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
+from service.blas_threads import compute_in_one_thread
 from service.cli.remote.client import window_document
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 
@@ -278,7 +278,7 @@ def main() -> None:
     parser.add_argument("--turns", type=int, default=16, help=f"turns of {IN_A_ROW} measurements by each way")
     parser.add_argument("--memory-windows", type=int, default=10_000)
     options = parser.parse_args()
-    threadpool_limits(limits=1)  # as the service does
+    compute_in_one_thread()  # as the service does
     with running(*OUR_SERVICE) as service:
         print(f"{'windows of 2 × 20 000 float32':36} windows/s   bare core   ratio: median   quartiles")
         for name, (of_way, of_core) in compare(service, options.turns).items():

@@ -17,6 +17,8 @@ from service.api.http.observer import RequestObserver
 from service.api.http.openapi import describe
 from service.api.http.problems import PROBLEM_RESPONSES, install_problem_handlers
 from service.api.services import Services
+from service.blas_threads import compute_in_one_thread
+from service.errors import ServiceError, StorageError
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
 from service.operations.analysis_job import AnalysisJob
@@ -27,13 +29,15 @@ from service.operations.identification.identification_job import IDENTIFICATION
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
-from service.operations.monitoring.ingest import Ingest
-from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.intake.lanes import Lanes
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.settings import Settings
+from service.store.axes import list_axes
 from service.store.database import Database
 from service.store.reports import ReportStore
+from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
 from service.web import pages
 
@@ -43,6 +47,7 @@ its trend and alarms out. SI units, every name carries its unit. Errors are RFC 
 
 def create_app(settings: Settings) -> FastAPI:
     """Return the application; nothing is opened before it starts."""
+    compute_in_one_thread()  # whoever serves it
     metrics = Metrics()
 
     @asynccontextmanager
@@ -84,14 +89,36 @@ def create_app(settings: Settings) -> FastAPI:
     return app
 
 
-def _build_services(settings: Settings, metrics: Metrics) -> Services:
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+def open_database(settings: Settings) -> Database:
+    """Open the database of a service at the newest schema, and hold it against other processes until it is closed.
+
+    Raises DataFolderError if this is not a database that the service may go on with; StorageError if the disk or the
+    database server does not let it.
+    """
+    try:
+        settings.data_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"the data folder {settings.data_dir} cannot be made: {error.strerror}") from error
     database = Database(settings.resolved_database_url())
-    database.migrate()
+    try:
+        if database.file is not None:
+            database.file.hold()
+            require_database_of(settings.data_dir, empty=not database.file.path.exists())
+        database.migrate()
+        with database.read() as session:
+            require_database_of(settings.data_dir, empty=not list_axes(session))
+    except ServiceError:
+        database.close()
+        raise
+    return database
+
+
+def _build_services(settings: Settings, metrics: Metrics) -> Services:
+    database = open_database(settings)
     waveforms = WaveformStore(settings.data_dir)
     lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
-    runner = JobRunner(database, work)
+    runner = JobRunner(database, work, settings.max_waiting_jobs)
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
     ingest = Ingest(database, waveforms, lanes, metrics, alarm_explanations.follow)
     replays = Replays(settings.replay_dir, ingest)

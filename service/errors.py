@@ -38,6 +38,14 @@ class WaveformDamagedError(ServiceError):
     """A stored waveform is missing or not what was written."""
 
 
+class DocumentDamagedError(ServiceError):
+    """A stored document is damaged, or of a version that this program does not read."""
+
+
+class DataFolderError(ServiceError):
+    """The service does not start on this data folder, or this database: told when it starts."""
+
+
 class BusyError(ServiceError):
     """Too much work is waiting; the caller should come back."""
 
@@ -54,6 +62,8 @@ STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
     (UnsupportedContentError, 415, "unsupported-content"),
     (PreconditionError, 412, "precondition-failed"),
     (WaveformDamagedError, 500, "waveform-damaged"),
+    (DocumentDamagedError, 500, "document-damaged"),
+    (DataFolderError, 503, "data-folder"),
     (BusyError, 503, "busy"),
     (StorageError, 503, "storage-failed"),
     (InvalidWindowError, 422, "invalid-window"),

@@ -1,4 +1,4 @@
-"""Run long work in the background: one thread, in order of arrival, progress in the database, resumed after restart."""
+"""Run long work in the background: a thread for each kind, progress in the database, resumed after a restart."""
 
 import logging
 import threading
@@ -8,8 +8,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 from service.clock import now
+from service.errors import BusyError, StorageError
 from service.json_types import JsonObject
 from service.store import axes, jobs
 from service.store.database import Database
@@ -20,6 +22,12 @@ log = logging.getLogger(__name__)
 
 #: How soon waiting work notices that it was cancelled.
 CANCEL_CHECK_S = 1.0
+
+
+#: After a step that disk or database refused it is tried again, in the end after a minute each: five minutes in all.
+PAUSES_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 60.0, 60.0, 60.0)
+
+Result = TypeVar("Result")
 
 
 class JobCancelledError(Exception):
@@ -44,26 +52,31 @@ Work = Callable[[JobHandle], None]
 
 
 class JobRunner:
-    """Runs jobs one after another. After a stop or a crash a job goes on from its last report.
+    """Runs jobs, those of a kind one after another; after a stop or a crash a job goes on from its last report.
 
-    What was done since that report is done once more, so work must be repeatable.
+    So it does after a time in which disk or database refused to take something. What was done since that report is done
+    once more, so work must be repeatable.
     """
 
-    def __init__(self, database: Database, work: dict[str, Work]) -> None:
+    def __init__(self, database: Database, work: dict[str, Work], most_waiting: int) -> None:
         self._database = database
         self._work = work
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
+        self._most_waiting = most_waiting  # of a kind
+        self._lanes: dict[str, ThreadPoolExecutor] = {}  # by kind: what is soon done does not wait for what is not
         self._stopping = threading.Event()
 
     def resume(self) -> None:
         """Queue the jobs that a stop or a crash left unfinished."""
         with self._database.read() as session:
-            unfinished = [row.id for row in jobs.unfinished_jobs(session)]
-        for job_id in unfinished:
-            self._pool.submit(self._run, job_id)
+            unfinished = [(row.kind, row.id) for row in jobs.unfinished_jobs(session)]
+        for kind, job_id in unfinished:
+            self._queue(kind, job_id)
 
     def submit(self, kind: str, axis_id: str, arguments: JsonObject) -> JobRow:
-        """Store a new job and queue it."""
+        """Store a new job and queue it.
+
+        Raises BusyError if too many of its kind are not done yet.
+        """
         at = now()
         row = JobRow(
             id=str(uuid.uuid4()), kind=kind, axis_id=axis_id, arguments=arguments, status=jobs.QUEUED,
@@ -71,8 +84,11 @@ class JobRunner:
         )  # fmt: skip
         with self._database.write() as session:
             axes.get_axis(session, axis_id)
+            waiting = jobs.count_unfinished(session, kind)
+            if waiting >= self._most_waiting:
+                raise BusyError(f"{waiting} jobs of kind {kind} are not done yet, more do not wait; come back later")
             session.add(row)
-        self._pool.submit(self._run, row.id)
+        self._queue(kind, row.id)
         return row
 
     def get(self, job_id: str) -> JobRow:
@@ -96,13 +112,44 @@ class JobRunner:
     def close(self) -> None:
         """Stop; running work ends at its next report and is resumed at the next start."""
         self._stopping.set()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for lane in list(self._lanes.values()):
+            lane.shutdown(wait=True, cancel_futures=True)
+
+    def _queue(self, kind: str, job_id: str) -> None:
+        lane = self._lanes.setdefault(kind, ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"job-{kind}"))
+        lane.submit(self._run, job_id)
 
     def _run(self, job_id: str) -> None:
+        try:
+            self._persistently(job_id, partial(self._work_on, job_id))
+            end = partial(self._finish, job_id, jobs.DONE, None)
+        except JobCancelledError:
+            return  # cancelled: the row says so; stopping: the row still says running, and is resumed
+        except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
+            log.exception("job %s failed", job_id)
+            end = partial(self._finish, job_id, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
+        try:
+            self._persistently(job_id, end)
+        except (JobCancelledError, BusyError, StorageError) as error:
+            log.warning("job %s came to its end, which was not stored; it goes on at the next start: %s", job_id, error)
+
+    def _persistently(self, job_id: str, step: Callable[[], Result]) -> Result:
+        """Do a step, and once more after a pause where disk or database refused; what it raises last is raised."""
+        for pause in PAUSES_S:
+            try:
+                return step()
+            except (BusyError, StorageError) as error:
+                log.warning("job %s tries again in %g s: %s", job_id, pause, error)
+                if self._stopping.wait(pause):
+                    raise JobCancelledError from error
+        return step()
+
+    def _work_on(self, job_id: str) -> None:
+        """Do the work of a job from its last report on."""
         with self._database.write() as session:
             row = jobs.get_job(session, job_id)
             if row.status not in (jobs.QUEUED, jobs.RUNNING):
-                return
+                raise JobCancelledError
             row.status, row.updated_at = jobs.RUNNING, now()
         handle = JobHandle(
             job_id,
@@ -113,17 +160,12 @@ class JobRunner:
             report=partial(self._report, job_id),
             sleep=partial(self._sleep, job_id),
         )
-        try:
-            self._work[row.kind](handle)
-        except JobCancelledError:
-            return  # cancelled: the row says so; stopping: the row still says running, and is resumed
-        except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
-            log.exception("job %s failed", job_id)
-            self._finish(job_id, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
-        else:
-            self._finish(job_id, jobs.DONE, None)
+        self._work[row.kind](handle)
 
     def _report(self, job_id: str, done: int, total: int | None, result: JsonObject) -> None:
+        self._persistently(job_id, partial(self._store_report, job_id, done, total, result))
+
+    def _store_report(self, job_id: str, done: int, total: int | None, result: JsonObject) -> None:
         if self._stopping.is_set():
             raise JobCancelledError
         with self._database.write() as session:

@@ -25,6 +25,9 @@ class Settings(BaseSettings):
     max_waiting_requests: int = Field(
         default=64, ge=1, description="More requests with a body at one time are asked to come back."
     )
+    max_waiting_jobs: int = Field(
+        default=100, ge=1, description="More jobs of one kind that are not done are asked to come back."
+    )
     log_level: str = Field(default="INFO", pattern="^(DEBUG|INFO|WARNING|ERROR)$")
 
     def resolved_database_url(self) -> str:

@@ -3,13 +3,11 @@
 import os
 from pathlib import Path
 
-import numpy as np  # noqa: F401 - its BLAS must be loaded before it can be limited
 import pytest
-import scipy.linalg  # noqa: F401
-from threadpoolctl import threadpool_limits
 
-# As in the command line: with these small matrices several BLAS threads only wait for each other.
-threadpool_limits(limits=1)
+from service.blas_threads import compute_in_one_thread
+
+compute_in_one_thread()  # as in the command line
 
 PROJECT_ROOT = Path(__file__).resolve().parent.parent
 

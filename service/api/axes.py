@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from service.api.fields import AxisId, Label, RequestModel
 from service.api.services import Services, services
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.trend import AxisStatus
 
 router = APIRouter(prefix="/v1", tags=["axes"])
@@ -54,10 +54,19 @@ class AxisOut(BaseModel):
     open_alarms: int
 
 
+class DamagedAxisOut(BaseModel):
+    """An axis of which something stored cannot be read, and what to do about it. It takes no windows; others do."""
+
+    id: str
+    name: str
+    detail: str
+
+
 class AxesOut(BaseModel):
     """All axes."""
 
     axes: list[AxisOut]
+    damaged: list[DamagedAxisOut]
 
 
 def axis_out(status: AxisStatus) -> AxisOut:
@@ -67,7 +76,7 @@ def axis_out(status: AxisStatus) -> AxisOut:
         id=row.id,
         name=row.name,
         created_at=row.created_at,
-        configuration=AxisConfiguration.model_validate(row.configuration),
+        configuration=load_configuration(row.configuration),
         active_calibration=row.active_calibration_id,
         state=status.state,
         state_since=status.since,
@@ -76,6 +85,13 @@ def axis_out(status: AxisStatus) -> AxisOut:
         uncharted=row.uncharted,
         open_alarms=status.open_alarms,
     )
+
+
+def axes_out(on: Services) -> AxesOut:
+    """Return all axes on the wire; what is wrong with the documents of one keeps no other from being shown."""
+    fleet = on.trend.fleet()
+    damaged = [DamagedAxisOut(id=axis.id, name=axis.name, detail=axis.detail) for axis in fleet.damaged]
+    return AxesOut(axes=[axis_out(status) for status in fleet.axes], damaged=damaged)
 
 
 @router.put("/axes/{axis}", response_model=AxisOut)
@@ -89,7 +105,7 @@ def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Servi
 @router.get("/axes", response_model=AxesOut)
 def list_axes(on: Annotated[Services, Depends(services)]) -> AxesOut:
     """List the axes and how each stands."""
-    return AxesOut(axes=[axis_out(status) for status in on.trend.fleet()])
+    return axes_out(on)
 
 
 @router.get("/axes/{axis}", response_model=AxisOut)

@@ -1,6 +1,9 @@
 """``/healthz``, ``/readyz`` and ``/metrics``."""
 
+import asyncio
 import shutil
+import tempfile
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -8,7 +11,8 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import BaseModel
 
 from service.api.services import Services, services
-from service.errors import BusyError
+from service.errors import BusyError, StorageError
+from service.store.database import Database
 
 router = APIRouter(tags=["operations"])
 
@@ -29,15 +33,26 @@ async def healthz() -> HealthOut:
 
 
 @router.get("/readyz", response_model=HealthOut)
-def readyz(request: Request, on: Annotated[Services, Depends(services)]) -> HealthOut:
-    """Tell that requests can be served: the database answers and the disk has room."""
-    on.database.check()
-    free = shutil.disk_usage(request.app.state.settings.data_dir).free
+async def readyz(request: Request, on: Annotated[Services, Depends(services)]) -> HealthOut:
+    """Tell that windows can be stored: the database and the disk take what is written, and there is room."""
+    # Not in a worker thread of the requests: all of them may be waiting for the database.
+    await asyncio.to_thread(_require_ready, on.database, request.app.state.settings.data_dir)
+    return HealthOut()
+
+
+def _require_ready(database: Database, data_dir: Path) -> None:
+    database.check()
+    try:
+        with tempfile.TemporaryFile(dir=data_dir) as file:
+            file.write(b"ready")
+            file.flush()
+        free = shutil.disk_usage(data_dir).free
+    except OSError as error:
+        raise StorageError(f"the data folder {data_dir} cannot be written: {error.strerror}") from error
     if free < MINIMUM_FREE_BYTES:
         raise BusyError(
             f"the data folder has {free // 2**20} MiB left; at least {MINIMUM_FREE_BYTES // 2**20} are needed"
         )
-    return HealthOut()
 
 
 @router.get("/metrics", response_class=Response)

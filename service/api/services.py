@@ -14,7 +14,7 @@ from service.operations.identification.identification_job import IdentificationI
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
-from service.operations.monitoring.ingest import Ingest
+from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.store.database import Database

@@ -17,7 +17,7 @@ from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
 from service.api.services import services
 from service.json_types import JsonObject
 from service.operations.fields import Moment, Number
-from service.operations.monitoring.batch import IngestReceipt, WindowStatus
+from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])
 

@@ -8,12 +8,13 @@ import click
 from pydantic import ValidationError
 
 from monitor_core.errors import MonitorCoreError
-from service.blas import use_one_thread
+from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError
 
 #: What each command does. Each is in a module of its name, imported when it is asked for: most need neither web nor
 #: database, and the list of commands needs none of them.
 COMMANDS = {
+    "backup": "Copy the data folder while the service runs, verified.",
     "calibrate": "Fit k1…k4 to natural frequencies at several positions and preloads.",
     "check": "Tell whether the program can read a file, and if not, why.",
     "demo": "Replay the bundled sessions through an embedded service.",
@@ -23,9 +24,19 @@ COMMANDS = {
     "identify": "Find the joints of an axis from peaks, responses or a session.",
     "modes": "List the modes of a drive model.",
     "replay": "Post a recorded session to a service.",
+    "restore": "Verify a backup and make a data folder of it.",
     "serve": "Run the service.",
     "simulate": "Record a session of a drive model, without a machine.",
 }
+
+#: Where a command stands that has company in a folder.
+MODULES = {"backup": "data.backup", "restore": "data.restore"}
+
+
+def command_named(name: str) -> click.Command:
+    """Import a command."""
+    command: click.Command = getattr(import_module(f"service.cli.{MODULES.get(name, name)}"), name)
+    return command
 
 
 class _Commands(click.Group):
@@ -39,10 +50,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, None where there is none of this name."""
         del ctx
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = getattr(import_module(f"service.cli.{cmd_name}"), cmd_name)
-        return command
+        return command_named(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
@@ -59,7 +67,7 @@ def preload() -> None:
 
 def main() -> None:
     """Run the command line."""
-    use_one_thread()  # with more, tenfold slower on a busy machine
+    compute_in_one_thread()  # before a command imports numpy
     try:
         sys.exit(preload.main(standalone_mode=False) or 0)
     except click.exceptions.NoArgsIsHelpError as error:

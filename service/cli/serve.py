@@ -9,6 +9,8 @@ import click
 import uvicorn
 
 from service.app import create_app
+from service.cli.remote.server import Server
+from service.errors import ServiceError
 from service.observability import configure_logging
 from service.settings import Settings
 
@@ -32,14 +34,14 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
     with bound_socket(settings.host, settings.port) as listening:
         host, port = listening.getsockname()[:2]
         address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-        click.echo(f"dashboard: {address}/   API: {address}/docs", err=True)
-        config = uvicorn.Config(
-            create_app(settings), log_config=None, access_log=False, timeout_graceful_shutdown=GRACE_S
-        )
+        app = create_app(settings)
+        config = uvicorn.Config(app, log_config=None, access_log=False, timeout_graceful_shutdown=GRACE_S)
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
+        announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
-            uvicorn.Server(config).run(sockets=[listening])
-        except SystemExit as error:  # the start failed; the log says why
+            Server(app, config, lambda: click.echo(announcement, err=True)).run(sockets=[listening])
+        except ServiceError as error:
+            click.echo(f"preload: {error}", err=True)
             raise SystemExit(1) from error
 
 

@@ -3,7 +3,7 @@
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.measured_responses import SessionResponses, responses_of_windows
 from service.operations.analysis_arguments import AnalysisArguments, MeasurementRange
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
+from service.operations.monitoring.axis_configuration import core_settings, load_configuration
 from service.operations.monitoring.measured_modes import measured_with_windows
 from service.store import measurements
 from service.store.axes import get_axis
@@ -23,7 +23,7 @@ def axis_measurements(
     Raises NotIdentifiableError as :func:`selected_measurements`, or if none of them can be judged.
     """
     with database.read() as session:
-        configuration = AxisConfiguration.model_validate(get_axis(session, axis_id).configuration)
+        configuration = load_configuration(get_axis(session, axis_id).configuration)
     rows = selected_measurements(database, axis_id, chosen)
     return responses_of_windows(measured_with_windows(database, waveforms, core_settings(configuration), rows))
 

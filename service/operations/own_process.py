@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import TypeVar, cast
 
-from service.blas import use_one_thread
+from service.blas_threads import compute_in_one_thread
 
 Answer = TypeVar("Answer")
 
@@ -39,6 +39,7 @@ def in_own_process(work: Callable[[Report], Answer], report: Report, first: Prog
     to. ``report`` is called twice a second with how far the work has come, with ``first`` until it reports its own;
     what it raises stops the process.
     """
+    compute_in_one_thread()  # the process inherits it
     spawn = multiprocessing.get_context("spawn")
     receiver, sender = spawn.Pipe(duplex=False)
     process = spawn.Process(target=_do, args=(sender, work), daemon=True)
@@ -78,7 +79,6 @@ def _answer(receiver: Connection, report: Report, first: Progress) -> object:
 
 def _do(sender: Connection, work: Callable[[Report], object]) -> None:
     """Work in the process, and report progress, last the answer."""
-    use_one_thread()
     answer: object
     try:
         answer = work(sender.send)

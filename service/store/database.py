@@ -1,5 +1,6 @@
 """Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL; migrate at start."""
 
+import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +9,8 @@ from typing import Any, cast
 
 from alembic import command
 from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, IntegrityError
@@ -15,11 +18,20 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 from sqlalchemy.orm.exc import StaleDataError
 
-from service.errors import BusyError, StorageError
+from service.errors import BusyError, DataFolderError, StorageError
+from service.json_types import Json
+from service.store.safekeeping.database_file import database_file
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 #: One for each of the worker threads that answer requests (40, starlette's default), and a few for jobs.
 CONNECTIONS = 48
+#: A writer waits so long for the one before it.
+PATIENCE_MS = 30_000
+#: Who asks whether the database can be written waits no longer than that.
+PATIENCE_OF_CHECK_MS = 1000
+
+#: What SQLite calls a file that is not what it wrote.
+_DAMAGED = ("SQLITE_CORRUPT", "SQLITE_NOTADB")
 
 
 class Database:
@@ -27,6 +39,7 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _create_engine(url)
+        self.file = database_file(url)  # None: kept by a server
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:
@@ -34,6 +47,8 @@ class Database:
 
         Raises StorageError or BusyError if the database did not take what a transaction wrote; then it changed nothing.
         """
+        if self.file is not None:
+            self.file.require_unmoved()
         with _translated(self.engine.dialect.loaded_dbapi), self.engine.connect() as connection:
             yield connection
 
@@ -57,20 +72,40 @@ class Database:
             session.flush()
 
     def migrate(self) -> None:
-        """Bring the schema to the newest version."""
+        """Bring the schema to the newest version.
+
+        Raises DataFolderError if it is newer than this program, or of another one; then nothing is changed.
+        """
+        if self.file is not None:
+            self.file.require_ours()
         with self.connect() as connection, writing(connection):
             if connection.dialect.name == "postgresql":  # two services starting together must not both migrate
                 connection.execute(text("SELECT pg_advisory_xact_lock(7102018)"))
-            command.upgrade(alembic_config(connection), "head")
+            config = alembic_config(connection)
+            _require_known(connection, ScriptDirectory.from_config(config))
+            command.upgrade(config, "head")
+        if self.file is not None:
+            self.file.remember()
 
     def check(self) -> None:
-        """Raise if the database does not answer."""
-        with _translated(self.engine.dialect.loaded_dbapi), self.engine.connect() as connection:
-            connection.execute(text("SELECT 1"))
+        """Raise StorageError if the database does not answer, or takes nothing within a second."""
+        with self.connect() as connection:
+            if connection.dialect.name == "sqlite":
+                driver = cast(sqlite3.Connection, connection.connection.driver_connection)
+                driver.execute(f"PRAGMA busy_timeout={PATIENCE_OF_CHECK_MS}")
+                try:
+                    driver.execute("BEGIN IMMEDIATE")
+                    driver.execute("ROLLBACK")
+                finally:
+                    driver.execute(f"PRAGMA busy_timeout={PATIENCE_MS}")
+            elif connection.execute(text("SHOW transaction_read_only")).scalar() == "on":
+                raise StorageError("the database is read-only; nothing can be stored")
 
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+        if self.file is not None:
+            self.file.release()
 
 
 @contextmanager
@@ -106,8 +141,22 @@ def _translated(driver: Any) -> Iterator[None]:  # noqa: ANN401 - a module, whic
     except PoolTimeoutError as error:
         raise BusyError("every database connection is taken; send the request again") from error
     except (DBAPIError, driver.Error) as error:
-        reason = str(error.orig if isinstance(error, DBAPIError) else error).strip().partition("\n")[0]
+        cause = error.orig if isinstance(error, DBAPIError) else error
+        reason = str(cause).strip().partition("\n")[0]
+        if getattr(cause, "sqlite_errorname", "").startswith(_DAMAGED):
+            raise StorageError(f"the database is damaged ({reason}); restore the backup and restart") from error
         raise StorageError(f"the database refused: {reason}; send the request again") from error
+
+
+def _require_known(connection: Connection, scripts: ScriptDirectory) -> None:
+    """Refuse a schema that no migration of this program leads to."""
+    known = [script.revision for script in scripts.walk_revisions()]
+    for revision in MigrationContext.configure(connection).get_current_heads():
+        if revision not in known:
+            raise DataFolderError(
+                f"the schema of the database is of version {revision}, and this program knows those to {max(known)}: "
+                "start the newer program that it was used with, or restore the backup from before the upgrade"
+            )
 
 
 def alembic_config(connection: Connection) -> Config:
@@ -118,20 +167,34 @@ def alembic_config(connection: Connection) -> Config:
     return config
 
 
+def _json_or_text(stored: str) -> Json:
+    """Return the document that a text is; the text itself where it is none: whoever wants the document refuses it."""
+    try:
+        document: Json = json.loads(stored)
+    except ValueError:
+        return stored
+    return document
+
+
 def _create_engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS)
+        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS, json_deserializer=_json_or_text)
     database = make_url(url).database
     if database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, pool_size=CONNECTIONS, connect_args={"timeout": 30.0, "check_same_thread": False})
+    engine = create_engine(
+        url,
+        pool_size=CONNECTIONS,
+        json_deserializer=_json_or_text,
+        connect_args={"timeout": PATIENCE_MS / 1000, "check_same_thread": False},
+    )
 
     @event.listens_for(engine, "connect")
     def _configure(connection: Any, _record: Any) -> None:  # noqa: ANN401 - the driver's own connection
         connection.isolation_level = None  # the driver's own BEGIN comes too late for IMMEDIATE: see _begin
         cursor = connection.cursor()
         # FULL: an acknowledged window must survive a power cut, which NORMAL does not promise in WAL mode.
-        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=30000"):
+        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={PATIENCE_MS}"):
             cursor.execute(f"PRAGMA {pragma}")
         cursor.close()
 

@@ -1,6 +1,6 @@
 """Query jobs."""
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
@@ -35,3 +35,9 @@ def unfinished_jobs(session: Session) -> list[JobRow]:
     """Return jobs that were waiting or at work when the service last stopped, oldest first."""
     query = select(JobRow).where(JobRow.status.in_((QUEUED, RUNNING))).order_by(JobRow.created_at)
     return list(session.scalars(query))
+
+
+def count_unfinished(session: Session, kind: str) -> int:
+    """Count the jobs of one kind that wait or are at work."""
+    query = select(func.count()).where(JobRow.kind == kind, JobRow.status.in_((QUEUED, RUNNING)))
+    return int(session.scalar(query) or 0)

@@ -98,7 +98,7 @@ class WaveformStore:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self.root = root
         self._writers = ThreadPoolExecutor(max_workers=WRITERS, thread_name_prefix="waveforms")
         self._growing: dict[str, str] = {}  # by axis: the file that its next frame is added to
         self._recent = _RecentWindows(REMEMBERED_BYTES)
@@ -141,13 +141,13 @@ class WaveformStore:
         path = self._growing.get(axis_id, "")
         if path.startswith(f"{folder}/"):
             with suppress(OSError):  # it may have been moved, or made read-only
-                file = FileIO(f"{self._root}/{path}", "r+")
+                file = FileIO(f"{self.root}/{path}", "r+")
                 if file.seek(0, os.SEEK_END) < LARGEST_FILE_BYTES:
                     return path, file
                 file.close()
         path = f"{folder}/{uuid.uuid4().hex}.windows.zst"
-        make_folder(self._root / folder)
-        file = FileIO(f"{self._root}/{path}", "x")
+        make_folder(self.root / folder)
+        file = FileIO(f"{self.root}/{path}", "x")
         self._growing[axis_id] = path
         return path, file
 
@@ -157,7 +157,7 @@ class WaveformStore:
             os.fsync(frame.file.fileno())
             give_back_cache(frame.file)
             if not frame.offset:
-                sync_folder((self._root / frame.path).parent)
+                sync_folder((self.root / frame.path).parent)
 
     @contextmanager
     def _given_up_where_it_fails(self, frame: "_Frame") -> Iterator[None]:
@@ -175,7 +175,7 @@ class WaveformStore:
             if frame.offset:
                 frame.file.truncate(frame.offset)
             else:
-                (self._root / frame.path).unlink(missing_ok=True)
+                (self.root / frame.path).unlink(missing_ok=True)
 
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
         """Read windows, or remember them; each frame is read once.
@@ -197,7 +197,7 @@ class WaveformStore:
 
     def _read_frame(self, path: str, offset: int) -> Sequence[Window]:
         try:
-            return unpack_windows(read_frame(self._root / path, offset))
+            return unpack_windows(read_frame(self.root / path, offset))
         except OSError as error:
             raise WaveformDamagedError(f"the waveform file {path} cannot be read: {error.strerror}") from error
         except (zstandard.ZstdError, ValueError, KeyError, TypeError) as error:

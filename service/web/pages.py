@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from fastapi.templating import Jinja2Templates
 
 from service.api.alarms import alarm_out
-from service.api.axes import axis_out
+from service.api.axes import axes_out, axis_out
 from service.api.services import Services, services
 from service.operations.discrepancy.discrepancy_job import finished_discrepancies
 
@@ -41,9 +41,9 @@ templates.env.filters["significant"] = significant
 @router.get("/")
 def fleet_page(request: Request, on: Annotated[Services, Depends(services)]) -> Response:
     """Show all axes, worst first."""
-    axes = [axis_out(status) for status in on.trend.fleet()]
-    axes.sort(key=lambda axis: (SEVERITY.index(axis.state), axis.id))
-    return templates.TemplateResponse(request, "fleet.html", {"axes": axes})
+    found = axes_out(on)
+    axes = sorted(found.axes, key=lambda axis: (SEVERITY.index(axis.state), axis.id))
+    return templates.TemplateResponse(request, "fleet.html", {"axes": axes, "damaged": found.damaged})
 
 
 @router.get("/axes/{axis}")

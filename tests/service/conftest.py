@@ -266,8 +266,6 @@ def start_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
     def launch(words: list[str], environment: dict[str, str], log: Path) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "service.cli.main", "serve", *words]
         with log.open("wb") as output:
-            return subprocess.Popen(
-                command, stdout=output, stderr=output, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment
-            )
+            return subprocess.Popen(command, stdout=output, stderr=output, env=os.environ | environment)
 
     yield from servers(tmp_path, launch)

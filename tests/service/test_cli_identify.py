@@ -1,7 +1,6 @@
 """``preload identify``: joints from a modal table, from frequency responses and from a session, on the command line."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -36,9 +35,7 @@ preload = test_cli.preload  # a fixture
 def identified(*words: str | Path | float) -> dict[str, Any]:
     """Run the command in a process of its own, as a user does, and return its one document."""
     command = [sys.executable, "-m", "service.cli.main", "identify", *map(str, words), "--json"]
-    answer = subprocess.run(
-        command, capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=False
-    )
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)
     assert answer.returncode == 0, answer.stderr
     assert answer.stderr == ""
     document = json.loads(answer.stdout)

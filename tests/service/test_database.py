@@ -11,10 +11,11 @@ import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import JSON, Connection, MetaData, select, text
+from sqlalchemy import JSON, Connection, MetaData, inspect, select, text
 from sqlalchemy.orm import Session
 
 from service.documents.measurement import with_trend
+from service.errors import DataFolderError
 from service.store import intake
 from service.store.database import Database, alembic_config, reading, writing
 from service.store.intake import MeasurementRecord
@@ -75,20 +76,36 @@ def test_migrations_make_the_tables(database_url: str) -> None:
     assert differences == []
 
 
-def test_a_downgrade_that_would_lose_something_is_refused(database_url: str, tmp_path: Path) -> None:
-    with running_service(tmp_path / "var", database_url=database_url) as api:
-        fill(api)
-        before = api.trend("axis")
+def test_migrations_down_and_up(database_url: str, tmp_path: Path) -> None:
     database = Database(database_url)
-    with (
-        pytest.raises(NotImplementedError, match="cannot go back before version 0005"),
-        database.connect() as connection,
-        writing(connection),
-    ):
+    database.migrate()
+    with database.connect() as connection, writing(connection):
         command.downgrade(alembic_config(connection), "base")
+    with database.connect() as connection, writing(connection):
+        assert inspect(connection).get_table_names() == ["alembic_version"]
+    database.migrate()
     database.close()
     with running_service(tmp_path / "var", database_url=database_url) as api:
-        assert api.trend("axis") == before
+        assert api.http.get("/v1/axes").json()["axes"] == []
+        fill(api)
+        assert len(api.trend("axis")) == 1
+
+
+def test_downgrade_that_would_lose_something_is_refused_and_changes_nothing(database_url: str, tmp_path: Path) -> None:
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        fill(api)
+    database = Database(database_url)
+
+    def content() -> list[object]:
+        with database.connect() as connection, reading(connection):
+            names = sorted(inspect(connection).get_table_names())
+            return [(name, connection.execute(text(f"SELECT * FROM {name}")).all()) for name in names]  # noqa: S608
+
+    before = content()
+    with pytest.raises(DataFolderError, match="every axis"), database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0004")
+    assert content() == before
+    database.close()
 
 
 def test_database_of_an_older_version_says_what_it_said(database_url: str, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.exc import OperationalError
 
-from service.operations.monitoring import batch
+from service.operations.monitoring.intake import batch
 from service.store import database, intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
 from tests.service.test_ingest import stored_frames
@@ -118,7 +118,7 @@ def test_measurement_that_breaks_the_mathematics_does_not_block_its_axis(
     rng = np.random.default_rng(5)
     with monkeypatch.context() as broken:
         broken.setattr(
-            "service.operations.monitoring.judge.judge_measurement",
+            "service.operations.monitoring.intake.judge.judge_measurement",
             failing_once(lambda: None, ZeroDivisionError("by zero")),
         )
         (outcome,) = api.accept("axis", simulated_measurement(rng, "m1"))["measurements"]

@@ -4,10 +4,12 @@ import os
 import re
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
 
@@ -17,6 +19,7 @@ import pytest
 
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
+from service.store.database import Database
 from tests.service.conftest import START, ServerProcess, free_port, simulated_measurement
 
 
@@ -45,6 +48,28 @@ def test_database_that_is_not_there_ends_the_start(tmp_path: Path) -> None:
     done = run_serve("--port", "0", "--data-dir", tmp_path, PRELOAD_DATABASE_URL=url)
     assert done.returncode == 1
     assert "secret" not in done.stderr
+    assert "dashboard" not in done.stderr  # no address that nobody listens on
+    assert re.search(r"^preload: the database refused: .+$", done.stderr, re.MULTILINE), done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_address_is_printed_once_the_service_listens(
+    tmp_path: Path, start_server: Callable[..., ServerProcess]
+) -> None:
+    """A start that takes long, here because the database is locked, does not name an address that nobody answers."""
+    Database(f"sqlite:///{tmp_path}/preload.db").migrate()
+    with closing(sqlite3.connect(tmp_path / "preload.db")) as holder:
+        holder.execute("BEGIN IMMEDIATE")
+        server = start_server(tmp_path, free_port())
+        while "Started server process" not in server.log.read_text():
+            time.sleep(0.05)
+        time.sleep(0.5)
+        assert "dashboard" not in server.log.read_text()
+        assert not server.is_up()
+        holder.rollback()
+    while "dashboard" not in server.log.read_text():
+        time.sleep(0.01)
+    assert server.is_up()
 
 
 @pytest.mark.slow
@@ -73,5 +98,5 @@ def test_starts_beside_unknown_variables_and_stops_soon_while_a_job_runs(
     assert time.monotonic() - stopped < 5.0
     log = server.log.read_text()
     assert "Traceback" not in log
-    assert re.match(rf"dashboard: {server.url}/ +API: {server.url}/docs\n", log)
+    assert len(re.findall(rf"^dashboard: {server.url}/ +API: {server.url}/docs$", log, re.MULTILINE)) == 1
     assert '"message": "PUT /v1/axes/{axis} 201"' in log

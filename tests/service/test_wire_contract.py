@@ -10,10 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import click
-
 from service.app import create_app
-from service.cli.main import COMMANDS
+from service.cli.main import COMMANDS, command_named
 from service.settings import Settings
 
 CONTRACT = Path(__file__).parent / "contract"
@@ -28,7 +26,7 @@ def command_line() -> dict[str, Any]:
     """Return every argument and option of every command, without the words of the help."""
     described = {}
     for name in sorted(COMMANDS):
-        command: click.Command = getattr(import_module(f"service.cli.{name}"), name)
+        command = command_named(name)
         described[name] = [
             {
                 "name": parameter.name,
@@ -59,10 +57,11 @@ def test_the_command_line_is_the_one_that_scripts_were_written_against() -> None
 
 def test_the_list_of_commands_is_complete_and_says_what_each_does() -> None:
     folder = Path(import_module("service.cli").__file__ or "").parent
-    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "main", "output"}
+    files = [*folder.glob("*.py"), *(folder / "data").glob("*.py")]
+    modules = {path.stem for path in files} - {"__init__", "main", "output"}
     assert set(COMMANDS) == modules
     for name, sentence in COMMANDS.items():
-        command: click.Command = getattr(import_module(f"service.cli.{name}"), name)
+        command = command_named(name)
         first_word = command.get_short_help_str(200).split()[0]
         assert sentence.split()[0] in {first_word, "Tell"}, name
 

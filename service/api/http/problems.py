@@ -79,16 +79,16 @@ def problem(
 
 
 def install_problem_handlers(app: FastAPI) -> None:
-    """Make every error of the application a problem document."""
+    """Make every error of the application a problem document; it takes no worker thread, all may be taken."""
 
     @app.exception_handler(ServiceError)
     @app.exception_handler(MonitorCoreError)
-    def _refused(_request: Request, error: Exception) -> JSONResponse:
+    async def _refused(_request: Request, error: Exception) -> JSONResponse:
         status, name = status_of(error)
         return problem(status, name, str(error))
 
     @app.exception_handler(RequestValidationError)
-    def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
+    async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:
         items = [{"pointer": _pointer(item["loc"]), "detail": _sentence(item)} for item in error.errors()]
         first, more = items[0], f" (and {len(items) - 1} more)" if len(items) > 1 else ""
         return problem(
@@ -96,7 +96,7 @@ def install_problem_handlers(app: FastAPI) -> None:
         )
 
     @app.exception_handler(HTTPException)
-    def _http(request: Request, error: HTTPException) -> JSONResponse:
+    async def _http(request: Request, error: HTTPException) -> JSONResponse:
         headers = dict(error.headers or {})
         detail = str(error.detail)
         if error.status_code == HTTPStatus.NOT_FOUND:

@@ -27,7 +27,7 @@ from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.operations.axis_drive import axis_drive
 from service.operations.monitoring.alarms import store_explanation
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
 from service.operations.monitoring.measured_modes import measured_with_windows
 from service.operations.own_process import Progress, Report, in_own_process
 from service.store import alarms, jobs
@@ -135,7 +135,7 @@ class AlarmExplanations:
             alarm = alarms.get_alarm(session, alarm_id)
             if alarm.status == alarms.CLEARED:
                 raise ConflictError(f"only an alarm that is open can be explained; alarm {alarm_id} is cleared")
-            configuration = AxisConfiguration.model_validate(get_axis(session, alarm.axis_id).configuration)
+            configuration = load_configuration(get_axis(session, alarm.axis_id).configuration)
             evidence = read_evidence(alarm.evidence)
             start, end = _baseline(alarm.id, evidence)
             return _Case(

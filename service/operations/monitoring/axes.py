@@ -1,10 +1,18 @@
 """Registration of axes."""
 
+from contextlib import suppress
+
 from monitor_core.trend import DetectorDesign
 from service.clock import now
+from service.errors import DocumentDamagedError
 from service.operations.axis_drive import axis_drive
-from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
-from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.axis_configuration import (
+    AxisConfiguration,
+    detector_design,
+    detector_settings,
+    dump_configuration,
+)
+from service.operations.monitoring.intake.lanes import Lanes
 from service.operations.monitoring.monitor_state import dump_design, load_design
 from service.store import axes
 from service.store.database import Database
@@ -34,17 +42,19 @@ class Axes:
                 row = axes.new_axis(session, axis_id, now())
                 session.add(row)
             row.name = name
-            row.configuration = configuration.model_dump(mode="json")
+            row.configuration = dump_configuration(configuration)
             row.detector_design = dump_design(design)
             return row, created
 
     def _detector_design(self, axis_id: str, configuration: AxisConfiguration) -> DetectorDesign:
-        """Return the limits that the axis has, or newly solved ones if it is to achieve something else."""
+        """Return the limits that the axis has; newly solved ones if it is to achieve something else, or has none."""
         wanted = detector_settings(configuration)
         with self._database.read() as session:
             row = session.get(AxisRow, axis_id)
-        stored = None if row is None else load_design(row.detector_design)
-        return stored if stored is not None and stored.settings == wanted else detector_design(wanted)
+        with suppress(DocumentDamagedError):  # they follow from the settings, so that nothing is lost with them
+            if row is not None and (stored := load_design(row.detector_design)).settings == wanted:
+                return stored
+        return detector_design(wanted)
 
     def get(self, axis_id: str) -> AxisRow:
         """Return an axis."""

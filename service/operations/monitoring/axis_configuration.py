@@ -3,7 +3,7 @@
 from functools import lru_cache
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from monitor_core.modal import ModeGate
 from monitor_core.pipeline import AxisSettings
@@ -11,6 +11,8 @@ from monitor_core.quality import QualityGate
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
+from service.documents.stored import StoredRecord
+from service.json_types import JsonObject
 from service.operations.fields import Positive
 
 
@@ -57,6 +59,25 @@ class AxisConfiguration(BaseModel):
         if (self.moving_mass_kg is None) != (self.moving_mass_standard_uncertainty_kg is None):
             raise ValueError("moving_mass_kg and moving_mass_standard_uncertainty_kg are stated together or not at all")
         return self
+
+
+_STORED = StoredRecord(
+    "configuration",
+    TypeAdapter(AxisConfiguration),
+    version=1,
+    remedy="send it again with PUT /v1/axes, or restore the backup",
+    later_members=True,
+)
+
+
+def load_configuration(document: JsonObject) -> AxisConfiguration:
+    """Return the stored configuration of an axis; raises DocumentDamagedError if it cannot be read."""
+    return _STORED.load(document)
+
+
+def dump_configuration(configuration: AxisConfiguration) -> JsonObject:
+    """Return a configuration as it is stored."""
+    return _STORED.dump(configuration)
 
 
 def core_settings(configuration: AxisConfiguration) -> AxisSettings:

@@ -19,8 +19,8 @@ from monitor_core.recordings.calibration_file import calibration_document, calib
 from service.clock import now
 from service.errors import PreconditionError
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
+from service.operations.monitoring.intake.lanes import Lanes
 from service.operations.monitoring.measured_modes import measured_modes
 from service.operations.monitoring.monitor_state import begin_epoch
 from service.store import calibrations, measurements
@@ -151,4 +151,4 @@ def _prior(document: JsonObject | None) -> CoefficientPrior | None:
 
 
 def _configuration(axis: AxisRow) -> AxisConfiguration:
-    return AxisConfiguration.model_validate(axis.configuration)
+    return load_configuration(axis.configuration)

@@ -6,33 +6,45 @@ from pydantic import TypeAdapter
 
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorDesign, DetectorState, TrendStatus, reset, state_at
+from service.documents.stored import StoredRecord
 from service.json_types import JsonObject
 from service.store.tables import AxisRow
 
-_STATE: TypeAdapter[AxisState] = TypeAdapter(AxisState)
-_DESIGN: TypeAdapter[DetectorDesign] = TypeAdapter(DetectorDesign)
+_STATE = StoredRecord(
+    "state of the charts",
+    TypeAdapter(AxisState),
+    version=1,
+    remedy="restore the backup, or activate another calibration, which begins a new baseline",
+)
+_DESIGN = StoredRecord(
+    "limits of the charts",
+    TypeAdapter(DetectorDesign),
+    version=1,
+    remedy="restore the backup, or send the configuration of the axis again, which solves new ones",
+)
 
 
 def load_state(document: JsonObject | None) -> AxisState:
-    """Return the stored state, or that of an axis nothing is known about."""
-    return AxisState() if document is None else _STATE.validate_python(document)
+    """Return the stored state, or that of an axis nothing is known about.
+
+    Raises DocumentDamagedError, here and below, if what is stored cannot be read.
+    """
+    return AxisState() if document is None else _STATE.load(document)
 
 
 def dump_state(state: AxisState) -> JsonObject:
     """Return the state as a JSON document."""
-    document: JsonObject = _STATE.dump_python(state, mode="json")
-    return document
+    return _STATE.dump(state)
 
 
 def load_design(document: JsonObject) -> DetectorDesign:
     """Return the stored limits of the charts."""
-    return _DESIGN.validate_python(document)
+    return _DESIGN.load(document)
 
 
 def dump_design(design: DetectorDesign) -> JsonObject:
     """Return the limits of the charts as a JSON document."""
-    document: JsonObject = _DESIGN.dump_python(design, mode="json")
-    return document
+    return _DESIGN.dump(design)
 
 
 def begin_epoch(axis: AxisRow) -> None:

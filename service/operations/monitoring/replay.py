@@ -14,8 +14,8 @@ from monitor_core.recordings.session_hdf5 import open_session
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle
 from service.operations.fields import Number
-from service.operations.monitoring.batch import WindowStatus
-from service.operations.monitoring.ingest import Ingest
+from service.operations.monitoring.intake.batch import WindowStatus
+from service.operations.monitoring.intake.ingest import Ingest
 
 SUFFIX = ".session.h5"
 

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from monitor_core.trend import paper_rule
 from service.clock import now, text_of
 from service.documents.measurement import baseline_document, with_trend
-from service.errors import UnreadableBodyError
+from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.axis_configuration import load_configuration
 from service.operations.monitoring.monitor_state import load_state, state_now
 from service.operations.monitoring.resolution import extremes
 from service.store import alarms, axes, calibrations, measurements
@@ -31,6 +31,23 @@ class AxisStatus:
     since: datetime | None
     last_measurement: JsonObject | None
     open_alarms: int
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedAxis:
+    """An axis of which something stored cannot be read."""
+
+    id: str
+    name: str
+    detail: str  # what, and what to do about it
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """All axes."""
+
+    axes: list[AxisStatus]
+    damaged: list[DamagedAxis]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +85,21 @@ class Trend:
                 said = said if said is None or point is None else with_trend(said, point)
             return _status(row, said, alarms.count_open(session, axis_id))
 
-    def fleet(self) -> list[AxisStatus]:
-        """Tell how every axis stands."""
+    def fleet(self) -> Fleet:
+        """Tell how every axis stands; what is wrong with the documents of one keeps no other from being told."""
+        statuses, damaged = [], []
         with self._database.read() as session:
             rows, n_open = axes.list_axes(session), alarms.open_by_axis(session)
             points = last_points(session.connection())
             said = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
-            return [
-                _status(
-                    row,
-                    None
-                    if (point := points.get(row.number)) is None
-                    else with_trend(said[point.measurement_id], point),
-                    n_open.get(row.id, 0),
-                )
-                for row in rows
-            ]
+        for row in rows:
+            point = points.get(row.number)
+            last = None if point is None else with_trend(said[point.measurement_id], point)
+            try:
+                statuses.append(_status(row, last, n_open.get(row.id, 0)))
+            except DocumentDamagedError as error:
+                damaged.append(DamagedAxis(row.id, row.name, str(error)))
+        return Fleet(statuses, damaged)
 
     def baseline(self, axis_id: str) -> JsonObject | None:
         """Return the baseline in newtons, as soon as it is learnt."""
@@ -152,7 +168,7 @@ class Trend:
 
 
 def _status(row: AxisRow, last_measurement: JsonObject | None, open_alarms: int) -> AxisStatus:
-    configuration = AxisConfiguration.model_validate(row.configuration)
+    configuration = load_configuration(row.configuration)
     state, since = state_now(row, now(), configuration.silent_after_hours)
     return AxisStatus(row, state, since, last_measurement, open_alarms)
 

@@ -3,6 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
+from service.store.migrations.losses import refuse_to_lose
+
 revision = "0001"
 down_revision = None
 branch_labels = None
@@ -154,7 +156,8 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Go back to the empty database."""
+    """Go back to the empty database; refused if there is an axis."""
+    refuse_to_lose("every axis with all that was measured of it", "SELECT count(*) FROM axes")
     for table in (
         "alarm_events",
         "windows",

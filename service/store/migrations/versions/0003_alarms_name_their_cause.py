@@ -3,6 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
+from service.store.migrations.losses import refuse_to_lose
+
 revision = "0003"
 down_revision = "0002"
 branch_labels = None
@@ -22,5 +24,9 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Go back; what was found out about the causes is lost."""
+    """Go back; refused if the cause of an alarm was examined."""
+    refuse_to_lose(
+        "what was found out about the causes of alarms",
+        "SELECT count(*) FROM alarms WHERE CAST(explanation AS TEXT) LIKE '%\"examined\": true%'",
+    )
     op.drop_column("alarms", "explanation")

@@ -3,6 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
+from service.store.migrations.losses import refuse_to_lose
+
 revision = "0004"
 down_revision = "0003"
 branch_labels = None
@@ -17,7 +19,8 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Go back; windows in later frames of a file then count as damaged."""
+    """Go back; refused if a window lies in a later frame of its file, where the older program does not look."""
+    refuse_to_lose("windows, which then count as damaged", "SELECT count(*) FROM windows WHERE offset_in_file > 0")
     with op.batch_alter_table("windows") as windows:
         windows.alter_column("index_in_frame", new_column_name="index_in_file")
         windows.drop_column("offset_in_file")

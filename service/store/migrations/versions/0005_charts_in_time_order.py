@@ -7,6 +7,8 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
+from service.store.migrations.losses import refuse_to_lose
+
 revision = "0005"
 down_revision = "0004"
 branch_labels = None
@@ -18,6 +20,10 @@ MOVED = ("frequency_hz", "preload_n", "interval_lower_n", "interval_upper_n", "m
 AMOUNTS = (
     "set_preload_n", "payload_kg", "temperature_c", "frequency_hz", "preload_n", "interval_lower_n", "interval_upper_n",
     "drag_torque_nm", "feature_s2", "feature_uncertainty_s2", "baseline_preload_n",
+)  # fmt: skip
+AXIS_COLUMNS = (
+    "number", "epoch", "epoch_after", "epoch_from", "since_checkpoint", "state", "state_since", "last_charted_at",
+    "last_measurement_id", "last_measured_at", "refused_windows", "uncharted",
 )  # fmt: skip
 AT_ONCE = 1000
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -54,8 +60,24 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Refuse: an older version would not know the hours and days, nor what arrived late."""
-    raise NotImplementedError("the database cannot go back before version 0005: restore the backup made before")
+    """Go back; refused if there is an axis: an older program would not know its trend, nor what arrived late."""
+    refuse_to_lose("the trend of every axis", "SELECT count(*) FROM axes")
+    for table in ("chart_checkpoints", "trend_rollups", "trend_points", "measurement_documents"):
+        op.drop_table(table)
+    op.drop_index("ix_alarms_axis_status", "alarms")
+    op.create_index("ix_alarms_axis_id", "alarms", ["axis_id"])
+    op.drop_index("ix_axes_number", "axes")
+    for index in ("ix_measurements_closing", "ix_measurements_set_preload"):
+        op.drop_index(index, "measurements")
+    old: list[sa.Column[Any]] = [sa.Column("monitor_state", sa.String(16)), sa.Column("refusal_reason", sa.String(40))]
+    old += [sa.Column(name, sa.Float()) for name in MOVED[:4]]
+    old += [sa.Column(name, sa.JSON()) for name in ("outcome", "response")]
+    for column in old:
+        op.add_column("measurements", column)
+    new = {"axes": AXIS_COLUMNS, "measurements": ("closes_at",), "alarms": ("epoch", "measured_at")}
+    for table, names in new.items():
+        for name in names:
+            op.execute(sa.text(f"ALTER TABLE {table} DROP COLUMN {name}"))
 
 
 def _make_tables() -> None:

@@ -19,9 +19,9 @@ from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.observability import Metrics
 from service.operations.monitoring.alarms import PRELOAD_LOSS
-from service.operations.monitoring.batch import Batch, IngestReceipt, Post, by_axis
-from service.operations.monitoring.judge import Settled
-from service.operations.monitoring.lanes import Lanes
+from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
+from service.operations.monitoring.intake.judge import Settled
+from service.operations.monitoring.intake.lanes import Lanes
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, reading, writing

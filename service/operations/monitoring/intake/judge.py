@@ -19,7 +19,7 @@ from service.documents.measurement import finite_or_null, measurement_document, 
 from service.json_types import JsonObject
 from service.operations.monitoring.alarms import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.charts import Uncharted, put_in
+from service.operations.monitoring.intake.charts import Uncharted, put_in
 from service.store import intake
 from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
 from service.store.tables import CountsByReason

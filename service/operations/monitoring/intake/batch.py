@@ -18,14 +18,15 @@ from service.documents.measurement import with_trend
 from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
 from service.observability import Metrics
-from service.operations.monitoring.admission import Admission, at_its_position, counts
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
-from service.operations.monitoring.judge import Judged, Settled, judge, settle
+from service.operations.monitoring.axis_configuration import core_settings, load_configuration
+from service.operations.monitoring.intake.admission import Admission, at_its_position, counts
+from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
 from service.store import intake
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import member_places
+from service.store.safekeeping.healing import heal
 from service.store.trend.points import point_of
 from service.store.waveforms import WaveformPlace, WaveformStore, Writing
 from service.store.window_format import content_sha256
@@ -37,6 +38,10 @@ class WindowStatus(StrEnum):
     ACCEPTED = "accepted"
     REFUSED = "refused"
     ALREADY_THERE = "already-there"
+
+
+#: Reason and detail of a window that was stored, could not be read any more, and was written once more.
+RESTORED = ("waveform-restored", "its stored waveform was lost or damaged, and was written again from this window")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,16 +93,19 @@ class Batch:
             self._charts = intake.read_charts(connection, self.axis)
             self.calibration: Calibration | None = in_force.of(connection, self.axis)
             self._said_before = self._outcomes(connection, self._measurements.values())
-        self.configuration = AxisConfiguration.model_validate(self.axis.configuration)
+        self.configuration = load_configuration(self.axis.configuration)
         self.posts: list[Post] = []
         self._new: dict[datetime, Window] = {}
         for post in posts:
             self._add(post)
+        self._healed: set[datetime] = set()
         self._frame: Writing | None = None
         self._judged: list[Judged] = []
 
     def compute(self, connection: Connection, waveforms: WaveformStore, files: ExitStack, metrics: Metrics) -> None:
         """Begin to write the waveforms, and gate and judge meanwhile."""
+        again = [window for post in self.posts for window in post.windows if window.started_at in self._contents]
+        self._healed = heal(connection, waveforms, self.axis.id, again, now())
         new, self._received_at = [self._new[start] for start in sorted(self._new)], now()
         if new:
             self._frame = files.enter_context(waveforms.begin_write(self.axis.id, new, self._received_at))
@@ -140,7 +148,12 @@ class Batch:
         receipts = []
         for window in post.windows:
             item = refusals.get(window.started_at)
-            if item is None or self._new.pop(window.started_at, None) is None:
+            if window.started_at in self._healed:
+                self._healed.discard(window.started_at)
+                receipts.append(
+                    WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE, *RESTORED)
+                )
+            elif item is None or self._new.pop(window.started_at, None) is None:
                 receipts.append(WindowReceipt(window.started_at, window.measurement, WindowStatus.ALREADY_THERE))
             elif item.refusal is None:
                 receipts.append(WindowReceipt(window.started_at, window.measurement, WindowStatus.ACCEPTED))

@@ -8,7 +8,7 @@ from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import to_millimetres
 from service.clock import text_of
 from service.operations.monitoring.axis_configuration import AxisConfiguration
-from service.operations.monitoring.charts import too_late
+from service.operations.monitoring.intake.charts import too_late
 from service.store.intake import OPEN, ChartsRecord, MeasurementRecord
 
 #: A window that says it began so long after it arrived comes from a clock that is wrong: put into the charts, it would

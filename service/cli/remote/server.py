@@ -1,0 +1,34 @@
+"""Serve an application: opened before the port is listened on, announced after, closed when the last answer is out."""
+
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from socket import socket
+
+import uvicorn
+from fastapi import FastAPI
+
+
+class Server(uvicorn.Server):
+    """A server whose start raises what the application raises; uvicorn's own would log it, and say no more."""
+
+    def __init__(self, app: FastAPI, config: uvicorn.Config, announce: Callable[[], None]) -> None:
+        config.lifespan = "off"  # this class does it
+        super().__init__(config)
+        self._app = app
+        self._announce = announce
+        self._opened = AsyncExitStack()
+
+    async def startup(self, sockets: list[socket] | None = None) -> None:
+        """Open the application, listen, say so."""
+        try:
+            await self._opened.enter_async_context(self._app.router.lifespan_context(self._app))
+            await super().startup(sockets)
+        except BaseException:
+            await self._opened.aclose()
+            raise
+        self._announce()
+
+    async def shutdown(self, sockets: list[socket] | None = None) -> None:
+        """Answer what was asked, then close the application."""
+        await super().shutdown(sockets)
+        await self._opened.aclose()

@@ -1,0 +1,67 @@
+"""Records that are stored as JSON and read again by a later program: each document states its version.
+
+What cannot be read is refused with a sentence, for the axis that it belongs to; nothing is filled in, since a blank
+state would look like an axis about which nothing is known yet.
+"""
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from service.errors import DocumentDamagedError
+from service.json_types import JsonObject
+
+Record = TypeVar("Record")
+
+VERSION = "version"
+#: Documents that state no version were written when there was no other.
+FIRST_VERSION = 1
+
+
+@dataclass(frozen=True)
+class StoredRecord(Generic[Record]):
+    """How one kind of record is stored."""
+
+    name: str  # as the sentences call it
+    adapter: TypeAdapter[Record]
+    version: int  # of the members that are written now
+    remedy: str  # what to do about one that cannot be read
+    later_members: bool = False  # whether a document may lack members that later programs added, each with a default
+
+    def dump(self, record: Record) -> JsonObject:
+        """Return a record as a document."""
+        return {VERSION: self.version, **self.adapter.dump_python(record, mode="json")}
+
+    def load(self, document: object) -> Record:
+        """Return the record of a document.
+
+        Raises DocumentDamagedError if it is of another version, or is not what :meth:`dump` writes, to the last member.
+        """
+        if not isinstance(document, dict):
+            raise self._refusal(f"expected a JSON object; got {type(document).__name__}")
+        version = document.get(VERSION, FIRST_VERSION)
+        if version != self.version:
+            raise self._refusal(f"expected version {self.version}; got {version}")
+        members = {name: value for name, value in document.items() if name != VERSION}
+        try:
+            record = self.adapter.validate_python(members)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            raise self._refusal(f"at {'/'.join(map(str, first['loc'])) or 'its root'}: {first['msg']}") from error
+        written = self.adapter.dump_python(record, mode="json")
+        if self.later_members:
+            written = {name: value for name, value in written.items() if name in members}
+        if _members(written) != _members(members):
+            raise self._refusal(f"it has other members than version {self.version} has")
+        return record
+
+    def _refusal(self, reason: str) -> DocumentDamagedError:
+        return DocumentDamagedError(f"the stored {self.name} of this axis cannot be read: {reason}; {self.remedy}")
+
+
+def _members(document: object) -> object:
+    """Return the names of a document's members, at every depth, without their values."""
+    if isinstance(document, dict):
+        return {name: _members(value) for name, value in document.items()}
+    return [_members(value) for value in document] if isinstance(document, list) else None

@@ -1,0 +1,109 @@
+"""Stored documents that are damaged or of another version: their axis says so, and the others go on."""
+
+import json
+import sqlite3
+from contextlib import closing
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.json_types import JsonObject
+from tests.service.conftest import START, Api, assert_problem, running_service, simulated_measurement
+
+HARMS = ("cut off", "a list", "blank", "newer", "another member", "a member less")
+COLUMNS = {"configuration": "configuration", "monitor_state": "state of the charts", "detector_design": "limits"}
+
+
+def stored(folder: Path, column: str) -> str:
+    with closing(sqlite3.connect(folder / "preload.db")) as connection:
+        ((text,),) = connection.execute(f"SELECT {column} FROM axes WHERE id = 'broken'").fetchall()  # noqa: S608
+    return text
+
+
+def store(folder: Path, column: str, text: str) -> None:
+    with closing(sqlite3.connect(folder / "preload.db")) as connection:
+        connection.execute(f"UPDATE axes SET {column} = ? WHERE id = 'broken'", (text,))  # noqa: S608
+        connection.commit()
+
+
+def damaged(text: str, how: str) -> str:
+    document: JsonObject = json.loads(text)
+    match how:
+        case "cut off":
+            return text[: len(text) // 2]
+        case "a list":
+            return "[]"
+        case "blank":
+            return "{}"
+        case "newer":
+            return json.dumps(document | {"version": 7})
+        case "another member":
+            return json.dumps(document | {"cost": 1.0})
+        case "a member less":
+            return json.dumps(dict(list(document.items())[:-1]))
+    raise ValueError(how)
+
+
+def measured(api: Api, axis: str, hour: int) -> list:
+    windows = simulated_measurement(np.random.default_rng(hour), f"m{hour}", started_at=START + timedelta(hours=hour))
+    return [axis, windows]
+
+
+@pytest.mark.parametrize("how", HARMS)
+@pytest.mark.parametrize("column", COLUMNS)
+def test_axis_with_a_damaged_document_is_refused_and_others_go_on(shared_api: Api, column: str, how: str) -> None:
+    api = shared_api
+    for axis in ("broken", "well"):
+        if api.http.get(f"/v1/axes/{axis}").status_code == 404:
+            api.register(axis)
+            api.calibrate(axis)
+            api.accept(*measured(api, axis, 0))
+    hour = 1 + list(COLUMNS).index(column) * len(HARMS) + HARMS.index(how)
+    whole = stored(api.data_dir, column)
+    store(api.data_dir, column, damaged(whole, how))
+    try:
+        refused = api.post(*measured(api, "broken", hour))
+        detail = assert_problem(refused, 500, "document-damaged")["detail"]
+        assert COLUMNS[column] in detail
+        assert "cannot be read" in detail
+        if how == "newer":
+            assert "expected version 1; got 7" in detail
+        listed = api.http.get("/v1/axes").json()
+        assert [axis["id"] for axis in listed["axes"] if axis["id"] == "well"] == ["well"]
+        if column != "detector_design":  # only a measurement that is judged asks for the limits
+            assert [(axis["id"], axis["detail"]) for axis in listed["damaged"]] == [("broken", detail)]
+            assert_problem(api.http.get("/v1/axes/broken"), 500, "document-damaged")
+            assert "not monitored" in api.http.get("/").text
+        accepted = api.accept(*measured(api, "well", hour))
+        assert (accepted["accepted"], len(accepted["measurements"])) == (15, 1)
+        assert stored(api.data_dir, column) == damaged(whole, how)  # evidence: nothing was written over it
+    finally:
+        store(api.data_dir, column, whole)
+    assert api.accept(*measured(api, "broken", hour))["accepted"] == 15  # nothing of the refused request was stored
+
+
+def test_configuration_and_limits_are_healed_by_sending_them_again(api: Api) -> None:
+    api.register("broken")
+    for column in ("configuration", "detector_design"):
+        whole = stored(api.data_dir, column)
+        store(api.data_dir, column, "{}")
+        api.register("broken")
+        assert stored(api.data_dir, column) == whole
+
+
+def test_documents_of_before_versions_were_stated_are_read(tmp_path: Path) -> None:
+    with running_service(tmp_path) as api:
+        api.register("broken")
+        api.calibrate("broken")
+        api.accept(*measured(api, "broken", 0))
+        before = api.axis("broken")
+    for column in COLUMNS:
+        document = json.loads(stored(tmp_path, column))
+        assert document.pop("version") == 1
+        store(tmp_path, column, json.dumps(document))
+    with running_service(tmp_path) as api:
+        assert api.axis("broken") == before
+        api.accept(*measured(api, "broken", 1))
+    assert json.loads(stored(tmp_path, "monitor_state"))["version"] == 1
