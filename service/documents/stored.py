@@ -27,7 +27,7 @@ class StoredRecord(Generic[Record]):
     adapter: TypeAdapter[Record]
     version: int  # of the members that are written now
     remedy: str  # what to do about one that cannot be read
-    later_members: bool = False  # whether a document may lack members that later programs added, each with a default
+    added: frozenset[str] = frozenset()  # members with a default that documents of this version may still lack
 
     def dump(self, record: Record) -> JsonObject:
         """Return a record as a document."""
@@ -50,8 +50,7 @@ class StoredRecord(Generic[Record]):
             first = error.errors(include_url=False)[0]
             raise self._refusal(f"at {'/'.join(map(str, first['loc'])) or 'its root'}: {first['msg']}") from error
         written = self.adapter.dump_python(record, mode="json")
-        if self.later_members:
-            written = {name: value for name, value in written.items() if name in members}
+        written = {name: value for name, value in written.items() if name in members or name not in self.added}
         if _members(written) != _members(members):
             raise self._refusal(f"it has other members than version {self.version} has")
         return record

@@ -49,7 +49,7 @@ def pools_in_a_job() -> list[tuple[str, int]]:
     from service.clock import now
     from service.jobs import JobHandle, JobRunner
     from service.store.database import Database
-    from service.store.tables import AxisRow
+    from service.store.axes import new_axis
 
     found: list[tuple[str, int]] = []
 
@@ -60,7 +60,9 @@ def pools_in_a_job() -> list[tuple[str, int]]:
         database = Database(f"sqlite:///{folder}/preload.db")
         database.migrate()
         with database.write() as session:
-            session.add(AxisRow(id="axis", name="axis", configuration={}, created_at=now(), detector_design={}))
+            axis = new_axis(session, "axis", now())
+        axis.name, axis.configuration, axis.detector_design = "axis", {}, {}
+        session.add(axis)
         runner = JobRunner(database, {"ask": work}, 1)
         runner.submit("ask", "axis", {})
         while runner.list("axis", 1)[0].status in ("queued", "running"):

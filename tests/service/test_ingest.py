@@ -122,7 +122,7 @@ def test_conflicting_window_is_refused_and_nothing_of_its_request_stored(shared_
     before = stored_frames(shared_api.data_dir)
     (contradiction,) = simulated_measurement(rng, "m", n_windows=1)
     problem = assert_problem(shared_api.post("conflict", [*others, contradiction]), 409, "conflict")
-    assert "2026-03-02T06:00:00+00:00" in problem["detail"]
+    assert "2026-03-02T06:00:00Z" in problem["detail"]
     # also when the two contradict each other within one request
     at_odds = [others[0], replace(others[0], response=others[1].response)]
     assert_problem(shared_api.post("conflict", at_odds), 409, "conflict")

@@ -32,7 +32,9 @@ def database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Databa
     opened = Database(f"sqlite:///{tmp_path}/preload.db")
     opened.migrate()
     with opened.write() as session:
-        session.add(AxisRow(id="axis", name="axis", configuration={}, created_at=now(), detector_design={}))
+        axis = new_axis(session, "axis", now())
+        axis.name, axis.configuration, axis.detector_design = "axis", {}, {}
+        session.add(axis)
     yield opened
     opened.close()
 

@@ -41,7 +41,7 @@ def test_loss_is_alarmed_with_evidence(worn: Api) -> None:
     # 10 windows and the calibration's scatter of 0.1 Hz: some ten newtons
     assert evidence["baseline_preload_n"] == pytest.approx(300.0, abs=20.0)
     assert evidence["preload_loss_n"] == pytest.approx(100.0, abs=30.0)
-    assert evidence["onset"] == "2026-03-05T14:00:00+00:00"  # the first measurement after the fall
+    assert evidence["onset"] == "2026-03-05T14:00:00Z"  # the first measurement after the fall
     assert worn.axis("worn")["open_alarms"] == 1
     assert 'preload_alarms_total{kind="preload-loss"} 1.0' in worn.http.get("/metrics").text
 

@@ -66,7 +66,7 @@ _STORED = StoredRecord(
     TypeAdapter(AxisConfiguration),
     version=1,
     remedy="send it again with PUT /v1/axes, or restore the backup",
-    later_members=True,
+    added=frozenset({"measurement_timeout_s"}),
 )
 
 

@@ -10,7 +10,7 @@ from service.documents.measurement import baseline_document, with_trend
 from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import load_configuration
-from service.operations.monitoring.monitor_state import load_state, state_now
+from service.operations.monitoring.monitor_state import load_design, load_state, state_now
 from service.operations.monitoring.resolution import extremes
 from service.store import alarms, axes, calibrations, measurements
 from service.store.database import Database
@@ -73,6 +73,7 @@ class Trend:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._read: dict[str, tuple[JsonObject | None, JsonObject]] = {}  # documents that can be read, by axis
 
     def status(self, axis_id: str) -> AxisStatus:
         """Tell how an axis stands; silence for too long is ``unknown``."""
@@ -83,7 +84,7 @@ class Trend:
                 point = point_of(connection, row.number, row.last_measured_at, row.last_measurement_id)
                 said = outcomes_of(connection, [row.last_measurement_id]).get(row.last_measurement_id)
                 said = said if said is None or point is None else with_trend(said, point)
-            return _status(row, said, alarms.count_open(session, axis_id))
+            return self._status(row, said, alarms.count_open(session, axis_id))
 
     def fleet(self) -> Fleet:
         """Tell how every axis stands; what is wrong with the documents of one keeps no other from being told."""
@@ -96,7 +97,7 @@ class Trend:
             point = points.get(row.number)
             last = None if point is None else with_trend(said[point.measurement_id], point)
             try:
-                statuses.append(_status(row, last, n_open.get(row.id, 0)))
+                statuses.append(self._status(row, last, n_open.get(row.id, 0)))
             except DocumentDamagedError as error:
                 damaged.append(DamagedAxis(row.id, row.name, str(error)))
         return Fleet(statuses, damaged)
@@ -166,11 +167,16 @@ class Trend:
             windows = measurements.windows_of(session, measurement_id)
             return MeasurementView(row, outcome, None if document is None else document.response, windows)
 
-
-def _status(row: AxisRow, last_measurement: JsonObject | None, open_alarms: int) -> AxisStatus:
-    configuration = load_configuration(row.configuration)
-    state, since = state_now(row, now(), configuration.silent_after_hours)
-    return AxisStatus(row, state, since, last_measurement, open_alarms)
+    def _status(self, row: AxisRow, last_measurement: JsonObject | None, open_alarms: int) -> AxisStatus:
+        """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
+        configuration = load_configuration(row.configuration)
+        documents = row.monitor_state, row.detector_design
+        if self._read.get(row.id) != documents:  # once for each: to read them takes longer than all the rest
+            load_state(row.monitor_state)
+            load_design(row.detector_design)
+            self._read[row.id] = documents
+        state, since = state_now(row, now(), configuration.silent_after_hours)
+        return AxisStatus(row, state, since, last_measurement, open_alarms)
 
 
 def _encode_cursor(point: TrendPoint) -> str:
