@@ -48,8 +48,8 @@ def pools_in_a_job() -> list[tuple[str, int]]:
 
     from service.clock import now
     from service.jobs import JobHandle, JobRunner
-    from service.store.database import Database
     from service.store.axes import new_axis
+    from service.store.database import Database
 
     found: list[tuple[str, int]] = []
 

@@ -18,8 +18,9 @@ from service.clock import now
 from service.errors import BusyError, StorageError
 from service.jobs import JobHandle, JobRunner, Work
 from service.store import database as database_module
+from service.store.axes import new_axis
 from service.store.database import Database
-from service.store.tables import AxisRow, JobRow
+from service.store.tables import JobRow
 from tests.service.conftest import START, assert_problem, running_service, simulated_measurement
 
 Runners = Callable[..., JobRunner]
