@@ -61,8 +61,8 @@ def pools_in_a_job() -> list[tuple[str, int]]:
         database.migrate()
         with database.write() as session:
             axis = new_axis(session, "axis", now())
-        axis.name, axis.configuration, axis.detector_design = "axis", {}, {}
-        session.add(axis)
+            axis.name, axis.configuration, axis.detector_design = "axis", {}, {}
+            session.add(axis)
         runner = JobRunner(database, {"ask": work}, 1)
         runner.submit("ask", "axis", {})
         while runner.list("axis", 1)[0].status in ("queued", "running"):

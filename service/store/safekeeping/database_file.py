@@ -87,7 +87,7 @@ class DatabaseFile:
                 f"the database {self.path} is gone ({error.strerror}); put it back, or restore the backup and restart"
             ) from error
         if moved:
-            raise StorageError(f"another file was put in the place of the database {self.path}; restart the service")
+            raise StorageError(f"another file has replaced the database {self.path}; restart the service")
 
     def _identity_now(self) -> tuple[int, int]:
         status = os.stat(self.path)
@@ -110,6 +110,6 @@ def require_database_of(data_dir: Path, *, empty: bool) -> None:
     raw = data_dir / "raw"
     if empty and any(path.is_file() for path in raw.rglob("*")):
         raise DataFolderError(
-            f"{raw} holds waveforms, but the database beside it is empty or missing; restore the database from the "
-            f"backup, or move {raw} away to begin anew"
+            f"{raw} holds waveforms, but the database of the same folder is empty or missing; "
+            f"restore the database from the backup, or move {raw} away to begin anew"
         )

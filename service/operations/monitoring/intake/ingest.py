@@ -174,8 +174,6 @@ class Ingest:
             for reason in settled.uncharted:
                 self._metrics.uncharted.labels(reason).inc()
             self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
-        for post, receipt in zip(batch.posts, receipts, strict=True):
-            post.answer.set_result(receipt)
         if (
             settled is not None
             and settled.documents
@@ -183,6 +181,8 @@ class Ingest:
             and batch.configuration.drive_model is not None
         ):
             self._follow_alarm(batch.axis.id)
+        for post, receipt in zip(batch.posts, receipts, strict=True):
+            post.answer.set_result(receipt)
 
 
 def _refuse(posts: Sequence[Post], error: Exception) -> None:
