@@ -49,8 +49,14 @@ class Database:
         """
         if self.file is not None:
             self.file.require_unmoved()
-        with _translated(self.engine.dialect.loaded_dbapi), self.engine.connect() as connection:
-            yield connection
+        driver: Any = self.engine.dialect.loaded_dbapi
+        with _translated(driver), self.engine.connect() as connection:
+            try:
+                yield connection
+            except (DBAPIError, driver.Error):
+                # One that was opened while the volume was read-only would stay so when that is mended.
+                connection.invalidate()
+                raise
 
     @contextmanager
     def translated(self) -> Iterator[None]:
