@@ -124,13 +124,13 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
 
 def _longest_run(samples: SampleArray) -> tuple[int, int]:
     """Return start and length of the longest run of one value."""
-    changes = np.flatnonzero(samples[1:] != samples[:-1]) + 1
-    if changes.size == samples.size - 1:
+    repeated = np.flatnonzero(samples[1:] == samples[:-1])
+    if not repeated.size:
         return 0, 1
-    starts = np.concatenate([[0], changes])
-    lengths = np.diff(starts, append=samples.size)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(repeated) > 1) + 1])
+    lengths = np.diff(starts, append=repeated.size)
     longest = int(np.argmax(lengths))
-    return int(starts[longest]), int(lengths[longest])
+    return int(repeated[starts[longest]]), int(lengths[longest]) + 1
 
 
 def _is_stuck(samples: SampleArray, start: int, run: int, *, is_excitation: bool) -> bool:

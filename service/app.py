@@ -12,6 +12,7 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from service.api import alarms, axes, calibrations, discrepancies, health, identifications, jobs, trend, windows
 from service.api.http.body import require_json
+from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
 from service.api.http.openapi import describe
@@ -39,7 +40,7 @@ from service.store.database import Database
 from service.store.reports import ReportStore
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
-from service.web import pages
+from service.web import pages, reference
 
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -69,7 +70,8 @@ def create_app(settings: Settings) -> FastAPI:
         description=DESCRIPTION,
         lifespan=lifespan,
         responses=PROBLEM_RESPONSES,
-        swagger_ui_parameters={"validatorUrl": None},  # Swagger would ask a site outside to judge the description
+        docs_url=None,
+        redoc_url=None,
     )
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
@@ -78,12 +80,14 @@ def create_app(settings: Settings) -> FastAPI:
         RequestLimits, largest_body=settings.max_body_mib * 2**20, most_waiting=settings.max_waiting_requests
     )
     app.add_middleware(GZipMiddleware, minimum_size=1000)
+    app.add_middleware(Guard, host_names=settings.own_names())
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     for resource in (axes, trend, calibrations, identifications, discrepancies, alarms, jobs):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
+    app.include_router(reference.router)
     app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
 
     return app

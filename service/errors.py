@@ -26,6 +26,10 @@ class UnreadableBodyError(ServiceError):
     """The request body is not what its content type says."""
 
 
+class BodyTooLargeError(ServiceError):
+    """The request body holds more than is read at once."""
+
+
 class UnsupportedContentError(ServiceError):
     """The content type is not one that this resource reads."""
 
@@ -59,6 +63,7 @@ STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
     (UnknownResourceError, 404, "unknown-resource"),
     (ConflictError, 409, "conflict"),
     (UnreadableBodyError, 400, "unreadable-body"),
+    (BodyTooLargeError, 413, "body-too-large"),
     (UnsupportedContentError, 415, "unsupported-content"),
     (PreconditionError, 412, "precondition-failed"),
     (WaveformDamagedError, 500, "waveform-damaged"),

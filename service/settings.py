@@ -1,9 +1,11 @@
 """Read the settings of the service from the environment (``PRELOAD_*``)."""
 
+import socket
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field, SecretStr
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import Field, SecretStr, field_validator
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 #: In a source checkout the bundled sessions stand beside the packages.
 BUNDLED_SESSIONS = Path(__file__).resolve().parent.parent / "replay_data"
@@ -28,7 +30,19 @@ class Settings(BaseSettings):
     max_waiting_jobs: int = Field(
         default=100, ge=1, description="More jobs of one kind that are not done are asked to come back."
     )
+    host_names: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(), description="Further names that browsers and programs may ask this service by, with commas between."
+    )
     log_level: str = Field(default="INFO", pattern="^(DEBUG|INFO|WARNING|ERROR)$")
+
+    @field_validator("host_names", mode="before")
+    @classmethod
+    def _split(cls, names: object) -> object:
+        return tuple(name.strip() for name in names.split(",") if name.strip()) if isinstance(names, str) else names
+
+    def own_names(self) -> tuple[str, ...]:
+        """Return the names that this service may be asked by; it may be asked by any address."""
+        return ("localhost", socket.gethostname(), self.host, *self.host_names)
 
     def resolved_database_url(self) -> str:
         """Return the database URL, the embedded SQLite file when none is set."""

@@ -10,6 +10,11 @@ from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
 
+#: A report is a file of its own, with its style in it and no script.
+_OF_REPORT = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; frame-ancestors 'none'"
+}
+
 router = APIRouter(prefix="/v1", tags=["discrepancies"])
 
 
@@ -27,4 +32,4 @@ def start_discrepancy(
 @router.get("/axes/{axis}/discrepancies/{job}/report", response_class=HTMLResponse)
 def get_discrepancy_report(axis: AxisId, job: JobId, on: Annotated[Services, Depends(services)]) -> HTMLResponse:
     """Return the report of a finished job: one page that holds all it shows, to be kept or sent on."""
-    return HTMLResponse(on.discrepancies.report(axis, job))
+    return HTMLResponse(on.discrepancies.report(axis, job), headers=_OF_REPORT)

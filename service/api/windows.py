@@ -13,8 +13,9 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
 from service.api.fields import AxisId, Label, RequestModel
-from service.api.http.body import JSON_TYPE, MSGPACK_TYPE, Samples, parse_body
-from service.api.services import services
+from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_body
+from service.api.http.samples import Samples
+from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.fields import Moment, Number
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
@@ -82,7 +83,7 @@ class WindowIn(RequestModel):
 class WindowsIn(RequestModel):
     """Several windows in one request."""
 
-    windows: Annotated[list[WindowIn], Field(min_length=1, max_length=1000)]
+    windows: Annotated[list[WindowIn], Field(min_length=1, max_length=MOST_WINDOWS)]
     complete: bool = Field(
         default=False, description="these windows complete their measurements: judge them now, do not wait for more"
     )
@@ -160,13 +161,19 @@ async def post_windows(axis: AxisId, request: Request) -> Response:
     Windows are on disk before this answers. The same window posted again is `already-there`; a different window with
     the same `started_at` is refused with 409, and then nothing of the request is stored.
     """
-    body, content_type, on = await request.body(), request.headers.get("content-type"), await services(request)
-    # one thread reads bodies and one takes windows, whoever sends them: more would only wait for each other
-    windows, complete = await on.ingest.read_by(partial(_read, body, content_type))
+    on = await services(request)
+    windows, complete = await _posted_by(request, on)
     answer = _answer(await wrap_future(on.ingest.submit(axis, windows, complete=complete)))
     # A response of our own: FastAPI would validate what is valid, in yet another thread.
     status = 200 if answer.already_there == len(answer.windows) else 201
     return Response(answer.model_dump_json(), status, media_type=JSON_TYPE)
+
+
+async def _posted_by(request: Request, on: Services) -> tuple[list[Window], bool]:
+    """Read what was sent. Nothing of the body is kept after that, as request.body() would."""
+    body = b"".join([part async for part in request.stream() if part])
+    # one thread reads bodies and one takes windows, whoever sends them: more would only wait for each other
+    return await on.ingest.read_by(partial(_read, body, request.headers.get("content-type")))
 
 
 def _read(body: bytes, content_type: str | None) -> tuple[list[Window], bool]:

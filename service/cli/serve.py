@@ -6,16 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-import uvicorn
 
 from service.app import create_app
 from service.cli.remote.server import Server
 from service.errors import ServiceError
 from service.observability import configure_logging
 from service.settings import Settings
-
-#: Requests under way at a stop may take so long; what they did not get acknowledged they send again.
-GRACE_S = 10
 
 
 @click.command()
@@ -35,11 +31,10 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         host, port = listening.getsockname()[:2]
         address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
         app = create_app(settings)
-        config = uvicorn.Config(app, log_config=None, access_log=False, timeout_graceful_shutdown=GRACE_S)
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
         announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
-            Server(app, config, lambda: click.echo(announcement, err=True)).run(sockets=[listening])
+            Server(app, lambda: click.echo(announcement, err=True)).run(sockets=[listening])
         except ServiceError as error:
             click.echo(f"preload: {error}", err=True)
             raise SystemExit(1) from error

@@ -1,7 +1,7 @@
 """Write, sync and read the files of raw waveforms: what the store needs of the disk."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
@@ -10,13 +10,38 @@ import zstandard
 
 from service.errors import StorageError
 
+#: A request becomes one frame. Numbers take twice the room of their text at most, and a body is at most 1 GiB.
+LARGEST_CONTENT_BYTES = 2 * 2**30
+_AT_ONCE = 2**18
+
+
+def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) -> Iterator[bytes]:
+    """Compress content into one zstd frame, part by part: it is never held as a whole.
+
+    The content is asked for twice. The frame states its size first, so that who reads it knows before.
+    """
+    frame = zstandard.ZstdCompressor(level=level).compressobj(size=sum(len(part) for part in content()))
+    for part in content():
+        for at in range(0, len(part), _AT_ONCE):
+            yield frame.compress(part[at : at + _AT_ONCE])
+    yield frame.flush()
+
 
 def read_frame(path: Path, offset: int) -> bytes:
-    """Return the content of the frame that begins at a byte of a file."""
-    reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
+    """Return the content of the frame that begins at a byte of a file.
+
+    Raises ValueError if it does not say how large it is, or that it is larger than any that was ever written;
+    zstandard.ZstdError if it is none, or not as large as it says.
+    """
     with path.open("rb") as file:
         file.seek(offset)
-        while not reader.eof and (chunk := file.read(2**16)):
+        first = file.read(_AT_ONCE)
+        size = zstandard.get_frame_parameters(first).content_size
+        if not 0 < size <= LARGEST_CONTENT_BYTES:
+            raise ValueError(f"a frame must say that it holds 1 to {LARGEST_CONTENT_BYTES} bytes; got {size}")
+        reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
+        content += reader.decompress(first)
+        while not reader.eof and (chunk := file.read(_AT_ONCE)):
             content += reader.decompress(chunk)
     return bytes(content)
 

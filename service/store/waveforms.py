@@ -24,6 +24,7 @@ import zstandard
 from monitor_core.recording import Window
 from service.errors import StorageError, WaveformDamagedError
 from service.store.waveform_files import (
+    compressed,
     give_back_cache,
     make_folder,
     read_frame,
@@ -120,7 +121,6 @@ class WaveformStore:
 
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system, which begins to write them."""
-        content = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(pack_windows(windows))
         with storage_errors():
             path, file = self._open(axis_id, f"raw/{received_at.astimezone(UTC):%Y/%m/%d}/{axis_id}")
         offset = file.tell()
@@ -128,7 +128,8 @@ class WaveformStore:
         frame = _Frame(axis_id, path, file, offset, places)
         try:
             with self._given_up_where_it_fails(frame):
-                write_all(file, content)
+                for part in compressed(lambda: pack_windows(windows), COMPRESSION_LEVEL):
+                    write_all(file, part)
                 give_back_cache(file)
         except StorageError:
             self.take_back(frame)

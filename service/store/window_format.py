@@ -1,7 +1,7 @@
 """Convert a window to bytes and back: MessagePack, readable without this program, with the hash of its content."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from typing import Any, TypeAlias, TypedDict
 
@@ -9,8 +9,10 @@ import msgpack
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import SampleArray
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
+
+#: What MessagePack writes before the length of bytes, in four bytes (bin 32).
+_BYTES_FOLLOW = b"\xc6"
 
 _Bytes: TypeAlias = bytes | memoryview
 
@@ -42,10 +44,11 @@ class _Packed(_Metadata):
     position_trace_m: _Samples | None
 
 
-def pack_windows(windows: Iterable[Window]) -> bytes:
-    """Return windows as MessagePack; samples keep the precision in which they were recorded."""
-    packed: bytes = msgpack.packb([_pack(window) for window in windows])
-    return packed
+def pack_windows(windows: Sequence[Window]) -> Iterator[_Bytes]:
+    """Return windows as MessagePack, in parts; samples keep the precision in which they were recorded."""
+    yield msgpack.Packer().pack_array_header(len(windows))
+    for window in windows:
+        yield from _pack(window)
 
 
 def unpack_windows(packed: bytes) -> list[Window]:
@@ -105,18 +108,32 @@ def _metadata(window: Window) -> _Metadata:
     }
 
 
-def _pack(window: Window) -> _Packed:
-    def samples(values: SampleArray) -> _Samples:
-        kind = values.dtype.newbyteorder("<")
-        return {"dtype": kind.str, "bytes": np.ascontiguousarray(values, dtype=kind).data.cast("B")}
-
-    trace = window.position_trace
-    return {
-        **_metadata(window),
-        "excitation": samples(window.excitation),
-        "response": samples(window.response),
-        "position_trace_m": None if trace is None else samples(trace),
+def _pack(window: Window) -> Iterator[_Bytes]:
+    packer = msgpack.Packer(autoreset=False)
+    metadata = _metadata(window)
+    channels = {
+        "excitation": window.excitation,
+        "response": window.response,
+        "position_trace_m": window.position_trace,
     }
+    packer.pack_map_header(len(metadata) + len(channels))
+    for name, value in metadata.items():
+        packer.pack(name)
+        packer.pack(value)
+    for name, samples in channels.items():
+        packer.pack(name)
+        if samples is None:
+            packer.pack(None)
+            continue
+        kind = samples.dtype.newbyteorder("<")
+        content = np.ascontiguousarray(samples, dtype=kind).data.cast("B")
+        packer.pack_map_header(2)
+        for word in ("dtype", kind.str, "bytes"):
+            packer.pack(word)
+        yield packer.bytes() + _BYTES_FOLLOW + len(content).to_bytes(4)
+        packer.reset()
+        yield content
+    yield packer.bytes()
 
 
 def _unpack(item: _Packed) -> Window:

@@ -1,20 +1,43 @@
-"""Read request bodies in JSON or MessagePack, and samples in three encodings."""
+"""Read request bodies in JSON or MessagePack without ever making objects of more than a small part of them.
 
-import base64
-from typing import Annotated, Any
+What is not samples becomes objects of many times its size, so it must be short; samples stay where they are until they
+are decoded (:mod:`service.api.http.samples`).
+"""
+
+import re
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any
 
 import msgpack
-import numpy as np
 import pydantic_core
 from fastapi import Request
-from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from monitor_core.arrays import SampleArray
-from service.errors import UnreadableBodyError, UnsupportedContentError
+from service.api.http.samples import JsonSamples, PackedSamples
+from service.errors import BodyTooLargeError, UnreadableBodyError, UnsupportedContentError
 
 JSON_TYPE = "application/json"
 MSGPACK_TYPE = "application/msgpack"
 MSGPACK_TYPES = (MSGPACK_TYPE, "application/x-msgpack", "application/vnd.msgpack")
+
+#: Members of a window that hold samples.
+CHANNELS = ("excitation", "response", "position_trace_m")
+#: So much of a body may be something else. A thousand windows take half of it.
+MOST_BESIDE_SAMPLES = 2 * 2**20
+MOST_WINDOWS = 1000
+#: Lists of very short numbers take more room when they are read than before. So much they may, however short the body.
+ROOM_FOR_LISTS = 16 * 2**20
+#: Samples shorter than that are read with the rest.
+_SHORT = 512
+#: Stands in JSON where samples were cut out, before their number. No sample is written with it.
+_MARK = "\x00"
+
+#: Samples in JSON: a list of what numbers are written with, or base64 (some libraries write / as \\/). Possessive (+):
+#: nothing is kept to go back to, so that the search takes no memory.
+_JSON_SAMPLES = re.compile(
+    rb'"(?:%b)"\s*+:\s*+(\[[0-9eE+\-.,\s]{%d,}+\]|"(?:[A-Za-z0-9+/=]|\\/){%d,}+")'
+    % ("|".join(CHANNELS).encode(), _SHORT, _SHORT)
+)
 
 
 def require_json(request: Request) -> None:
@@ -26,77 +49,139 @@ def require_json(request: Request) -> None:
 
 
 def parse_body(body: bytes, content_type: str | None) -> object:
-    """Read a body by its content type, JSON where none is stated; a wire model judges what was sent."""
-    kind = _media_type(content_type) or JSON_TYPE
+    """Read a body by its content type; a wire model judges what was sent, and decodes the samples.
+
+    Raises UnsupportedContentError, UnreadableBodyError or BodyTooLargeError.
+    """
+    kind = _media_type(content_type)
     if kind == JSON_TYPE:
         return _from_json(body)
     if kind in MSGPACK_TYPES:
-        return _from_msgpack(body)
-    raise UnsupportedContentError(f"Content-Type must be {JSON_TYPE} or {MSGPACK_TYPE}; got {kind}")
+        return _PackedBody(body).document()
+    raise UnsupportedContentError(f"Content-Type must be {JSON_TYPE} or {MSGPACK_TYPE}; got {kind or 'none'}")
 
 
 def _media_type(content_type: str | None) -> str:
     return (content_type or "").split(";")[0].strip().lower()
 
 
+def _require_few(n_bytes: int) -> None:
+    if n_bytes > MOST_BESIDE_SAMPLES:
+        raise BodyTooLargeError(
+            f"besides samples a body may hold {MOST_BESIDE_SAMPLES} bytes; got more. Send fewer windows at once"
+        )
+
+
+def _require_room(count: int, n_bytes: int) -> None:
+    if 4 * count > max(n_bytes, ROOM_FOR_LISTS):
+        raise BodyTooLargeError(
+            f"lists may hold {max(n_bytes, ROOM_FOR_LISTS) // 4} numbers in a body of {n_bytes} bytes; got {count}. "
+            "Send fewer windows at once, or samples as base64 or bytes"
+        )
+
+
 def _from_json(body: bytes) -> object:
+    view, rest, cut_out, begin = memoryview(body), bytearray(), list[JsonSamples](), 0
+    for match in _JSON_SAMPLES.finditer(body):
+        start, end = match.span(1)
+        _require_few(len(rest) + start - begin)
+        rest += view[begin:start]
+        rest += b'"\\u0000%d"' % len(cut_out)
+        count = body.count(b",", start, end) + 1 if body[start] == ord("[") else 0
+        cut_out.append(JsonSamples(view[start:end], count))
+        begin = end
+    _require_few(len(rest) + len(body) - begin)
+    rest += view[begin:]
+    _require_room(sum(samples.count for samples in cut_out), len(body))
     try:
-        return pydantic_core.from_json(body, allow_inf_nan=False, cache_strings="keys")
+        document = pydantic_core.from_json(rest, allow_inf_nan=False, cache_strings="keys")
     except ValueError as error:
         raise UnreadableBodyError(f"the body is not JSON: {error}") from error
+    for window in _windows_of(document):
+        for name in CHANNELS:
+            value = window.get(name)
+            if isinstance(value, str) and value.startswith(_MARK) and value[1:].isdecimal():
+                window[name] = cut_out[int(value[1:])]
+    return document
 
 
-def _from_msgpack(body: bytes) -> object:
-    try:
-        return msgpack.unpackb(body)
-    except (ValueError, msgpack.exceptions.UnpackException) as error:
-        raise UnreadableBodyError(f"the body is not MessagePack: {str(error) or type(error).__name__}") from error
+def _windows_of(document: object) -> Iterator[dict[str, Any]]:
+    """Return the windows of a document, whether it is one or holds a list of them."""
+    found = document.get("windows", [document]) if isinstance(document, dict) else []
+    return (window for window in found if isinstance(window, dict)) if isinstance(found, list) else iter(())
 
 
-def decode_samples(value: object) -> SampleArray:
-    """Turn a list of numbers, base64 text or raw bytes (both little-endian float32) into samples."""
-    if isinstance(value, str):
+class _PackedBody:
+    """Reads a MessagePack body member by member."""
+
+    def __init__(self, body: bytes) -> None:
+        self._body = memoryview(body)
+        self._unpacker = msgpack.Unpacker(BytesIO(body), max_buffer_size=max(len(body), 1))
+        self._beside_samples = 0
+        self._in_lists = 0
+
+    def document(self) -> object:
+        """Return what the body holds."""
         try:
-            value = base64.b64decode(value, validate=True)
-        except ValueError as error:
-            raise ValueError(f"expected base64 of little-endian float32; {error}") from error
-    if isinstance(value, bytes):
-        if len(value) % 4:
-            raise ValueError(f"expected little-endian float32, a multiple of 4 bytes; got {len(value)} bytes")
-        return np.frombuffer(value, dtype="<f4")
-    if not isinstance(value, list):
-        raise ValueError(f"expected a list of numbers, base64 text or bytes; got {type(value).__name__}")
-    return _from_list(value)
+            document = self._read("document")
+            rest = len(self._body) - self._unpacker.tell()
+        except (ValueError, msgpack.exceptions.UnpackException) as error:
+            raise UnreadableBodyError(f"the body is not MessagePack: {str(error) or type(error).__name__}") from error
+        if rest:
+            raise UnreadableBodyError(f"the body is not MessagePack: {rest} bytes follow the document")
+        return document
+
+    def _read(self, name: str) -> object:
+        """Read the value of a member (or the document, or a window); lists and maps only where one is expected."""
+        at = self._unpacker.tell()
+        kind = _kind(self._body[at]) if at < len(self._body) else ""
+        if name in ("document", "window") and kind == "map":
+            return self._members()
+        if name == "windows" and kind == "list":
+            return self._windows()
+        self._unpacker.skip()
+        value = self._body[at : self._unpacker.tell()]
+        if name in CHANNELS and kind in ("list", "bytes"):
+            samples = _samples(value)
+            if isinstance(samples, PackedSamples):
+                self._in_lists += samples.count
+                _require_room(self._in_lists, len(self._body))
+            return samples
+        if name not in CHANNELS:
+            self._count(len(value))
+        return [] if kind in ("list", "map") else msgpack.unpackb(value)
+
+    def _members(self) -> dict[str, object]:
+        members = {}
+        for _ in range(self._unpacker.read_map_header()):
+            name = self._read("name")
+            members[name if isinstance(name, str) else repr(name)] = self._read(str(name))
+        return members
+
+    def _windows(self) -> list[object]:
+        n_windows = self._unpacker.read_array_header()
+        if n_windows > MOST_WINDOWS:
+            raise BodyTooLargeError(f"a request may hold {MOST_WINDOWS} windows; got {n_windows}")
+        return [self._read("window") for _ in range(n_windows)]
+
+    def _count(self, n_bytes: int) -> None:
+        self._beside_samples += n_bytes
+        _require_few(self._beside_samples)
 
 
-def _from_list(values: list[Any]) -> SampleArray:
-    foreign = set(map(type, values)) - {float, int}
-    if foreign:
-        raise ValueError(f"expected a flat list of numbers; got {', '.join(sorted(t.__name__ for t in foreign))} in it")
-    try:
-        samples = np.array(values, dtype=np.float64)
-    except OverflowError as error:
-        raise ValueError("expected numbers within the range of float64; got a larger one") from error
-    if not np.isfinite(samples).all():
-        raise ValueError(f"expected finite numbers; got {samples[~np.isfinite(samples)][0]}")
-    with np.errstate(over="ignore"):
-        single = samples.astype(np.float32)
-    # float32 where it loses nothing: then a window is the same in every encoding
-    return single if np.array_equal(single, samples) else samples
+def _kind(first: int) -> str:
+    """Return what kind of value begins with a byte (https://github.com/msgpack/msgpack, spec.md)."""
+    if first in (0xDE, 0xDF) or first & 0xF0 == 0x80:
+        return "map"
+    if first in (0xDC, 0xDD) or first & 0xF0 == 0x90:
+        return "list"
+    return "bytes" if first in (0xC4, 0xC5, 0xC6) else "other"
 
 
-#: Samples of one channel on the wire.
-Samples = Annotated[
-    Any,
-    BeforeValidator(decode_samples),
-    PlainSerializer(lambda samples: samples.tolist(), return_type=list[float]),
-    WithJsonSchema(
-        {
-            "oneOf": [
-                {"type": "array", "items": {"type": "number"}},
-                {"type": "string", "contentEncoding": "base64", "description": "little-endian float32"},
-            ],
-            "description": "samples: a list, base64 of little-endian float32, or (MessagePack) those bytes as they are",
-        }
-    ),
-]
+def _samples(value: memoryview) -> PackedSamples | memoryview:
+    """Return a list or bytes of samples without what stands before them: their kind, and how many they are."""
+    header = {0xC4: 2, 0xC5: 3, 0xC6: 5, 0xDC: 3, 0xDD: 5}.get(value[0], 1)
+    content = value[header:]
+    if _kind(value[0]) == "bytes":
+        return content
+    return PackedSamples(content, int.from_bytes(value[1:header]) if header > 1 else value[0] & 0x0F)

@@ -1,52 +1,140 @@
-"""Refuse bodies that are too large, and more work than can wait, before anything is read."""
+"""Take requests in time and within bounds, and let no sender take every place.
 
-from http import HTTPStatus
+A body is read here, whole, before its request gets one of the places at work: who sends slowly keeps nobody waiting.
+"""
+
+import asyncio
+from collections import Counter
+from io import BytesIO
 
 from starlette.datastructures import Headers
-from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.http.problems import problem
 
+MOST_HEADER_BYTES = 64 * 2**10
+#: A body may take so long, and a second more for each so many bytes that have arrived.
+BODY_TIME_S = 20.0
+SLOWEST_BYTES_PER_S = 2**16
+#: All bodies together, arriving or at work, take no more memory than so many of the largest.
+LARGEST_AT_ONCE = 4
+#: A sender may hold so many times the places that are free: at most three quarters, while nobody else holds any.
+SHARE = 3
+
+_WITHOUT_BODY = ("GET", "HEAD", "OPTIONS")
+
 
 class RequestLimits:
-    """ASGI middleware: bounds the size of a body and the number of bodies that are held at one time."""
+    """ASGI middleware: bounds the size of a body, the time it takes, and the number and memory of all bodies."""
 
-    def __init__(self, app: ASGIApp, *, largest_body: int, most_waiting: int) -> None:
+    def __init__(self, app: ASGIApp, *, largest_body: int, most_waiting: int, body_time_s: float = BODY_TIME_S) -> None:
         self._app = app
         self._largest_body = largest_body
         self._most_waiting = most_waiting
-        self._waiting = 0
+        self._body_time_s = body_time_s
+        self._at_work: Counter[str] = Counter()  # by sender
+        self._arriving: dict[_Body, asyncio.Timeout] = {}  # the one that began first comes first
+        self._bytes = 0  # of all bodies
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
-        if scope["type"] != "http" or scope["method"] not in ("POST", "PUT"):
+        if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        if self._waiting >= self._most_waiting:
-            response = problem(503, "busy", f"{self._waiting} requests are waiting; come back later")
-            await response(scope, receive, send)
+        if sum(len(name) + len(value) for name, value in scope["headers"]) > MOST_HEADER_BYTES:
+            detail = f"headers may take {MOST_HEADER_BYTES} bytes; got more"
+            await problem(431, "headers-too-large", detail)(scope, receive, send)
             return
-        self._waiting += 1
+        if scope["method"] in _WITHOUT_BODY:
+            await self._app(scope, receive, send)
+            return
+        body, sender = _Body(receive), (scope.get("client") or ("",))[0]
         try:
-            await self._app(scope, self._bounded(scope, receive), send)
+            refusal = await self._arrive(body, Headers(scope=scope)) or self._without_place(sender)
+            if refusal is not None:
+                await refusal(scope, receive, send)
+                return
+            self._at_work[sender] += 1
+            try:
+                await self._app(scope, body.handed_over, send)
+            finally:
+                self._at_work[sender] -= 1
+        except ClientDisconnect:
+            pass  # nobody is left to be told
         finally:
-            self._waiting -= 1
+            self._bytes -= body.size
+            self._at_work += Counter()  # forget who holds no place
 
-    def _bounded(self, scope: Scope, receive: Receive) -> Receive:
-        declared = Headers(scope=scope).get("content-length", "")
-        size = int(declared) if declared.isdecimal() and int(declared) > self._largest_body else 0
+    async def _arrive(self, body: "_Body", headers: Headers) -> Response | None:
+        """Wait for a body, and return the refusal where it is too large or too slow."""
+        declared = headers.get("content-length", "")
+        if declared.isdecimal() and int(declared) > self._largest_body:
+            return self._too_large()
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        try:
+            async with asyncio.timeout(self._body_time_s) as deadline:
+                self._arriving[body] = deadline
+                while n_bytes := await body.more():
+                    self._bytes += n_bytes
+                    if body.size > self._largest_body:
+                        return self._too_large()
+                    deadline.reschedule(began + self._body_time_s + body.size / SLOWEST_BYTES_PER_S)
+                    if self._bytes > LARGEST_AT_ONCE * self._largest_body:
+                        next(iter(self._arriving.values())).reschedule(loop.time())
+        except TimeoutError:
+            return problem(
+                408,
+                "body-too-slow",
+                f"a body must arrive within {self._body_time_s:g} s and a second for each {SLOWEST_BYTES_PER_S} bytes, "
+                f"or sooner while many arrive; got {body.size} bytes in {loop.time() - began:.0f} s",
+                {"Connection": "close"},
+            )
+        finally:
+            self._arriving.pop(body, None)
+        return None
 
-        async def bounded() -> Message:
-            nonlocal size
-            message = await receive() if size <= self._largest_body else {}
-            size += len(message.get("body", b""))
-            if size > self._largest_body:
-                # an exception of the framework: it alone passes through FastAPI's own reading of bodies unchanged
-                raise HTTPException(
-                    HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-                    f"a request body may hold {self._largest_body} bytes; got more. Send fewer windows at once",
-                )
-            return message
+    def _without_place(self, sender: str) -> Response | None:
+        taken = self._at_work.total()
+        if self._at_work[sender] < SHARE * (self._most_waiting - taken):
+            return None
+        return problem(503, "busy", f"{taken} requests are waiting; come back later")
 
-        return bounded
+    def _too_large(self) -> Response:
+        return problem(
+            413,
+            "body-too-large",
+            f"a request body may hold {self._largest_body} bytes; got more. Send fewer windows at once",
+        )
+
+
+class _Body:
+    """The body of one request, while it arrives and until it is handed over."""
+
+    def __init__(self, receive: Receive) -> None:
+        self.size = 0
+        self._receive = receive
+        self._content: BytesIO | None = BytesIO()
+        self._complete = False
+
+    async def more(self) -> int:
+        """Wait for more of it and return how many bytes came: 0 at the end."""
+        while not self._complete:
+            message = await self._receive()
+            if message["type"] == "http.disconnect":
+                raise ClientDisconnect
+            self._complete = not message.get("more_body", False)
+            chunk = message.get("body", b"")
+            if chunk and self._content is not None:
+                self.size += len(chunk)
+                return self._content.write(chunk)
+        return 0
+
+    async def handed_over(self) -> Message:
+        """Give the application the whole body, once, and keep nothing of it."""
+        if self._content is None:
+            return await self._receive()
+        content, self._content = self._content, None
+        return {"type": "http.request", "body": content.getvalue(), "more_body": False}

@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import click
-import uvicorn
 
 from service.app import create_app
 from service.cli.remote.server import Server
@@ -19,9 +18,8 @@ START_TIMEOUT_S = 60.0
 def embedded_service(settings: Settings) -> Iterator[str]:
     """Run a service in a thread and yield its address; it is stopped in good order afterwards."""
     app = create_app(settings)
-    config = uvicorn.Config(app, host=settings.host, port=settings.port, log_config=None, access_log=False)
     listening = threading.Event()
-    server = Server(app, config, listening.set)
+    server = Server(app, listening.set, host=settings.host, port=settings.port)
     with ThreadPoolExecutor(1, "embedded-service") as thread:
         ended = thread.submit(server.run)
         ended.add_done_callback(lambda _: listening.set())

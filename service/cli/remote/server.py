@@ -7,13 +7,28 @@ from socket import socket
 import uvicorn
 from fastapi import FastAPI
 
+from service.api.http.connection import Connection
+
+#: Requests under way at a stop may take so long; what they did not get acknowledged they send again.
+GRACE_S = 10
+
 
 class Server(uvicorn.Server):
     """A server whose start raises what the application raises; uvicorn's own would log it, and say no more."""
 
-    def __init__(self, app: FastAPI, config: uvicorn.Config, announce: Callable[[], None]) -> None:
-        config.lifespan = "off"  # this class does it
-        super().__init__(config)
+    def __init__(self, app: FastAPI, announce: Callable[[], None], *, host: str = "127.0.0.1", port: int = 0) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                host=host,
+                port=port,
+                http=Connection,
+                lifespan="off",  # this class does it
+                log_config=None,
+                access_log=False,
+                timeout_graceful_shutdown=GRACE_S,
+            )
+        )
         self._app = app
         self._announce = announce
         self._opened = AsyncExitStack()

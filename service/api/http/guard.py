@@ -1,0 +1,73 @@
+"""Serve only those who ask for this service by a name of its own, and let no page of others change anything."""
+
+import ipaddress
+from collections.abc import Collection
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service.api.http.problems import problem
+
+_SAFE = ("GET", "HEAD", "OPTIONS")
+
+
+class Guard:
+    """ASGI middleware: refuses host names of others, and requests that change something from pages of others.
+
+    A page of another site whose name is pointed at this machine (DNS rebinding) asks by that name. An address is no
+    name: nobody can point it elsewhere. Programs that are no browsers state no origin, and pass.
+    """
+
+    def __init__(self, app: ASGIApp, *, host_names: Collection[str]) -> None:
+        self._app = app
+        self._host_names = frozenset(name.lower() for name in host_names)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        refusal = self._refusal(scope) if scope["type"] == "http" else None
+        await (refusal or self._app)(scope, receive, send)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if not self._is_ours(host):
+            return problem(
+                421,
+                "unknown-host",
+                f"expected an address or a name of this service ({', '.join(sorted(self._host_names))}); got "
+                f"{host[:100]!r}. PRELOAD_HOST_NAMES adds names",
+            )
+        if scope["method"] not in _SAFE and _is_foreign(headers, host):
+            return problem(
+                403,
+                "foreign-origin",
+                f"a page may change something here only if it is of this service; got one of "
+                f"{headers.get('origin', 'another site')[:100]}",
+            )
+        return None
+
+    def _is_ours(self, host: str) -> bool:
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        return name in self._host_names or _is_address(name)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_foreign(headers: Headers, host: str) -> bool:
+    """Tell whether a browser says that a page of another origin asks."""
+    site = headers.get("sec-fetch-site")
+    if site is not None:
+        return site not in ("same-origin", "none")
+    origin = headers.get("origin")
+    return origin is not None and urlsplit(origin).netloc != host
