@@ -17,7 +17,6 @@ Unknown entries are refused, and so is anything that is not a finite number wher
 """
 
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from monitor_core.models.motion import FAMILY as MOTION
 from monitor_core.models.motion import MotionParameters
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import naming, read_text
+from monitor_core.recordings.elements.files import naming, parse_toml, read_text
 
 _TABLES = ("parameters", "uncertain", "effects")
 _NAME = re.compile(r"[A-Za-z0-9_.:-]+", re.ASCII)
@@ -47,11 +46,7 @@ def read_model_file(path: Path) -> AxisDescription:
 
 def parse_model(text: str, where: str) -> AxisDescription:
     """Read a drive model from TOML text; ``where`` names it in refusals. Raises as :func:`read_model_file`."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise RecordingFormatError(f"{where}: expected a drive model in TOML; {error}") from error
-    return _from_document(document, where)
+    return _from_document(parse_toml(text, where, "a drive model"), where)
 
 
 def model_file_text(model: AxisDescription) -> str:

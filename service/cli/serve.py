@@ -1,6 +1,7 @@
 """``preload serve``: the service on this machine."""
 
 import gc
+import resource
 import socket
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         host, port = listening.getsockname()[:2]
         address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
         app = create_app(settings)
+        _allow_many_connections()
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
         announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
@@ -38,6 +40,12 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         except ServiceError as error:
             click.echo(f"preload: {error}", err=True)
             raise SystemExit(1) from error
+
+
+def _allow_many_connections() -> None:
+    """Lift the number of open files to what the system allows: connections that only wait must not use it up."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 def bound_socket(host: str, port: int) -> socket.socket:

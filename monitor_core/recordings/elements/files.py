@@ -1,5 +1,6 @@
 """Check a file before it is read, and turn errors of file libraries into one sentence."""
 
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,16 @@ def read_text(path: Path) -> str:
         raise RecordingFormatError(
             f"{path.name}: expected UTF-8 text; byte {error.start} is {error.object[error.start]:#04x}"
         ) from error
+
+
+def parse_toml(text: str, where: str, expected: str) -> dict[str, object]:
+    """Return a TOML document; ``RecordingFormatError`` names what was expected if it is none, or nested too deeply."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RecordingFormatError(f"{where}: expected {expected} in TOML; {error}") from error
+    except RecursionError:
+        raise RecordingFormatError(f"{where}: expected {expected} in TOML; got tables nested too deeply") from None
 
 
 def require_plausible_length(n_samples: int, where: str) -> None:

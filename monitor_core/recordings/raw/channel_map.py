@@ -40,7 +40,6 @@
 What is stated in the file *and* here is refused, and so is an entry that is not listed above.
 """
 
-import tomllib
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -49,7 +48,7 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.files import parse_toml, read_text
 from monitor_core.recordings.elements.units import Quantity, factor_to_si, metres, sensor_factor
 
 
@@ -121,11 +120,7 @@ def read_channel_map(path: Path) -> ChannelMap:
     Factors are to SI and positions in metres. ``RecordingFormatError`` if it is no TOML, lacks an entry, has one that
     is not known, or names a unit that does not fit the quantity.
     """
-    try:
-        document = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise RecordingFormatError(f"{path.name}: expected a channel map in TOML; {error}") from error
-    top = Fields(document, path.name)
+    top = Fields(parse_toml(read_text(path), path.name, "a channel map"), path.name)
     top.only({"axis_id", "description", *_ENTRIES})
     excitation = _table(top, "excitation")
     quantity = excitation.choice("quantity", ExcitationQuantity)

@@ -7,7 +7,6 @@ are decoded (:mod:`service.api.http.samples`).
 import re
 from collections.abc import Iterator
 from io import BytesIO
-from typing import Any
 
 import msgpack
 import pydantic_core
@@ -29,8 +28,6 @@ MOST_WINDOWS = 1000
 ROOM_FOR_LISTS = 16 * 2**20
 #: Samples shorter than that are read with the rest.
 _SHORT = 512
-#: Stands in JSON where samples were cut out, before their number. No sample is written with it.
-_MARK = "\x00"
 
 #: Samples in JSON: a list of what numbers are written with, or base64 (some libraries write / as \\/). Possessive (+):
 #: nothing is kept to go back to, so that the search takes no memory.
@@ -85,7 +82,7 @@ def _from_json(body: bytes) -> object:
     for match in _JSON_SAMPLES.finditer(body):
         start, end = match.span(1)
         _require_few(len(rest) + start - begin)
-        rest += view[begin:start]
+        rest += view[begin:start]  # and where samples were cut out, their number after a sign that none is written with
         rest += b'"\\u0000%d"' % len(cut_out)
         count = body.count(b",", start, end) + 1 if body[start] == ord("[") else 0
         cut_out.append(JsonSamples(view[start:end], count))
@@ -97,15 +94,16 @@ def _from_json(body: bytes) -> object:
         document = pydantic_core.from_json(rest, allow_inf_nan=False, cache_strings="keys")
     except ValueError as error:
         raise UnreadableBodyError(f"the body is not JSON: {error}") from error
+    marked = {f"\x00{number}": samples for number, samples in enumerate(cut_out)}
     for window in _windows_of(document):
         for name in CHANNELS:
             value = window.get(name)
-            if isinstance(value, str) and value.startswith(_MARK) and value[1:].isdecimal():
-                window[name] = cut_out[int(value[1:])]
+            if isinstance(value, str):
+                window[name] = marked.get(value, value)
     return document
 
 
-def _windows_of(document: object) -> Iterator[dict[str, Any]]:
+def _windows_of(document: object) -> Iterator[dict[str, object]]:
     """Return the windows of a document, whether it is one or holds a list of them."""
     found = document.get("windows", [document]) if isinstance(document, dict) else []
     return (window for window in found if isinstance(window, dict)) if isinstance(found, list) else iter(())
@@ -139,6 +137,8 @@ class _PackedBody:
             return self._members()
         if name == "windows" and kind == "list":
             return self._windows()
+        if name not in CHANNELS:
+            _require_few(_announced(self._body[at : at + 5]))
         self._unpacker.skip()
         value = self._body[at : self._unpacker.tell()]
         if name in CHANNELS and kind in ("list", "bytes"):
@@ -176,6 +176,12 @@ def _kind(first: int) -> str:
     if first in (0xDC, 0xDD) or first & 0xF0 == 0x90:
         return "list"
     return "bytes" if first in (0xC4, 0xC5, 0xC6) else "other"
+
+
+def _announced(header: memoryview) -> int:
+    """Return how many bytes a text or bytes say that they are; 0 of anything else."""
+    size = {0xC4: 1, 0xC5: 2, 0xC6: 4, 0xD9: 1, 0xDA: 2, 0xDB: 4}.get(header[0], 0) if header else 0
+    return int.from_bytes(header[1 : 1 + size])
 
 
 def _samples(value: memoryview) -> PackedSamples | memoryview:

@@ -1,4 +1,4 @@
-"""Speak HTTP/1.1 with one client, and part from those who begin a request and do not finish its headers.
+"""Speak HTTP/1.1 with one client, and close connections whose request headers do not come to an end.
 
 uvicorn's own connection waits for headers as long, and takes as many bytes of them, as a client likes.
 """

@@ -18,6 +18,8 @@ MOST_HEADER_BYTES = 64 * 2**10
 #: A body may take so long, and a second more for each so many bytes that have arrived.
 BODY_TIME_S = 20.0
 SLOWEST_BYTES_PER_S = 2**16
+#: A body that holds no windows becomes objects of many times its size. Ten thousand readings take half of this.
+LARGEST_DOCUMENT = 4 * 2**20
 #: All bodies together, arriving or at work, take no more memory than so many of the largest.
 LARGEST_AT_ONCE = 4
 #: A sender may hold so many times the places that are free: at most three quarters, while nobody else holds any.
@@ -31,7 +33,8 @@ class RequestLimits:
 
     def __init__(self, app: ASGIApp, *, largest_body: int, most_waiting: int, body_time_s: float = BODY_TIME_S) -> None:
         self._app = app
-        self._largest_body = largest_body
+        self._largest_body = largest_body  # of windows
+        self._largest_document = min(LARGEST_DOCUMENT, largest_body)
         self._most_waiting = most_waiting
         self._body_time_s = body_time_s
         self._at_work: Counter[str] = Counter()  # by sender
@@ -50,7 +53,8 @@ class RequestLimits:
         if scope["method"] in _WITHOUT_BODY:
             await self._app(scope, receive, send)
             return
-        body, sender = _Body(receive), (scope.get("client") or ("",))[0]
+        largest = self._largest_body if scope["path"].endswith("/windows") else self._largest_document
+        body, sender = _Body(receive, largest), (scope.get("client") or ("",))[0]
         try:
             refusal = await self._arrive(body, Headers(scope=scope)) or self._without_place(sender)
             if refusal is not None:
@@ -70,8 +74,8 @@ class RequestLimits:
     async def _arrive(self, body: "_Body", headers: Headers) -> Response | None:
         """Wait for a body, and return the refusal where it is too large or too slow."""
         declared = headers.get("content-length", "")
-        if declared.isdecimal() and int(declared) > self._largest_body:
-            return self._too_large()
+        if declared.isdecimal() and int(declared) > body.largest:
+            return _too_large(body.largest)
         loop = asyncio.get_running_loop()
         began = loop.time()
         try:
@@ -79,8 +83,8 @@ class RequestLimits:
                 self._arriving[body] = deadline
                 while n_bytes := await body.more():
                     self._bytes += n_bytes
-                    if body.size > self._largest_body:
-                        return self._too_large()
+                    if body.size > body.largest:
+                        return _too_large(body.largest)
                     deadline.reschedule(began + self._body_time_s + body.size / SLOWEST_BYTES_PER_S)
                     if self._bytes > LARGEST_AT_ONCE * self._largest_body:
                         next(iter(self._arriving.values())).reschedule(loop.time())
@@ -102,18 +106,16 @@ class RequestLimits:
             return None
         return problem(503, "busy", f"{taken} requests are waiting; come back later")
 
-    def _too_large(self) -> Response:
-        return problem(
-            413,
-            "body-too-large",
-            f"a request body may hold {self._largest_body} bytes; got more. Send fewer windows at once",
-        )
+
+def _too_large(largest: int) -> Response:
+    return problem(413, "body-too-large", f"a body may hold {largest} bytes here; got more. Send less at once")
 
 
 class _Body:
     """The body of one request, while it arrives and until it is handed over."""
 
-    def __init__(self, receive: Receive) -> None:
+    def __init__(self, receive: Receive, largest: int) -> None:
+        self.largest = largest
         self.size = 0
         self._receive = receive
         self._content: BytesIO | None = BytesIO()
