@@ -1,4 +1,4 @@
-"""Judge an estimated coherence: its bias, significance, random errors and independent averages.
+"""Judge a coherence that :mod:`monitor_core.spectral.frf` estimated: its bias, significance and random errors.
 
 ``n_averages`` is everywhere the number of independent averages [-]; fewer than two raise ``OutsideValidityError``.
 """

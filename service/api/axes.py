@@ -94,7 +94,7 @@ def axes_out(on: Services) -> AxesOut:
     return AxesOut(axes=[axis_out(status) for status in fleet.axes], damaged=damaged)
 
 
-@router.put("/axes/{axis}", response_model=AxisOut)
+@router.put("/axes/{axis}", responses={201: {"model": AxisOut, "description": "registered"}})
 def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Services, Depends(services)]) -> AxisOut:
     """Register an axis, or change its name and configuration."""
     _, created = on.axes.register(axis, body.name, body.configuration)

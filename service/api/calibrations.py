@@ -13,7 +13,7 @@ from service.api.fields import AxisId, RequestModel, RowId, Text
 from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.analysis_arguments import MeasurementRange
-from service.operations.fields import Number
+from service.operations.fields import Number, exactly_one_of
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.store.tables import CalibrationRow
 
@@ -45,7 +45,10 @@ class CalibrationIn(RequestModel):
     """Where a calibration comes from: stored measurements, a modal table, or the file of `preload calibrate`."""
 
     model_config = ConfigDict(
-        json_schema_extra={"examples": [{"measurements": {}, "comment": "new nut, guided calibration"}]},
+        json_schema_extra={
+            "oneOf": exactly_one_of("measurements", "readings", "document"),
+            "examples": [{"measurements": {}, "comment": "new nut, guided calibration"}],
+        },
     )
 
     measurements: MeasurementRange | None = None

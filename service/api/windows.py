@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Request, Response
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
@@ -25,6 +25,14 @@ router = APIRouter(prefix="/v1", tags=["windows"])
 
 class WindowIn(RequestModel):
     """One window, as an acquisition system sends it. Names and units are those of the session file."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "if": {"properties": {"excitation_quantity": {"const": "force"}}, "required": ["excitation_quantity"]},
+            "then": {"properties": {"excitation_unit": {"const": "N"}}},
+            "else": {"properties": {"excitation_unit": {"const": "N.m"}}},
+        }
+    )
 
     started_at: Moment
     measurement: Annotated[Label, Field(description="windows that share it are averaged")]
@@ -84,7 +92,7 @@ class WindowsIn(RequestModel):
     """Several windows in one request."""
 
     windows: Annotated[list[WindowIn], Field(min_length=1, max_length=MOST_WINDOWS)]
-    complete: bool = Field(
+    complete: Annotated[bool, Strict()] = Field(
         default=False, description="these windows complete their measurements: judge them now, do not wait for more"
     )
 
@@ -154,7 +162,14 @@ def _posted(document: object) -> WindowsIn:
         raise RequestValidationError(error.errors(include_url=False, include_context=False)) from error
 
 
-@router.post("/axes/{axis}/windows", response_model=WindowsOut, status_code=200, openapi_extra=_REQUEST)
+@router.post(
+    "/axes/{axis}/windows",
+    responses={
+        200: {"model": WindowsOut, "description": "everything was there already"},
+        201: {"model": WindowsOut, "description": "something new was stored"},
+    },
+    openapi_extra=_REQUEST,
+)
 async def post_windows(axis: AxisId, request: Request) -> Response:
     """Store one window or a whole measurement, judge what is complete, and say what came of it.
 

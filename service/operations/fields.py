@@ -1,14 +1,20 @@
-"""Fields that several wire models share: moments and numbers."""
+"""What several wire models share: moments, numbers, and constraints between members."""
 
 import re
 from datetime import UTC, datetime
 from typing import Annotated
 
-from pydantic import AfterValidator, AllowInfNan, AwareDatetime, BeforeValidator, Field, Strict
+from pydantic import AfterValidator, AllowInfNan, AwareDatetime, BeforeValidator, Field, JsonValue, Strict
 
 _RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 #: Moments that every database and every conversion of zones can take, and that are no slip of the keyboard.
 EARLIEST, LATEST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
+
+
+def exactly_one_of(*names: str) -> list[JsonValue]:
+    """State in a JSON schema that one of several members is given and the others are not, or are null."""
+    return [{"required": [name], "properties": {name: {"not": {"type": "null"}}}} for name in names]
+
 
 Number = Annotated[float, Strict(), AllowInfNan(False)]
 Positive = Annotated[Number, Field(gt=0)]

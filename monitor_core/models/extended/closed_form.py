@@ -1,5 +1,8 @@
 r"""Evaluate the extended drive in closed form, each line by itself, without solving a matrix.
 
+The search for effects, and every model that states some, evaluate this; Tian's drive as published has a form of its
+own in :mod:`monitor_core.models.published.receptance.closed_form`.
+
 The force F in the nut meets, one after the other, nut, bracket, screw in tension, and screw in torsion behind the lead.
 With the compliance C of all of them and the dynamic stiffness Z of the table,
 

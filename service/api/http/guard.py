@@ -36,8 +36,7 @@ class Guard:
             return problem(
                 421,
                 "unknown-host",
-                f"expected an address or a name of this service ({', '.join(sorted(self._host_names))}); got "
-                f"{host[:100]!r}. PRELOAD_HOST_NAMES adds names",
+                f"this service is asked by its address, or by a name in PRELOAD_HOST_NAMES; got {host[:100]!r}",
             )
         if scope["method"] not in _SAFE and _is_foreign(headers, host):
             return problem(

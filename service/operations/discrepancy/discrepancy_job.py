@@ -12,7 +12,7 @@ from monitor_core.recordings.model_file import model_file_text, parse_model
 from service.documents.explanation import explanation_document
 from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
 from service.operations.analysis_job import MOST_LISTED, Analysis, Answer, Measured
-from service.operations.fields import Number
+from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
 from service.report import explanation_page
 from service.store import jobs
@@ -30,9 +30,10 @@ class DiscrepancyIn(AnalysisArguments):
         extra="forbid",
         frozen=True,
         json_schema_extra={
+            "oneOf": exactly_one_of("measurements", "peaks"),
             "examples": [
                 {"baseline": 'family = "lumped"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [300.0, 600.0]}
-            ]
+            ],
         },
     )
 

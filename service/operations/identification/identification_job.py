@@ -13,7 +13,7 @@ from monitor_core.uncertainty import Estimate
 from service.documents.identification import identification_document
 from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
 from service.operations.analysis_job import Analysis, Answer, Measured
-from service.operations.fields import Number
+from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
 
 #: What the objective may be, by its names on the wire and on the command line.
@@ -47,9 +47,10 @@ class IdentificationIn(AnalysisArguments):
         extra="forbid",
         frozen=True,
         json_schema_extra={
+            "oneOf": exactly_one_of("measurements", "peaks"),
             "examples": [
                 {"model": 'family = "receptance"\n[parameters]\n…', "measurements": {}, "hold_out_mm": [500.0]}
-            ]
+            ],
         },
     )
 

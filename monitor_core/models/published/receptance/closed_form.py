@@ -1,4 +1,7 @@
-r"""Evaluate Tian's drive in closed form: the coupled receptances, with the trigonometry taken out.
+r"""Evaluate Tian's drive as published in closed form: the coupled receptances, with the trigonometry taken out.
+
+The model ``receptance``, and identification, evaluate this; a drive with effects beyond the paper's is evaluated by
+:mod:`monitor_core.models.extended.closed_form`.
 
 Two rods, nut and table in series make the table receptance
 
