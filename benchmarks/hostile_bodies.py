@@ -8,11 +8,10 @@ import argparse
 import http.client
 import json
 import re
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
+from benchmarks.hostile_connections import service
 from tests.service.conftest import CONFIGURATION
 from tests.service.hostile import JSON, bodies
 
@@ -26,27 +25,18 @@ def memory(process: int, name: str) -> int:
 
 def post(content_type: str, body: bytes) -> tuple[int, str, int]:
     """Post a body to a service of its own and return the status, what was said, and the bytes that it took."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service.cli.main", "serve", "--port", "0", "--data-dir", folder]
-        service = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        try:
-            assert service.stderr
-            address = re.search(r"http://([\w.]+:\d+)", next(line for line in service.stderr if "dashboard" in line))
-            assert address
-            http_ = http.client.HTTPConnection(address[1], timeout=300)
-            configuration = json.dumps({"name": "a", "configuration": CONFIGURATION | {"sample_rate_hz": None}})
-            http_.request("PUT", "/v1/axes/a", configuration, {"Content-Type": JSON})
-            http_.getresponse().read()
-            before = memory(service.pid, "VmRSS")
-            Path(f"/proc/{service.pid}/clear_refs").write_text("5")  # the peak from here on
-            http_.request("POST", "/v1/axes/a/windows", body, {"Content-Type": content_type})
-            answer = http_.getresponse()
-            said = answer.read().decode()
-            http_.close()
-            return answer.status, said, memory(service.pid, "VmHWM") - before
-        finally:
-            service.terminate()
-            service.wait()
+    with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (port, process):
+        connection = http.client.HTTPConnection(f"127.0.0.1:{port}", timeout=300)
+        configuration = json.dumps({"name": "a", "configuration": CONFIGURATION | {"sample_rate_hz": None}})
+        connection.request("PUT", "/v1/axes/a", configuration, {"Content-Type": JSON})
+        connection.getresponse().read()
+        before = memory(process.pid, "VmRSS")
+        Path(f"/proc/{process.pid}/clear_refs").write_text("5")  # the peak from here on
+        connection.request("POST", "/v1/axes/a/windows", body, {"Content-Type": content_type})
+        answer = connection.getresponse()
+        said = answer.read().decode()
+        connection.close()
+        return answer.status, said, memory(process.pid, "VmHWM") - before
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import msgpack
 import numpy as np
@@ -89,20 +90,19 @@ def _moment(number: int) -> dict[str, object]:
 
 
 @contextmanager
-def service() -> Iterator[tuple[int, psutil.Process]]:
-    """Run a service of its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service.cli.main", "serve", "--port", "0", "--data-dir", folder]
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        try:
-            assert process.stderr
-            address = re.search(r"http://[\w.]+:(\d+)", next(line for line in process.stderr if "dashboard" in line))
-            assert address
-            threading.Thread(target=process.stderr.read, daemon=True).start()
-            yield int(address[1]), psutil.Process(process.pid)
-        finally:
-            process.terminate()
-            process.wait()
+def service(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
+    """Run a service in a process of its own; yield its port and the process."""
+    command = [sys.executable, "-m", "service.cli.main", "serve", "--port", "0", "--data-dir", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr
+        address = re.search(r"http://[\w.]+:(\d+)", next(line for line in process.stderr if "dashboard" in line))
+        assert address
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        yield int(address[1]), psutil.Process(process.pid)
+    finally:
+        process.terminate()
+        process.wait()
 
 
 def register(port: int, axis: str) -> None:
@@ -134,7 +134,7 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     lost: list[str] = []
     figures: dict[str, list[float]] = {"quiet": [], "attacked": []}
-    with service() as (port, process):
+    with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (port, process):
         for i in range(N_HONEST):
             register(port, f"a{i}")
         turn(port, 0, lost)
