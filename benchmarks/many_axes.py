@@ -148,11 +148,12 @@ def main() -> None:
             for thread in threads:
                 thread.join()
             now = process.cpu_times()
-        seconds, errors = [sum((getattr(s, name) for s in senders), []) for name in ("seconds", "errors")]
+        seconds = [second for sender in senders for second in sender.seconds]
+        errors = [error for sender in senders for error in sender.errors]
         cores = (now.user + now.system - used.user - used.system) / options.minutes / 60
         p50, p99 = 1e3 * np.percentile(seconds, [50, 99])
         print(
-            f"{len(seconds)} measurements: p50 {p50:.1f} ms, p99 {p99:.1f} ms, {len(errors)} errors, {cores:.2f} of a core"
+            f"{len(seconds)} measurements: p50 {p50:.1f} ms, p99 {p99:.1f} ms, {len(errors)} errors; {cores:.2f} cores"
         )
         print(f"memory by minute, MiB: {[round(m / 2**20) for m in memory]}")
         for line in errors[:3]:
