@@ -1,7 +1,6 @@
 """Every refusal is a problem document with one clear sentence, and changes nothing."""
 # ruff: noqa: E501 - the tables read better with one case a line
 
-import asyncio
 import json
 import socket
 from typing import Any
@@ -10,7 +9,6 @@ import msgpack
 import numpy as np
 import pytest
 
-from service.api.http.limits import RequestLimits
 from service.cli.remote.client import window_document
 from service.errors import STATUS_OF_ERROR, ServiceError, status_of
 from tests.service.conftest import Api, assert_problem, running_service, simulated_measurement
@@ -193,36 +191,6 @@ def test_body_beyond_the_limit_is_refused(tmp_path: Any) -> None:
         (window,) = simulated_measurement(np.random.default_rng(2), "m", n_windows=1)
         answer = api.http.post("/v1/axes/axis/windows", json=as_base64(window_document(window)))
         assert answer.status_code == 201
-
-
-def test_more_requests_than_can_wait_are_asked_to_come_back() -> None:
-    async def scenario() -> list[int]:
-        release = asyncio.Event()
-
-        async def slow(_scope: Any, _receive: Any, send: Any) -> None:
-            await release.wait()
-            await send({"type": "http.response.start", "status": 200, "headers": []})
-
-        limits = RequestLimits(slow, largest_body=10, most_waiting=2)
-        statuses: list[int] = []
-
-        async def send(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                statuses.append(message["status"])
-
-        async def receive() -> Any:
-            return {"type": "http.request"}
-
-        scope = {"type": "http", "method": "POST", "headers": []}
-        waiting = [asyncio.create_task(limits(scope, receive, send)) for _ in range(3)]
-        while not statuses:
-            await asyncio.sleep(0)
-        release.set()
-        await asyncio.gather(*waiting)
-        await limits(scope, receive, send)
-        return statuses
-
-    assert asyncio.run(scenario()) == [503, 200, 200, 200]
 
 
 def test_slow_sender_that_gives_up_changes_nothing(shared_api: Api, axis: str) -> None:
