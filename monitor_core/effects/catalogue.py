@@ -1,6 +1,6 @@
 """The visible tables of effects, of drives and of rigid axes in motion, and a model with some of them.
 
-A new effect is written in the module of its physics beside this one, and gets a line in a table here (CONTRIBUTING.md).
+A new effect is written in the module of its physics in this folder, and gets a line in a table here (CONTRIBUTING.md).
 """
 
 from collections.abc import Mapping, Sequence
