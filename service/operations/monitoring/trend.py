@@ -9,7 +9,7 @@ from service.clock import now, text_of
 from service.documents.measurement import baseline_document, with_trend
 from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
-from service.operations.monitoring.axis_configuration import load_configuration
+from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.monitor_state import load_design, load_state, state_now
 from service.operations.monitoring.resolution import extremes
 from service.store import alarms, axes, calibrations, measurements
@@ -27,6 +27,7 @@ class AxisStatus:
     """An axis and how it stands at this moment."""
 
     row: AxisRow
+    configuration: AxisConfiguration
     state: str
     since: datetime | None
     last_measurement: JsonObject | None
@@ -73,7 +74,7 @@ class Trend:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._read: dict[str, tuple[JsonObject | None, JsonObject]] = {}  # documents that can be read, by axis
+        self._read: dict[str, tuple[list[JsonObject | None], AxisConfiguration]] = {}  # documents that can be read
 
     def status(self, axis_id: str) -> AxisStatus:
         """Tell how an axis stands; silence for too long is ``unknown``."""
@@ -169,14 +170,15 @@ class Trend:
 
     def _status(self, row: AxisRow, last_measurement: JsonObject | None, open_alarms: int) -> AxisStatus:
         """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
-        configuration = load_configuration(row.configuration)
-        documents = row.monitor_state, row.detector_design
-        if self._read.get(row.id) != documents:  # once for each: to read them takes longer than all the rest
+        documents = [row.configuration, row.monitor_state, row.detector_design]
+        read = self._read.get(row.id)
+        if read is None or read[0] != documents:  # once for each: to read them takes longer than all the rest
             load_state(row.monitor_state)
             load_design(row.detector_design)
-            self._read[row.id] = documents
+            read = self._read[row.id] = documents, load_configuration(row.configuration)
+        configuration = read[1]
         state, since = state_now(row, now(), configuration.silent_after_hours)
-        return AxisStatus(row, state, since, last_measurement, open_alarms)
+        return AxisStatus(row, configuration, state, since, last_measurement, open_alarms)
 
 
 def _encode_cursor(point: TrendPoint) -> str:
