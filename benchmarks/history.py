@@ -134,7 +134,11 @@ def trend(millions: int) -> None:
             (n_rows,) = database.execute("SELECT COUNT(*) FROM trend_points").fetchone()
         size = (folder / "preload.db").stat().st_size / 2**30
         taken = []
-        with running_service(folder) as api:
+        with (
+            service(folder) as (port, _),
+            httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as http,
+        ):
+            api = Api(http, folder)
             for _ in range(500):
                 first, last = np.sort(rng.uniform(0.0, 1e6, 2))
                 query = {

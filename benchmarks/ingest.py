@@ -5,6 +5,9 @@ hits both. A turn is several measurements in a row, as an axis sends them: the f
 processor finds its caches cold. The sender is not what is timed: it writes requests encoded beforehand to a socket. The
 bare core gates and judges the same windows in this process (``check_window``, ``judge_measurement``).
 
+Each axis has a history (``--history 10000`` measurements). Then eight senders post one by one, each to an axis of its
+own, and sixteen beside one.
+
 One by one, what a request costs whatever is done with it weighs most. So a service that does nothing but receive, store
 and acknowledge (``benchmarks.least_service``) is timed as well: what it leaves for the core, one after the other.
 """
@@ -18,11 +21,12 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +43,11 @@ from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
 from service.blas_threads import compute_in_one_thread
 from service.cli.remote.client import window_document
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
+from tests.service.conftest import START
+from tests.service.long_history import lengthen
 
 SAMPLE_RATE, N_SAMPLES, N_WINDOWS = 4000.0, 20_000, 20  # five seconds each
 IN_A_ROW = 4  # measurements of a turn
-START = datetime(2026, 1, 1, tzinfo=UTC)
 CONFIGURATION = {"search_band_hz": [140, 230], "windows_per_measurement": N_WINDOWS, "silent_after_hours": 1e6}
 #: Nguyen et al. (2018), Table 3: the axis that is simulated.
 K = (-4872e-8, 5561e-8, 2097e-8, 1228e-8)
@@ -152,10 +157,14 @@ class Service:
     """``preload serve`` in a process of its own, and one connection to it."""
 
     def __init__(self, process: subprocess.Popen[bytes], port: int) -> None:
-        self._pid = process.pid
+        self._process, self._port = process, port
         self._url = f"http://127.0.0.1:{port}"
         self._socket = socket.create_connection(("127.0.0.1", port), timeout=120)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def another(self) -> "Service":
+        """Return another connection to the same service."""
+        return Service(self._process, self._port)
 
     def send(self, request: bytes) -> bytes:
         """Send a request to the windows of an axis and return the answer; anything but success ends the benchmark."""
@@ -185,33 +194,44 @@ class Service:
 
     def rss_mib(self) -> float:
         """Return the memory that the process holds."""
-        pages = int(Path(f"/proc/{self._pid}/statm").read_text().split()[1])
+        pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+#: Of each way, of each of many senders, and one for the memory.
+AXES = [*(f"axis-{i}" for i in range(len(WAYS))), *(f"sender-{i}" for i in range(16)), "memory"]
 OUR_SERVICE, LEAST_SERVICE = ("service.cli.main", "serve"), ("benchmarks.least_service",)
 
 
 @contextmanager
-def running(module: str, *arguments: str) -> Iterator[Service]:
-    """Start a service on an empty folder and wait until it answers."""
+def running(folder: Path, module: str, *arguments: str) -> Iterator[Service]:
+    """Start a service on a folder and wait until it answers."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with tempfile.TemporaryDirectory(prefix="preload-benchmark-") as folder:
-        command = [sys.executable, "-m", module, *arguments, "--data-dir", folder, "--port", str(port)]
-        process = subprocess.Popen(command, env=os.environ | {"PRELOAD_LOG_LEVEL": "WARNING"})
-        try:
-            while process.poll() is None:
-                try:
-                    socket.create_connection(("127.0.0.1", port)).close()
-                    break
-                except OSError:
-                    time.sleep(0.05)
-            yield Service(process, port)
-        finally:
-            process.terminate()
-            process.wait(30)
+    command = [sys.executable, "-m", module, *arguments, "--data-dir", str(folder), "--port", str(port)]
+    process = subprocess.Popen(command, env=os.environ | {"PRELOAD_LOG_LEVEL": "WARNING"})
+    try:
+        while process.poll() is None:
+            try:
+                socket.create_connection(("127.0.0.1", port)).close()
+                break
+            except OSError:
+                time.sleep(0.05)
+        yield Service(process, port)
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def axes_with_history(folder: Path, n_measurements: int) -> None:
+    """Register all axes of the benchmark and give each so many measurements."""
+    document = calibration_document(calibration())
+    with running(folder, *OUR_SERVICE) as service:
+        for axis in AXES:
+            service.prepare(axis, document)
+    for axis in AXES:
+        lengthen(folder, axis, n_measurements, every=timedelta(minutes=30), windows_each=N_WINDOWS)
 
 
 def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[float]]]:
@@ -221,8 +241,6 @@ def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[f
     in_force = calibration()
     configuration = AxisConfiguration.model_validate(CONFIGURATION)
     rates: dict[str, tuple[list[float], list[float]]] = {way.name: ([], []) for way in WAYS}
-    for number in range(len(WAYS)):
-        service.prepare(f"axis-{number}", calibration_document(in_force))
     for turn in range(turns):
         numbers = range(turn * IN_A_ROW, (turn + 1) * IN_A_ROW)
         measurements = [renamed(samples[number % len(samples)], number) for number in numbers]
@@ -240,13 +258,57 @@ def compare(service: Service, turns: int) -> dict[str, tuple[list[float], list[f
     return {name: (of_way[1:], of_core[1:]) for name, (of_way, of_core) in rates.items()}  # the first warms up
 
 
+def from_many(service: Service, n_senders: int, numbers: range, samples: list[Window]) -> float:
+    """Return windows per second that so many senders get in, one by one, each to an axis of its own."""
+    one_by_one = next(way for way in WAYS if way.windows_per_request == 1)
+    connections = [service.another() for _ in range(n_senders)]
+    requests = [
+        [
+            request
+            for number in numbers[::n_senders]
+            for request in one_by_one.requests(f"sender-{i}", renamed(samples, number))
+        ]
+        for i in range(n_senders)
+    ]
+
+    def send(i: int) -> None:
+        for request in requests[i]:
+            connections[i].send(request)
+
+    threads = [threading.Thread(target=send, args=(i,)) for i in range(n_senders)]
+    started = time.perf_counter()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return sum(map(len, requests)) / (time.perf_counter() - started)
+
+
+def compare_senders(service: Service, turns: int) -> None:
+    """Print what eight senders get in against the bare core, and sixteen against one."""
+    samples = measurement(np.random.default_rng(4))
+    configuration, in_force = AxisConfiguration.model_validate(CONFIGURATION), calibration()
+    against_core, against_one = [], []
+    for turn in range(turns):
+        first = 1000 + 64 * turn
+        core = core_rate([samples] * IN_A_ROW, configuration, in_force)
+        one = from_many(service, 1, range(first, first + 8), samples)
+        eight = from_many(service, 8, range(first + 8, first + 24), samples)
+        sixteen = from_many(service, 16, range(first + 24, first + 56), samples)
+        against_core.append(eight / core)
+        against_one.append(sixteen / one)
+    for name, ratios in (("eight senders / bare core", against_core), ("sixteen senders / one", against_one)):
+        tenth, middle = np.quantile(ratios[1:], [0.1, 0.5])
+        print(f"one by one, {name}: median {middle:.3f}, nine of ten at least {tenth:.3f}")
+
+
 def highest_ratio(turns: int) -> list[tuple[float, float, float]]:
     """Return, turn by turn, milliseconds a window of the bare core and of the least service, and the ratio of both."""
     samples = [measurement(np.random.default_rng(2))]
     configuration, in_force = AxisConfiguration.model_validate(CONFIGURATION), calibration()
     one_by_one = next(way for way in WAYS if way.windows_per_request == 1)
     figures = []
-    with running(*LEAST_SERVICE) as service:
+    with tempfile.TemporaryDirectory() as folder, running(Path(folder), *LEAST_SERVICE) as service:
         for turn in range(turns):
             measurements = [renamed(samples[0], turn * IN_A_ROW + number) for number in range(IN_A_ROW)]
             requests = [request for windows in measurements for request in one_by_one.requests("axis", windows)]
@@ -262,7 +324,6 @@ def highest_ratio(turns: int) -> list[tuple[float, float, float]]:
 def memory(service: Service, n_windows: int) -> list[tuple[int, float]]:
     """Return the memory of the service while it takes windows: (windows so far, MiB)."""
     windows = measurement(np.random.default_rng(3))
-    service.prepare("memory", calibration_document(calibration()))
     way, figures = WAYS[0], []
     for number in range(n_windows // N_WINDOWS):
         (request,) = way.requests("memory", renamed(windows, number))
@@ -277,28 +338,37 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--turns", type=int, default=16, help=f"turns of {IN_A_ROW} measurements by each way")
     parser.add_argument("--memory-windows", type=int, default=10_000)
+    parser.add_argument("--history", type=int, default=10_000, help="measurements that each axis has before")
     options = parser.parse_args()
     compute_in_one_thread()  # as the service does
-    with running(*OUR_SERVICE) as service:
-        print(f"{'windows of 2 × 20 000 float32':36} windows/s   bare core   ratio: median   quartiles")
-        for name, (of_way, of_core) in compare(service, options.turns).items():
-            low, middle, high = np.quantile(np.divide(of_way, of_core), [0.25, 0.5, 0.75])
-            figures = f"{np.median(of_way):9.0f}   {np.median(of_core):9.0f}   {middle:13.3f}"
-            print(f"{name:36} {figures}   {low:.3f}–{high:.3f}")
-        if options.memory_windows:
-            count, rss = np.array(memory(service, options.memory_windows)).T
-            settled = count > count[-1] / 4  # pools and caches have filled by then
-            slope = float(np.polyfit(count[settled], rss[settled], 1)[0])
-            print(
-                f"memory: {rss[0]:.0f} MiB after {count[0]:.0f} windows, {rss[-1]:.0f} MiB after {count[-1]:.0f}; "
-                f"{1000 * slope:+.2f} MiB per 1000 windows over the last three quarters"
-            )
+    with tempfile.TemporaryDirectory() as folder:
+        axes_with_history(Path(folder), options.history)
+        report(Path(folder), options.turns, options.memory_windows)
     core, least, ratio = np.array(highest_ratio(options.turns)).T
     low, middle, high = np.quantile(ratio, [0.25, 0.5, 0.75])
     print(
         f"one by one, a service that only receives and stores takes {np.median(least):.2f} ms a window, the bare core "
         f"{np.median(core):.2f} ms: one after the other the ratio would be {middle:.3f} ({low:.3f}–{high:.3f})"
     )
+
+
+def report(folder: Path, turns: int, memory_windows: int) -> None:
+    """Print the figures of our service on axes with a history."""
+    with running(folder, *OUR_SERVICE) as service:
+        print(f"{'windows of 2 × 20 000 float32':36} windows/s   bare core   ratio: median   quartiles   nine of ten")
+        for name, (of_way, of_core) in compare(service, turns).items():
+            tenth, low, middle, high = np.quantile(np.divide(of_way, of_core), [0.1, 0.25, 0.5, 0.75])
+            figures = f"{np.median(of_way):9.0f}   {np.median(of_core):9.0f}   {middle:13.3f}"
+            print(f"{name:36} {figures}   {low:.3f}–{high:.3f}   ≥ {tenth:.3f}")
+        compare_senders(service, turns)
+        if memory_windows:
+            count, rss = np.array(memory(service, memory_windows)).T
+            settled = count > count[-1] / 4  # pools and caches have filled by then
+            slope = float(np.polyfit(count[settled], rss[settled], 1)[0])
+            print(
+                f"memory: {rss[0]:.0f} MiB after {count[0]:.0f} windows, {rss[-1]:.0f} MiB after {count[-1]:.0f}; "
+                f"{1000 * slope:+.2f} MiB per 1000 windows over the last three quarters"
+            )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from service.store.trend.points import Span, TrendPoint, page_of_points, points_
 from service.store.trend.rollups import DAY, HOUR, Rollup, begin_of, merge, number_held, rollups
 
 #: So many measurements, or hours, are read for each point that is wanted at most.
-READ_PER_POINT = 12
+READ_PER_POINT = 4
 
 
 def extremes(connection: Connection, axis_number: int, span: Span, resolution: int) -> list[TrendPoint]:
