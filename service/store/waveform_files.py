@@ -12,19 +12,25 @@ from service.errors import StorageError
 
 #: A request becomes one frame. Numbers take twice the room of their text at most, and a body is at most 1 GiB.
 LARGEST_CONTENT_BYTES = 2 * 2**30
-_AT_ONCE = 2**18
+#: Few large steps: after each the interpreter is waited for, which other threads hold.
+_COMPRESSED_AT_ONCE = 8 * 2**20
+_AT_ONCE = 2**16
 
 
 def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) -> Iterator[bytes]:
-    """Compress content into one zstd frame, part by part: it is never held as a whole.
+    """Compress content into one zstd frame, so much of it at a time: a large one is never held as a whole.
 
     The content is asked for twice. The frame states its size first, so that who reads it knows before.
     """
     frame = zstandard.ZstdCompressor(level=level).compressobj(size=sum(len(part) for part in content()))
+    waiting, size = list[bytes | memoryview](), 0
     for part in content():
-        for at in range(0, len(part), _AT_ONCE):
-            yield frame.compress(part[at : at + _AT_ONCE])
-    yield frame.flush()
+        waiting.append(part)
+        size += len(part)
+        if size >= _COMPRESSED_AT_ONCE:
+            yield frame.compress(b"".join(waiting))
+            waiting, size = [], 0
+    yield frame.compress(b"".join(waiting)) + frame.flush()
 
 
 def read_frame(path: Path, offset: int) -> bytes:

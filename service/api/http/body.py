@@ -32,8 +32,7 @@ _SHORT = 512
 #: Samples in JSON: a list of what numbers are written with, or base64 (some libraries write / as \\/). Possessive (+):
 #: nothing is kept to go back to, so that the search takes no memory.
 _JSON_SAMPLES = re.compile(
-    rb'"(?:%b)"\s*+:\s*+(\[[0-9eE+\-.,\s]{%d,}+\]|"(?:[A-Za-z0-9+/=]|\\/){%d,}+")'
-    % ("|".join(CHANNELS).encode(), _SHORT, _SHORT)
+    rb'"(?:%b)"\s*+:\s*+(\[[0-9eE+\-.,\s]*+\]|"(?:[A-Za-z0-9+/=]++|\\/)*+")' % "|".join(CHANNELS).encode()
 )
 
 
@@ -81,6 +80,8 @@ def _from_json(body: bytes) -> object:
     view, rest, cut_out, begin = memoryview(body), bytearray(), list[JsonSamples](), 0
     for match in _JSON_SAMPLES.finditer(body):
         start, end = match.span(1)
+        if end - start < _SHORT:
+            continue
         _require_few(len(rest) + start - begin)
         rest += view[begin:start]  # and where samples were cut out, their number after a sign that none is written with
         rest += b'"\\u0000%d"' % len(cut_out)
@@ -121,7 +122,7 @@ class _PackedBody:
     def document(self) -> object:
         """Return what the body holds."""
         try:
-            document = self._read("document")
+            document = self._record(holds_windows=True)
             rest = len(self._body) - self._unpacker.tell()
         except (ValueError, msgpack.exceptions.UnpackException) as error:
             raise UnreadableBodyError(f"the body is not MessagePack: {str(error) or type(error).__name__}") from error
@@ -129,40 +130,45 @@ class _PackedBody:
             raise UnreadableBodyError(f"the body is not MessagePack: {rest} bytes follow the document")
         return document
 
-    def _read(self, name: str) -> object:
-        """Read the value of a member (or the document, or a window); lists and maps only where one is expected."""
-        at = self._unpacker.tell()
-        kind = _kind(self._body[at]) if at < len(self._body) else ""
-        if name in ("document", "window") and kind == "map":
-            return self._members()
-        if name == "windows" and kind == "list":
-            return self._windows()
-        if name not in CHANNELS:
-            _require_few(_announced(self._body[at : at + 5]))
-        self._unpacker.skip()
-        value = self._body[at : self._unpacker.tell()]
-        if name in CHANNELS and kind in ("list", "bytes"):
-            samples = _samples(value)
-            if isinstance(samples, PackedSamples):
-                self._in_lists += samples.count
-                _require_room(self._in_lists, len(self._body))
-            return samples
-        if name not in CHANNELS:
-            self._count(len(value))
-        return [] if kind in ("list", "map") else msgpack.unpackb(value)
-
-    def _members(self) -> dict[str, object]:
-        members = {}
+    def _record(self, *, holds_windows: bool = False) -> object:
+        """Read a window, or the document, which may hold windows."""
+        if self._next() != "map":
+            return self._value("")
+        record: dict[str, object] = {}
         for _ in range(self._unpacker.read_map_header()):
-            name = self._read("name")
-            members[name if isinstance(name, str) else repr(name)] = self._read(str(name))
-        return members
+            name = str(self._value(""))
+            if name == "windows" and holds_windows and self._next() == "list":
+                record[name] = self._windows()
+            else:
+                record[name] = self._value(name)
+        return record
 
     def _windows(self) -> list[object]:
         n_windows = self._unpacker.read_array_header()
         if n_windows > MOST_WINDOWS:
             raise BodyTooLargeError(f"a request may hold {MOST_WINDOWS} windows; got {n_windows}")
-        return [self._read("window") for _ in range(n_windows)]
+        return [self._record() for _ in range(n_windows)]
+
+    def _value(self, name: str) -> object:
+        """Read the value of a member: samples stay where they are, everything else is short and no list."""
+        at, kind = self._unpacker.tell(), self._next()
+        if name not in CHANNELS:
+            _require_few(_announced(self._body[at : at + 5]))
+        self._unpacker.skip()
+        value = self._body[at : self._unpacker.tell()]
+        if name not in CHANNELS:
+            self._count(len(value))
+        elif kind in ("list", "bytes"):
+            samples = _samples(value)
+            if isinstance(samples, PackedSamples):
+                self._in_lists += samples.count
+                _require_room(self._in_lists, len(self._body))
+            return samples
+        return [] if kind in ("list", "map") else msgpack.unpackb(value)
+
+    def _next(self) -> str:
+        at = self._unpacker.tell()
+        return _kind(self._body[at]) if at < len(self._body) else "nothing"
 
     def _count(self, n_bytes: int) -> None:
         self._beside_samples += n_bytes

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 
 import msgpack
 import numpy as np
-import numpy.typing as npt
 import pydantic_core
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
@@ -117,14 +116,15 @@ def _gathered(parts: Callable[[], Iterable[list[Any]]], count: int, room: int | 
     most the seven digits of float32.
     """
     _require_few(count)
-    single = (room is not None and 8 * count > room) or all(_is_single(_checked(part)) for part in parts())
-    kind: npt.DTypeLike = np.float32 if single else np.float64
-    samples: SampleArray = np.empty(count, kind)
-    at = 0
+    small, single = room is not None and 8 * count > room, True
+    found: list[SampleArray] = []
     for part in parts():
+        values = _checked(part)
         with np.errstate(over="ignore"):
-            samples[at : at + len(part)] = _checked(part)
-        at += len(part)
+            narrowed = values.astype(np.float32)
+        single = small or (single and np.array_equal(narrowed, values))
+        found.append(narrowed if small else values)
+    samples: SampleArray = np.concatenate(found).astype(np.float32 if single else np.float64, copy=False)
     samples.setflags(write=False)  # so that the window needs no copy
     return samples
 
@@ -132,11 +132,6 @@ def _gathered(parts: Callable[[], Iterable[list[Any]]], count: int, room: int | 
 def _require_few(count: int) -> None:
     if count > MOST_SAMPLES:
         raise ValueError(f"expected at most {MOST_SAMPLES} samples; got {count}")
-
-
-def _is_single(values: FloatArray) -> bool:
-    with np.errstate(over="ignore"):
-        return np.array_equal(values.astype(np.float32), values)
 
 
 def _checked(numbers: list[Any]) -> FloatArray:
