@@ -292,11 +292,11 @@ def compare_senders(service: Service, turns: int) -> None:
     for turn in range(turns):
         first = 1000 + 64 * turn
         core = core_rate([samples] * IN_A_ROW, configuration, in_force)
-        one = from_many(service, 1, range(first, first + 8), samples)
+        from_one = from_many(service, 1, range(first, first + 8), samples)
         eight = from_many(service, 8, range(first + 8, first + 24), samples)
         sixteen = from_many(service, 16, range(first + 24, first + 56), samples)
         against_core.append(eight / core)
-        against_one.append(sixteen / one)
+        against_one.append(sixteen / from_one)
     for name, ratios in (("eight senders / bare core", against_core), ("sixteen senders / one", against_one)):
         tenth, middle = np.quantile(ratios[1:], [0.1, 0.5])
         print(f"one by one, {name}: median {middle:.3f}, nine of ten at least {tenth:.3f}")

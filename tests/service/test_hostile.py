@@ -32,7 +32,7 @@ from tests.service.hostile import JSON, MSGPACK, bodies, window
 from tests.service.test_ingest import as_base64, as_lists
 
 MIB = 2**20
-HOSTILE = bodies(32 * MIB)
+HOSTILE = bodies(16 * MIB)
 
 
 @pytest.fixture(scope="module")

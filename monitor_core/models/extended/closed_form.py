@@ -114,8 +114,7 @@ def _axial(
     far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
     mass = screw.axial_mass_share * screw.mass_per_length
     compliance = 1.0 / (screw.axial_rigidity * states.softening)
-    near = _waves(omega, position, compliance, mass)
-    far = _waves(omega, screw.length - position, compliance, mass)
+    near, far = _waves_of_both(omega, (position, screw.length - position), (compliance, compliance), mass)
     near_end = near.cosine + near_bearing * near.sine_over_z
     far_end = far.cosine + far_bearing * far.sine_over_z
     segment = omega * omega * screw.nut_segment_mass
@@ -144,8 +143,7 @@ def _torsion(
     at_motor_end = (1.0 - screw.torsional_inertia_share) * screw.inertia_per_length * screw.length
     compliance = screw.torsion_share / (screw.torsional_rigidity * states.softening)
     near_compliance = compliance * (1.0 - screw.far_end_held_share * position / screw.length)
-    near = _waves(omega, position, near_compliance, inertia)
-    far = _waves(omega, screw.length - position, compliance, inertia)
+    near, far = _waves_of_both(omega, (position, screw.length - position), (near_compliance, compliance), inertia)
 
     # with the motor end of the screw free (0) and held there (1)
     segment = -squared * (screw.motor_segment_inertia + ends.prescribed * at_motor_end)
@@ -196,13 +194,26 @@ def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
     return 1j * omega * damping if damping else 0.0
 
 
-def _waves(omega: NumberArray, length: FloatArray, compliance: float | FloatArray, inertia: float) -> RodWaves[Any]:
-    """Return the trigonometry of a rod from compliance and inertia per length, either of which may be zero."""
+def _waves_of_both(
+    omega: NumberArray,
+    lengths: tuple[FloatArray, FloatArray],
+    compliances: tuple[float | FloatArray, float | FloatArray],
+    inertia: float,
+) -> tuple[RodWaves[Any], RodWaves[Any]]:
+    """Return the trigonometry of two rods from compliance and inertia per length, either of which may be zero.
+
+    Side by side: there are few lines, so that most of the time goes into calling numpy.
+    """
+    length, compliance = np.empty((2, *lengths[0].shape)), np.empty((2, *lengths[0].shape))
+    length[0], length[1] = lengths
+    compliance[0], compliance[1] = compliances
     phase = omega * (length * np.sqrt(compliance * inertia))
     angle = np.pi * (phase / np.pi)  # the arithmetic of np.sinc, without what it does around it
     angle = np.where(angle, angle, 1e-20)
     sinc = np.sin(angle) / angle
-    return RodWaves(np.cos(phase), length * compliance * sinc, omega * omega * (inertia * length) * sinc)
+    cosine, sine_over_z = np.cos(phase), length * compliance * sinc
+    z_sine = omega * omega * (inertia * length) * sinc
+    return RodWaves(cosine[0], sine_over_z[0], z_sine[0]), RodWaves(cosine[1], sine_over_z[1], z_sine[1])
 
 
 def path_of(parts: EntireParts) -> Path:

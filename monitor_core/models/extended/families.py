@@ -1,6 +1,7 @@
 """Convert the parameters of a family to the physics of the extended drive."""
 
 from dataclasses import fields
+from functools import cache
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.ball_screw import BallScrew
@@ -43,10 +44,15 @@ def _with_table_and_motor(parameters: DriveParameters) -> dict[str, float]:
 
 
 def _stated(parameters: DriveParameters, record: type[ScrewPhysics | JointPhysics | BodyPhysics]) -> dict[str, float]:
-    """Return the fields of a record that a family has, by the same name or with ``screw_`` before it."""
-    stated = {}
-    for item in fields(record):
-        for name in (item.name, f"screw_{item.name}"):
-            if hasattr(parameters, name):
-                stated[item.name] = getattr(parameters, name)
-    return stated
+    """Return the fields of a record that a family has."""
+    return {name: getattr(parameters, own_name) for name, own_name in _names(type(parameters), record)}  # type: ignore[arg-type]  # a class has a hash, whatever its records have
+
+
+@cache
+def _names(
+    family: type[DriveParameters], record: type[ScrewPhysics | JointPhysics | BodyPhysics]
+) -> list[tuple[str, str]]:
+    """Return the fields of a record and what a family calls them: the same, or with ``screw_`` before it."""
+    of_family = dir(family)
+    either = [(item.name, name) for item in fields(record) for name in (item.name, f"screw_{item.name}")]
+    return [(name, own_name) for name, own_name in either if own_name in of_family]

@@ -124,7 +124,10 @@ def _gathered(parts: Callable[[], Iterable[list[Any]]], count: int, room: int | 
             narrowed = values.astype(np.float32)
         single = small or (single and np.array_equal(narrowed, values))
         found.append(narrowed if small else values)
-    samples: SampleArray = np.concatenate(found).astype(np.float32 if single else np.float64, copy=False)
+    together = np.concatenate(found)
+    samples: SampleArray = (
+        together.astype(np.float32, copy=False) if single else together.astype(np.float64, copy=False)
+    )
     samples.setflags(write=False)  # so that the window needs no copy
     return samples
 
