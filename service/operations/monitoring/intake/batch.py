@@ -18,11 +18,11 @@ from service.documents.measurement import with_trend
 from service.errors import ConflictError, WaveformDamagedError
 from service.json_types import JsonObject
 from service.observability import Metrics
-from service.operations.monitoring.axis_configuration import core_settings, load_configuration
+from service.operations.monitoring.axis_configuration import core_settings
 from service.operations.monitoring.intake.admission import Admission, at_its_position, counts
 from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
+from service.operations.monitoring.intake.known import KnownAxes
 from service.store import intake
-from service.store.calibrations import CalibrationsInForce
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import member_places
@@ -81,9 +81,7 @@ class Post:
 class Batch:
     """Requests to one axis on their way: read, gated and judged first; then written, in the transaction of several."""
 
-    def __init__(
-        self, connection: Connection, axis_id: str, posts: Sequence[Post], in_force: CalibrationsInForce
-    ) -> None:
+    def __init__(self, connection: Connection, axis_id: str, posts: Sequence[Post], known: KnownAxes) -> None:
         names = set().union(*(post.names for post in posts))
         starts = {window.started_at for post in posts for window in post.windows}
         with reading(connection):
@@ -91,9 +89,9 @@ class Batch:
             self._contents = intake.contents_at(connection, self.axis, starts)
             self._measurements = intake.read_measurements(connection, axis_id, names)
             self._charts = intake.read_charts(connection, self.axis)
-            self.calibration: Calibration | None = in_force.of(connection, self.axis)
+            self.calibration: Calibration | None = known.calibration_of(connection, self.axis)
             self._said_before = self._outcomes(connection, self._measurements.values())
-        self.configuration = load_configuration(self.axis.configuration)
+        self.configuration = known.configuration_of(self.axis)
         self.posts: list[Post] = []
         self._new: dict[datetime, Window] = {}
         for post in posts:
@@ -136,7 +134,9 @@ class Batch:
         for row in self._admission.changed():
             intake.save_measurement(connection, row)
         intake.add_windows(connection, self._window_records(places))
-        settled = settle(connection, self.axis, self._judged, self.calibration, self._refusals())
+        settled = settle(
+            connection, self.axis, self._charts, self._judged, self.calibration, refused_windows=self._refusals()
+        )
         if self._frame is not None:
             self._frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
         return settled

@@ -21,9 +21,9 @@ from service.observability import Metrics
 from service.operations.monitoring.alarms import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
+from service.operations.monitoring.intake.known import KnownAxes
 from service.operations.monitoring.intake.lanes import Lanes
 from service.store import intake
-from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, reading, writing
 from service.store.waveforms import WaveformStore
 
@@ -55,7 +55,7 @@ class Ingest:
         self._database = database
         self._waveforms = waveforms
         self._follow_alarm = follow_alarm  # told the axis that a measurement left in alarm
-        self._in_force = CalibrationsInForce()
+        self._known = KnownAxes()
         self._lanes = lanes
         self._metrics = metrics
         self._waiting: queue.SimpleQueue[Post | None] = queue.SimpleQueue()
@@ -148,7 +148,7 @@ class Ingest:
             for axis_id, posts in axes.items():
                 try:
                     with self._database.translated():
-                        batch = Batch(connection, axis_id, posts, self._in_force)
+                        batch = Batch(connection, axis_id, posts, self._known)
                         batch.compute(connection, self._waveforms, files, self._metrics)
                     batches.append(batch)
                 except Exception as error:  # noqa: BLE001 - what is wrong with one axis is not that of the others
