@@ -130,7 +130,7 @@ def main() -> None:
         with service(folder) as (port, _):
             register(port, options.axes)
         began = time.monotonic()
-        lengthen(folder, "axis0", n_measurements, every=timedelta(minutes=1), windows_each=2)
+        lengthen(folder, "axis0", n_measurements, every=timedelta(minutes=1), windows_each=1)
         n_rows = copy_to_all(folder / "preload.db", options.axes, n_measurements)
         size = (folder / "preload.db").stat().st_size / 2**30
         print(f"{n_rows:,} measurements of {options.axes} axes, {size:.1f} GiB, in {time.monotonic() - began:.0f} s")

@@ -33,8 +33,7 @@ from service.cli.inputs.session import (
     responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
-from service.documents.identification import held_out_kind, identification_document
-from service.operations.identification.identification_job import OBJECTIVES
+from service.documents.identification import OBJECTIVES, held_out_kind, identification_document
 
 
 @click.command(cls=NumbersCommand)

@@ -9,12 +9,16 @@ from monitor_core.identification import (
     IdentifiedJoints,
     KnownSum,
     PredictionError,
+    Weighting,
 )
 from monitor_core.recordings.calibration_file import calibration_document
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.model_file import model_file_text
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
+
+#: What the objective may be, by its names on the wire and on the command line.
+OBJECTIVES = {"weighted": Weighting.UNCERTAINTY, "eq-26": Weighting.UNIT}
 
 
 def identification_document(found: IdentifiedJoints) -> JsonObject:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -18,8 +18,10 @@ from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart
 from service.clock import text_of
 from service.json_types import Json, JsonObject
-from service.store.intake import MeasurementRecord
-from service.store.trend.points import TrendPoint
+
+if TYPE_CHECKING:  # the command line writes documents without a database
+    from service.store.intake import MeasurementRecord
+    from service.store.trend.points import TrendPoint
 
 
 @overload
@@ -89,7 +91,7 @@ def refusal_document(rejection: Rejection) -> JsonObject:
     return {"refused": True, "reason": str(rejection.reason), "detail": rejection.detail}
 
 
-def measurement_document(row: MeasurementRecord, outcome: MeasurementOutcome) -> JsonObject:
+def measurement_document(row: "MeasurementRecord", outcome: MeasurementOutcome) -> JsonObject:
     """Lay out everything that is said about one measurement by itself; what could not be said is ``null``."""
     refusal = outcome.refusal
     document: JsonObject = {
@@ -115,13 +117,13 @@ def measurement_document(row: MeasurementRecord, outcome: MeasurementOutcome) ->
     return finite_or_null(document)
 
 
-def with_trend(document: JsonObject, point: TrendPoint) -> JsonObject:
+def with_trend(document: JsonObject, point: "TrendPoint") -> JsonObject:
     """Add what the measurement did to the charts, which later arrivals may change."""
     baseline = {} if point.baseline_preload_n is None else {"baseline_preload_n": point.baseline_preload_n}
     return document | {"state": point.state, "charted": charted(point), "uncharted": point.uncharted} | baseline
 
 
-def charted(point: TrendPoint) -> bool:
+def charted(point: "TrendPoint") -> bool:
     """Tell whether a measurement moved the charts: not if it was refused, nor for the reason that it names."""
     return point.refusal_reason is None and point.uncharted is None
 
@@ -154,7 +156,7 @@ _CHART = {
 }
 
 
-def alarm_evidence(point: TrendPoint, state: AxisState, calibration: Calibration) -> JsonObject:
+def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibration) -> JsonObject:
     """Lay out why an alarm was raised: the measurement, the chart, and since when."""
     alarm, baseline = state.detector.alarm, state.detector.baseline
     if alarm is None or baseline is None or point.preload_n is None:

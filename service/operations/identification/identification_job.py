@@ -6,18 +6,15 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from monitor_core.fitting.description import AxisDescription
-from monitor_core.identification import IdentifyOptions, PredictionRequest, Weighting, identify, require_identifiable
+from monitor_core.identification import IdentifyOptions, PredictionRequest, identify, require_identifiable
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.model_file import parse_model
 from monitor_core.uncertainty import Estimate
-from service.documents.identification import identification_document
+from service.documents.identification import OBJECTIVES, identification_document
 from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
 from service.operations.analysis_job import Analysis, Answer, Measured
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
-
-#: What the objective may be, by its names on the wire and on the command line.
-OBJECTIVES = {"weighted": Weighting.UNCERTAINTY, "eq-26": Weighting.UNIT}
 
 
 class PredictionIn(BaseModel):
