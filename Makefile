@@ -7,6 +7,9 @@ STAMP  := $(VENV)/.ready
 OTHER      ?= python3.13
 OTHER_VENV := .venv-other
 
+# The tests start some two hundred processes: each finds the modules compiled, whatever the environment says.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 
 help:            ## list the targets

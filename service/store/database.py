@@ -54,9 +54,12 @@ class Database:
             try:
                 yield connection
             except (DBAPIError, driver.Error):
-                # One that was opened while the volume was read-only would stay so when that is mended.
                 connection.invalidate()
                 raise
+            finally:
+                # A connection opened while the volume is read-only would stay so when that is mended.
+                if self.file is not None and not self.file.is_writable():
+                    connection.invalidate()
 
     @contextmanager
     def translated(self) -> Iterator[None]:

@@ -32,7 +32,12 @@ from tests.service.hostile import JSON, MSGPACK, bodies, window
 from tests.service.test_ingest import as_base64, as_lists
 
 MIB = 2**20
-HOSTILE = bodies(16 * MIB)
+NAMES = tuple(bodies(MIB))
+
+
+@pytest.fixture(scope="module")
+def hostile_bodies() -> dict[str, tuple[str, bytes]]:
+    return bodies(16 * MIB)
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +49,11 @@ def axis(shared_api: Api) -> str:
 # Memory
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_no_encoding_takes_more_than_twice_its_bytes_beside_them(name: str) -> None:
-    content_type, body = HOSTILE[name]
+@pytest.mark.parametrize("name", NAMES)
+def test_no_encoding_takes_more_than_twice_its_bytes_beside_them(
+    hostile_bodies: dict[str, tuple[str, bytes]], name: str
+) -> None:
+    content_type, body = hostile_bodies[name]
     tracemalloc.start()
     try:
         WindowsIn.model_validate(parse_body(body, content_type))

@@ -89,6 +89,10 @@ class DatabaseFile:
         if moved:
             raise StorageError(f"another file has replaced the database {self.path}; restart the service")
 
+    def is_writable(self) -> bool:
+        """Tell whether the file, and the volume it is on, may be written."""
+        return os.access(self.path, os.W_OK)
+
     def _identity_now(self) -> tuple[int, int]:
         status = os.stat(self.path)
         return status.st_dev, status.st_ino
