@@ -25,7 +25,7 @@ from monitor_core.pipeline import (
 from monitor_core.preload import Calibration, PreloadEstimate
 from monitor_core.recording import Rejection, Window
 from monitor_core.recordings import open_session
-from monitor_core.trend import DetectorSettings, LossDirection, TrendStatus, design_detector
+from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, TrendStatus, design_detector
 from tests.conftest import PROJECT_ROOT
 from tests.plant.chain import Condition
 from tests.plant.measurements import CALIBRATION_SCATTER, simulate_measurements, to_windows
@@ -58,6 +58,11 @@ def bundled_calibration() -> Calibration:
     return calibrate_from_measurements([m for m in modes if isinstance(m, ModalMeasurement)], settings=SETTINGS)
 
 
+@cache
+def charts() -> DetectorDesign:
+    return design_detector(DetectorSettings(loss=LossDirection.RISE))
+
+
 @dataclass(frozen=True)
 class Watched:
     """A monitoring session after all of it: how many measurements until the alarm, and the state at the end."""
@@ -70,8 +75,7 @@ class Watched:
 
 @cache
 def watched(session: str) -> Watched:
-    calibration = bundled_calibration()
-    design = design_detector(DetectorSettings(loss=LossDirection.RISE))
+    calibration, design = bundled_calibration(), charts()
     state, preloads, refused, alarm_after = AxisState(), [], 0, None
     for windows, outcome in judged(session):
         if outcome is None or not isinstance(outcome.preload, PreloadEstimate):
@@ -194,7 +198,7 @@ def test_preload_does_not_depend_on_the_position() -> None:
 
 def test_a_loss_under_payload_is_alarmed() -> None:
     """What the payload correction does not know is a dead zone, but not so wide that a fifth can be lost in it."""
-    rng, design = np.random.default_rng(23), design_detector(DetectorSettings(loss=LossDirection.RISE))
+    rng, design = np.random.default_rng(23), charts()
     calibration, state = bundled_calibration(), AxisState()
     for windows, outcome in judged("payload-change")[:20]:
         assert outcome is not None

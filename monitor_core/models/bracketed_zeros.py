@@ -16,11 +16,13 @@ _MOST_STEPS = int(math.log2(np.finfo(np.float64).max) - math.log2(np.finfo(np.fl
 
 def zeros_between(
     function: Callable[[FloatArray, npt.NDArray[np.intp]], FloatArray],
-    low: FloatArray,
-    high: FloatArray,
+    between: tuple[FloatArray, FloatArray],
+    values: tuple[FloatArray, FloatArray],
     which: npt.NDArray[np.intp],
 ) -> FloatArray:
     """Return the zero between each low and high; nan where the signs there do not differ or the function is none.
+
+    ``values`` are those of the function at low and high, which a caller that looked for changes of sign has already.
 
     Chandrupatla's method [1]_, with the arithmetic of ``scipy.optimize.elementwise.find_root``, whose numbers these
     are; that of SciPy takes longer for its own steps than a closed form for its values.
@@ -33,10 +35,10 @@ def zeros_between(
     .. [1] T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear function
        without using derivatives, Advances in Engineering Software 28 (1997) 145-149.
     """
-    zeros = np.full(low.size, np.nan)
-    sought = np.arange(low.size)
-    x1, x2, f1, f2 = low, high, function(low, which), function(high, which)
-    x3, f3, share = x2, f2, np.full(low.size, 0.5)
+    (x1, x2), (f1, f2) = between, values
+    zeros = np.full(x1.size, np.nan)
+    sought = np.arange(x1.size)
+    x3, f3, share = x2, f2, np.full(x1.size, 0.5)
     for step in range(_MOST_STEPS + 1):
         nearer = np.abs(f1) < np.abs(f2)
         best = np.where(nearer, x1, x2)

@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,13 +31,18 @@ from monitor_core.preload import (
 )
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 from monitor_core.recordings import read_session
-from monitor_core.trend import DetectorSettings, LossDirection, design_detector, reset
+from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector, reset
 from monitor_core.uncertainty import Estimate
 from tests.conftest import PROJECT_ROOT
 
 SETTINGS = AxisSettings(search_band=(140.0, 230.0))
 #: Refit of Nguyen's Table 2: the axis that is simulated where no waveform is needed.
 TRUTH = PreloadFeatureCoefficients(-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8)
+
+
+@cache
+def charts() -> DetectorDesign:
+    return design_detector(DetectorSettings(loss=LossDirection.RISE))
 
 
 def simulated_calibration(rng: np.random.Generator) -> Calibration:
@@ -94,11 +100,10 @@ def test_another_payload_needs_its_moving_mass(measurements, calibration) -> Non
 
 @pytest.mark.slow
 def test_a_preload_set_on_purpose_never_enters_the_charts(measurements, calibration) -> None:
-    design = design_detector(DetectorSettings(loss=LossDirection.RISE))
     outcome = judge_measurement(measurements[0], SETTINGS, calibration)
     assert isinstance(outcome.preload, PreloadEstimate)
     at = measurements[0][0].started_at
-    assert advance(AxisState(), outcome, at, calibration=calibration, design=design) == AxisState()
+    assert advance(AxisState(), outcome, at, calibration=calibration, design=charts()) == AxisState()
 
 
 @pytest.mark.slow
@@ -109,7 +114,7 @@ def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
     may differ from 100 by the Poisson scatter, widened by the dispersion of 1.4 that misjudged baselines cause
     (``tests/trend/test_detector.py``): 1.96·√140 = 23.
     """
-    rng, design = np.random.default_rng(30), design_detector(DetectorSettings(loss=LossDirection.RISE))
+    rng = np.random.default_rng(30)
     alarms = 0
     for _ in range(100):
         calibration = simulated_calibration(rng)
@@ -123,7 +128,7 @@ def test_false_alarms_of_the_whole_road_agree_with_the_design_rate() -> None:
             assert isinstance(estimate, PreloadEstimate)
             watching = state.detector.baseline is not None
             state = advance_estimate(
-                state, estimate, conditions, start + timedelta(days=day), calibration=calibration, design=design
+                state, estimate, conditions, start + timedelta(days=day), calibration=calibration, design=charts()
             )
             healthy_days += watching
             if state.detector.alarm is not None:

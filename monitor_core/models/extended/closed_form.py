@@ -179,13 +179,13 @@ def _elastic(joints: JointPhysics, omega: NumberArray) -> NumberArray:
     A loss that is the same at all frequencies stiffens a spring with frequency, or it would answer before it is pushed
     (Kjartansson, J. Geophys. Res. 84 (1979) 4737); the papers' η leaves that out.
     """
-    constant = np.asarray(1.0 + 1j * joints.loss_factor)
     causal = joints.causal_loss_factor
     if not causal:
-        return constant
+        # a real number where nothing is lost: the undamped drive is then computed in real numbers throughout
+        return np.asarray(1.0 + 1j * joints.loss_factor if joints.loss_factor else 1.0)
     exponent = 2.0 / np.pi * np.arctan(causal)
     stiffening: NumberArray = (omega / _LOSS_REFERENCE) ** exponent
-    dynamic: NumberArray = constant + ((1.0 + 1j * causal) * stiffening - 1.0)
+    dynamic: NumberArray = 1.0 + 1j * joints.loss_factor + ((1.0 + 1j * causal) * stiffening - 1.0)
     return dynamic
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.bracketed_zeros import zeros_between
-from monitor_core.models.extended.closed_form import axial_part, characteristic, path_of, torsion_part
+from monitor_core.models.extended.closed_form import EntireParts, axial_part, characteristic, path_of, torsion_part
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.extended.pole_tracking import Drives, Index, follow_damping
@@ -112,23 +112,24 @@ def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     def undamped(omega: FloatArray, at: Index) -> FloatArray:
         return np.real(characteristic(drives.parts(omega, at)))
 
-    at_low, at_high = undamped(low, condition), undamped(high, condition)
+    parts_low, parts_high = drives.parts(low, condition), drives.parts(high, condition)
+    at_low, at_high = np.real(characteristic(parts_low)), np.real(characteristic(parts_high))
     # no change of sign: the nut lies in a node of a mode of one part, which then is a mode of the drive as it stands
     roots = np.where(np.abs(at_low) < np.abs(at_high), low, high)
     passes = np.sign(at_low) * np.sign(at_high) < 0.0
-    roots[passes] = zeros_between(undamped, low[passes], high[passes], condition[passes])
-    # between two poles there is one, before the first and behind the last only if R passes zero there
-    found = (~first | (_sum_of_parts(drives, low, condition) < 0.0)) & (
-        ~last | (_sum_of_parts(drives, high, condition) > 0.0)
+    roots[passes] = zeros_between(
+        undamped, (low[passes], high[passes]), (at_low[passes], at_high[passes]), condition[passes]
     )
+    # between two poles there is one, before the first and behind the last only if R passes zero there
+    found = (~first | (_sum_of(parts_low) < 0.0)) & (~last | (_sum_of(parts_high) > 0.0))
     roots, condition = roots[found], condition[found]
     order = np.lexsort((roots, condition))
     return roots[order], condition[order]
 
 
-def _sum_of_parts(drives: Drives, omega: FloatArray, condition: Index) -> FloatArray:
+def _sum_of(parts: EntireParts) -> FloatArray:
     """Return R = C + 1/Z of the undamped drive. [m/N]."""
-    path = path_of(drives.parts(omega, condition))
+    path = path_of(parts)
     return np.asarray(np.real(path.compliance + 1.0 / path.table))
 
 
@@ -149,9 +150,10 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     everywhere, under_all = np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines)
     poles, owners = [np.zeros(0)], [np.zeros(0, dtype=np.intp)]
     for part in (_real_part(drives, axial_part), _real_part(drives, torsion_part)):
-        negative = part(everywhere, under_all).reshape(n_conditions, n_lines) < 0.0
-        condition, line = np.nonzero(negative[:, :-1] != negative[:, 1:])
-        poles.append(zeros_between(part, grid[line], grid[line + 1], condition))
+        values = part(everywhere, under_all).reshape(n_conditions, n_lines)
+        condition, line = np.nonzero((values[:, :-1] < 0.0) != (values[:, 1:] < 0.0))
+        between, at_both = (grid[line], grid[line + 1]), (values[condition, line], values[condition, line + 1])
+        poles.append(zeros_between(part, between, at_both, condition))
         owners.append(condition)
     table = np.sqrt(max(added.guide_stiffness, 0.0) / drives.states.moving_mass)
     within = np.flatnonzero((table > _LOWEST * highest) & (table < highest))
