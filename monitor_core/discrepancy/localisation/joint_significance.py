@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.localisation.misfit_kind import Signature, explained
 from monitor_core.discrepancy.localisation.misfit_tests import (
     amount_trend_p_value,
+    chi_squared_p_value,
     group_p_values,
     holm,
     order_p_values,
@@ -48,12 +48,12 @@ class JointTest:
 def run_joint_tests(tested: ResidualsUnderTest) -> JointTest:
     """Run all tests at once and correct their p-values for their number."""
     residuals, of, layout = tested.residuals, tested.counts, tested.layout
-    p_values = [float(stats.chi2.sf(np.sum(residuals[of] ** 2), np.count_nonzero(of)))]
+    p_values = [float(chi_squared_p_value(np.sum(residuals[of] ** 2), int(np.count_nonzero(of))))]
     p_values += order_p_values(residuals, tested.previous, of)
     given = tested.signatures[: tested.n_given]
     for signature in given:
         gain, n_directions = explained(signature.rows[:, of], residuals[of])
-        p_values.append(float(stats.chi2.sf(gain, max(n_directions, 1))))
+        p_values.append(float(chi_squared_p_value(gain, max(n_directions, 1))))
     first_group = len(p_values)
     for grouping in tested.groupings:
         p_values += group_p_values(grouping, residuals, of).tolist()

@@ -6,7 +6,7 @@ Each p-value holds by itself; :func:`holm` makes them hold together.
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.fitting.conditions.groups import Grouping, Indices
@@ -26,11 +26,20 @@ def holm(p_values: Sequence[float]) -> FloatArray:
     return corrected
 
 
+def chi_squared_p_value(statistic: FloatArray | float, n: FloatArray | int) -> FloatArray:
+    """Return the probability of a larger sum of n squares; SciPy's distribution takes ten times as long to say it."""
+    return np.asarray(special.chdtrc(n, statistic))
+
+
+def _two_sided(standardised: float) -> float:
+    return float(2.0 * special.ndtr(-standardised))
+
+
 def group_p_values(grouping: Grouping, residuals: FloatArray, of: BoolArray) -> FloatArray:
     """Return the p-value of a too large sum of squares (χ²) of each group that has values."""
     n = grouping.sums(np.ones_like(residuals), of)
     squares = grouping.sums(residuals**2, of)
-    return np.asarray(stats.chi2.sf(squares[n > 0.0], n[n > 0.0]))
+    return chi_squared_p_value(squares[n > 0.0], n[n > 0.0])
 
 
 def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> Iterator[float]:
@@ -58,7 +67,7 @@ def order_p_values(residuals: FloatArray, previous: Indices, of: BoolArray) -> I
         if products.size < _FEWEST_PAIRS:
             return
         q += float(np.sum(products)) ** 2 / (products.size * mean_square**2)
-    yield float(stats.chi2.sf(q, _LAGS))
+    yield float(chi_squared_p_value(q, _LAGS))
 
 
 def size_trend_p_value(levels: FloatArray, squares: FloatArray, n: FloatArray) -> float:
@@ -78,7 +87,7 @@ def size_trend_p_value(levels: FloatArray, squares: FloatArray, n: FloatArray) -
     if np.ptp(sizes) == 0.0:
         return 1.0
     coefficient = float(np.corrcoef(ranks, sizes)[0, 1])
-    return float(2.0 * stats.norm.sf(abs(coefficient) * np.sqrt(ranks.size - 1.0)))
+    return _two_sided(abs(coefficient) * np.sqrt(ranks.size - 1.0))
 
 
 def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatArray) -> float:
@@ -93,4 +102,4 @@ def amount_trend_p_value(levels: FloatArray, along: FloatArray, squares: FloatAr
     if ranks.size < 2 or np.ptp(ranks) == 0.0:
         return 1.0
     a = ranks - np.average(ranks, weights=w)
-    return float(2.0 * stats.norm.sf(abs(a @ t) / np.sqrt(a**2 @ w)))
+    return _two_sided(abs(a @ t) / np.sqrt(a**2 @ w))
