@@ -179,7 +179,6 @@ def test_jobs_of_stored_measurements_take_the_place_too(shared_api: Api, session
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_no_calibration_from_natural_frequencies_that_have_the_nut_elsewhere(
     preload: Any, session: Path, machine: Path, tmp_path: Path
 ) -> None:

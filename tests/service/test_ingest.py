@@ -15,6 +15,7 @@ import pytest
 import zstandard
 
 from service.cli.remote.client import window_document
+from service.operations.monitoring.intake import ingest
 from service.store.window_format import content_sha256
 from tests.service.conftest import START, Api, assert_problem, axial_frequency, running_service, simulated_measurement
 
@@ -217,17 +218,19 @@ def test_bad_windows_are_stored_refused_and_counted(shared_api: Api) -> None:
     assert shared_api.accept("bad", windows)["already_there"] == 15  # NaN equals itself where windows are compared
 
 
-def test_measurement_closes_by_time_and_not_by_the_next_one(shared_api: Api) -> None:
-    shared_api.register("next", measurement_timeout_s=2.0)
+def test_measurement_closes_by_time_and_not_by_the_next_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ingest, "CLOSED_EVERY_S", 0.2)
     rng = np.random.default_rng(10)
-    shared_api.accept("next", simulated_measurement(rng, "m1", n_windows=9))
-    later = simulated_measurement(rng, "m2", n_windows=15, started_at=START + timedelta(hours=8))
-    answer = shared_api.accept("next", later)
-    assert [outcome["measurement"] for outcome in answer["measurements"]] == ["m2"]
-    deadline = time.monotonic() + 20.0
-    while len(shared_api.trend("next")) < 2 and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert [point["measurement"] for point in shared_api.trend("next")] == ["m1", "m2"]
+    with running_service(tmp_path) as api:
+        api.register("next", measurement_timeout_s=2.0)
+        api.accept("next", simulated_measurement(rng, "m1", n_windows=9))
+        later = simulated_measurement(rng, "m2", n_windows=15, started_at=START + timedelta(hours=8))
+        answer = api.accept("next", later)
+        assert [outcome["measurement"] for outcome in answer["measurements"]] == ["m2"]
+        deadline = time.monotonic() + 20.0
+        while len(api.trend("next")) < 2 and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert [point["measurement"] for point in api.trend("next")] == ["m1", "m2"]
 
 
 def test_silent_axis_is_unknown(shared_api: Api) -> None:
