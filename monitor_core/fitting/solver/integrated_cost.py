@@ -26,6 +26,7 @@ _REACH = 4.0  # standard deviations to either side
 _NODES = _REACH * np.cos(np.pi * (np.arange(7) + 0.5) / 7)  # Chebyshev's
 _GRID, _STEP = np.linspace(-_REACH, _REACH, 321, retstep=True)
 _AT_GRID = np.vander(_GRID / _REACH, _NODES.size) @ np.linalg.inv(np.vander(_NODES / _REACH, _NODES.size))
+_PAIRS_AT_GRID = (_AT_GRID[:, :, None] * _AT_GRID[:, None, :]).reshape(_GRID.size, -1)  # of two polynomials
 #: An error that the data determine to better than that acts linearly, and would fall between the points of the grid.
 _WELL_KNOWN = 2.0 * _STEP
 
@@ -73,8 +74,10 @@ def _rows_at_nodes(fitted: Fitted[Physics]) -> FloatArray:
 
 def _marginal(products: FloatArray) -> float:
     """Return −2 ln L of a setting from the inner products of its rows at nodes."""
-    inner = np.einsum("gn,inkm,gm->gik", _AT_GRID, products, _AT_GRID, optimize=True)
-    gram = np.eye(products.shape[0] - 1) + inner[:, 1:, 1:]
+    n_rows = products.shape[0]
+    of_pairs = products.transpose(1, 3, 0, 2).reshape(-1, n_rows * n_rows)
+    inner = (_PAIRS_AT_GRID @ of_pairs).reshape(-1, n_rows, n_rows)
+    gram = np.eye(n_rows - 1) + inner[:, 1:, 1:]
     along = inner[:, 1:, 0]
     taken = np.einsum("gk,gk->g", along, np.linalg.solve(gram, along[..., None])[..., 0])
     exponent = inner[:, 0, 0] - taken + np.linalg.slogdet(gram)[1] + _GRID**2
