@@ -362,7 +362,7 @@ def report(folder: Path, turns: int, memory_windows: int) -> None:
             print(f"{name:36} {figures}   {low:.3f}–{high:.3f}   ≥ {tenth:.3f}")
         compare_senders(service, turns)
         if memory_windows:
-            count, rss = np.array(memory(service, memory_windows)).T
+            count, rss = np.array(memory(service.another(), memory_windows)).T
             settled = count > count[-1] / 4  # pools and caches have filled by then
             slope = float(np.polyfit(count[settled], rss[settled], 1)[0])
             print(

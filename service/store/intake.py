@@ -92,7 +92,9 @@ _AXES, _MEASUREMENTS, _WINDOWS, _DOCUMENTS = (
     for mapped in (AxisRow, MeasurementRow, WindowRow, MeasurementDocumentRow)
 )
 # Statements are built once: to build one takes longer than to run it.
-_CHARTS = select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
+_CHARTS = PreparedSelect(
+    select(*(_AXES.c[name] for name in ChartsRecord.__slots__)).where(_AXES.c.id == bindparam("axis_id"))
+)
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
 _AXIS = PreparedSelect(
     select(_AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
@@ -117,6 +119,8 @@ _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     for table in (_AXES, _MEASUREMENTS)
 )
 _CHANGED = ("started_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id")
+_FORGET_DOCUMENT = PreparedChange(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == bindparam("_id")))
+_NEW_DOCUMENT = PreparedChange(insert(_DOCUMENTS), [column.name for column in _DOCUMENTS.c])
 _CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_CHANGED, "revision"])
 
 
@@ -141,7 +145,8 @@ def overdue(connection: Connection, at: datetime) -> list[tuple[str, str]]:
 
 def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     """Return the charts of an axis."""
-    return ChartsRecord(*connection.execute(_CHARTS, {"axis_id": axis.id}).one())
+    (row,) = _CHARTS.rows(connection, {"axis_id": axis.id})
+    return ChartsRecord(*row)
 
 
 def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:
@@ -198,8 +203,8 @@ def save_document(
     connection: Connection, measurement_id: int, outcome: JsonObject, response: JsonObject | None
 ) -> None:
     """Store what is said about a measurement, in place of what was said before."""
-    connection.execute(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == measurement_id))
-    connection.execute(insert(_DOCUMENTS), {"measurement_id": measurement_id, "outcome": outcome, "response": response})
+    _FORGET_DOCUMENT.run(connection, {"_id": measurement_id})
+    _NEW_DOCUMENT.run(connection, {"measurement_id": measurement_id, "outcome": outcome, "response": response})
 
 
 def save_charts(connection: Connection, axis: AxisRecord, before: ChartsRecord, after: ChartsRecord) -> None:

@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Dialect, Insert, Select, Update
+from sqlalchemy import Connection, Delete, Dialect, Insert, Select, Update
+
+_Statement = Select[Any] | Insert | Update | Delete
 
 _Convert = Callable[[Any], Any] | None
 
@@ -29,7 +31,7 @@ class _Prepared:
     A parameter stands once in a statement, and holds one value: lists of values are for SQLAlchemy to write out.
     """
 
-    def __init__(self, statement: Select[Any] | Insert | Update, columns: Sequence[str] = ()) -> None:
+    def __init__(self, statement: _Statement, columns: Sequence[str] = ()) -> None:
         self._statement = statement
         self._columns = columns
         self._written: dict[str, _Written] = {}  # by name of the dialect
@@ -67,9 +69,9 @@ class PreparedSelect(_Prepared):
 
 
 class PreparedChange(_Prepared):
-    """An INSERT or UPDATE, given the columns that it sets."""
+    """An INSERT or UPDATE, given the columns that it sets, or a DELETE."""
 
-    def __init__(self, statement: Insert | Update, columns: Sequence[str]) -> None:
+    def __init__(self, statement: Insert | Update | Delete, columns: Sequence[str] = ()) -> None:
         super().__init__(statement, columns)
 
     def run(self, connection: Connection, values: dict[str, object]) -> int:
@@ -78,7 +80,7 @@ class PreparedChange(_Prepared):
         return n_rows
 
 
-def _write(statement: Select[Any] | Insert | Update, columns: Sequence[str], dialect: Dialect) -> _Written:
+def _write(statement: _Statement, columns: Sequence[str], dialect: Dialect) -> _Written:
     compiled = statement.compile(dialect=dialect, column_keys=list(columns) or None)
     names = compiled.positiontup or list(compiled.binds)
     return _Written(

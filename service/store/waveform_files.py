@@ -1,6 +1,7 @@
 """Write, sync and read the files of raw waveforms: what the store needs of the disk."""
 
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from io import FileIO
@@ -15,6 +16,7 @@ LARGEST_CONTENT_BYTES = 2 * 2**30
 #: Few large steps: after each the interpreter is waited for, which other threads hold.
 _COMPRESSED_AT_ONCE = 8 * 2**20
 _AT_ONCE = 2**16
+_of_thread = threading.local()
 
 
 def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) -> Iterator[bytes]:
@@ -22,7 +24,7 @@ def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) 
 
     The content is asked for twice. The frame states its size first, so that who reads it knows before.
     """
-    frame = zstandard.ZstdCompressor(level=level).compressobj(size=sum(len(part) for part in content()))
+    frame = _compressor(level).compressobj(size=sum(len(part) for part in content()))
     waiting, size = list[bytes | memoryview](), 0
     for part in content():
         waiting.append(part)
@@ -31,6 +33,14 @@ def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) 
             yield frame.compress(b"".join(waiting))
             waiting, size = [], 0
     yield frame.compress(b"".join(waiting)) + frame.flush()
+
+
+def _compressor(level: int) -> zstandard.ZstdCompressor:
+    """Return the compressor of this thread: to make its tables takes as long as to compress a window."""
+    compressors: dict[int, zstandard.ZstdCompressor] = _of_thread.__dict__.setdefault("compressors", {})
+    if level not in compressors:
+        compressors[level] = zstandard.ZstdCompressor(level=level)
+    return compressors[level]
 
 
 def read_frame(path: Path, offset: int) -> bytes:

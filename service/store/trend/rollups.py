@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, bindparam, delete, insert, select
 
+from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.trend.points import Span
 from service.store.trend.tables import TrendPointRow, TrendRollupRow
 
@@ -35,16 +36,38 @@ class Rollup:
 
 
 _COLUMNS = [_ROLLUPS.c[name] for name in Rollup.__slots__]
+_OF_HOUR = PreparedSelect(
+    select(_POINTS.c.at, _POINTS.c.refusal_reason, _POINTS.c.preload_n).where(
+        _POINTS.c.axis_number == bindparam("axis"), _POINTS.c.at >= bindparam("begin"), _POINTS.c.at < bindparam("end")
+    )
+)
+_OF_DAY = PreparedSelect(
+    select(*_COLUMNS)
+    .where(
+        _ROLLUPS.c.axis_number == bindparam("axis"), _ROLLUPS.c.span_s == bindparam("span"),
+        _ROLLUPS.c.starts_at >= bindparam("begin"), _ROLLUPS.c.starts_at < bindparam("end"),
+    )
+    .order_by(_ROLLUPS.c.starts_at)
+)  # fmt: skip
+_FORGET = PreparedChange(
+    delete(_ROLLUPS).where(
+        _ROLLUPS.c.axis_number == bindparam("axis"),
+        _ROLLUPS.c.span_s == bindparam("span"),
+        _ROLLUPS.c.starts_at == bindparam("begin"),
+    )
+)
+_ADD = PreparedChange(insert(_ROLLUPS), [column.name for column in _ROLLUPS.c])
 
 
 def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> None:
     """Sum up the hours and days anew that these moments lie in: hours from their points, days from their hours."""
     hours = {begin_of(moment, HOUR) for moment in moments}
     for hour in hours:
-        _store(connection, axis_number, HOUR, hour, _summed(_points_of(connection, axis_number, hour), hour))
+        _store(connection, axis_number, HOUR, hour, merge(hour, _points_of(connection, axis_number, hour)))
     for day in {begin_of(hour, DAY) for hour in hours}:
-        merged = merge(day, rollups(connection, axis_number, HOUR, Span(day, day + DAY)))
-        _store(connection, axis_number, DAY, day, merged)
+        within = {"axis": axis_number, "span": _seconds(HOUR), "begin": day, "end": day + DAY}
+        hours_of_day = [Rollup(*row) for row in _OF_DAY.rows(connection, within)]
+        _store(connection, axis_number, DAY, day, merge(day, hours_of_day))
 
 
 def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
@@ -92,33 +115,20 @@ def begin_of(moment: datetime, span: timedelta) -> datetime:
 
 
 def _points_of(connection: Connection, axis_number: int, hour: datetime) -> list[Rollup]:
-    query = select(_POINTS.c.at, _POINTS.c.refusal_reason, _POINTS.c.preload_n).where(
-        _POINTS.c.axis_number == axis_number, _POINTS.c.at >= hour, _POINTS.c.at < hour + HOUR
-    )
     return [
         Rollup(at, 1, int(reason is not None), at, preload, None if preload is None else at, preload,
                None if preload is None else at)
-        for at, reason, preload in connection.execute(query)
+        for at, reason, preload in _OF_HOUR.rows(connection, {"axis": axis_number, "begin": hour, "end": hour + HOUR})
     ]  # fmt: skip
-
-
-def _summed(points: list[Rollup], hour: datetime) -> Rollup | None:
-    return merge(hour, points)
 
 
 def _store(
     connection: Connection, axis_number: int, span: timedelta, starts_at: datetime, rollup: Rollup | None
 ) -> None:
-    key = {"axis_number": axis_number, "span_s": _seconds(span)}
-    connection.execute(
-        delete(_ROLLUPS).where(
-            _ROLLUPS.c.axis_number == axis_number,
-            _ROLLUPS.c.span_s == key["span_s"],
-            _ROLLUPS.c.starts_at == starts_at,
-        )
-    )
+    _FORGET.run(connection, {"axis": axis_number, "span": _seconds(span), "begin": starts_at})
     if rollup is not None:
-        connection.execute(insert(_ROLLUPS), key | {name: getattr(rollup, name) for name in Rollup.__slots__})
+        columns = {name: getattr(rollup, name) for name in Rollup.__slots__}
+        _ADD.run(connection, {"axis_number": axis_number, "span_s": _seconds(span)} | columns)
 
 
 def _seconds(span: timedelta) -> int:

@@ -83,6 +83,8 @@ def settle(
     refused_windows: Counter[str],
 ) -> Settled:
     """Write what was judged, the charts that follow from it, their alarms, and the counts of the axis."""
+    if not judged and not any(refused_windows.values()):
+        return Settled({}, (), (), 0, TrendStatus(before.state))
     documents: dict[int, JsonObject] = {}
     new: list[TrendPoint] = []
     replaced: list[TrendPoint] = []
