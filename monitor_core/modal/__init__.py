@@ -1,8 +1,8 @@
 """Measure natural frequencies from responses, with their covariance (ISO 13374: DM, data manipulation)."""
 
+from monitor_core.modal.averaging import Candidate, candidate_peaks
 from monitor_core.modal.gates import ModeGate
 from monitor_core.modal.measure import ModalMeasurement, measure_mode
-from monitor_core.modal.peaks import Candidate, candidate_peaks
 from monitor_core.modal.phase import PhaseReference, calibrate_phase
 from monitor_core.modal.refine import ModeFit, fit_modes
 

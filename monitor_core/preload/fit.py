@@ -1,4 +1,7 @@
-"""Fit a calibration to readings: weighted least squares of Eq. (8), with payload and temperature where they vary."""
+"""Fit a calibration to readings: weighted least squares of Eq. (8), with payload and temperature where they vary.
+
+How far a calibration carries is told by leaving out a position at a time and predicting its readings from the others.
+"""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.calibration import (
@@ -15,6 +18,7 @@ from monitor_core.preload.calibration import (
     TEMPERATURE_COEFFICIENT,
     Calibration,
     ModalReading,
+    PositionError,
     ValidRange,
     Weighting,
     declared_influences,
@@ -28,13 +32,43 @@ from monitor_core.preload.influence import (
     InfluenceCoefficients,
     from_reference,
 )
-from monitor_core.preload.position_errors import leave_one_position_out
 from monitor_core.preload.prior import CoefficientPrior, refuse_other_conditions
 from monitor_core.preload.prior_fit import fit_with_prior
-from monitor_core.preload.readings import ReadingColumns, reading_columns, refuse_too_few_settings
+from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
 from monitor_core.preload.regression import CoefficientFit, ReadingRows, excess_variance, weighted_least_squares
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
+
+
+def leave_one_position_out(
+    columns: ReadingColumns, unloaded: BoolArray, weight: FloatArray, design: FloatArray
+) -> tuple[PositionError, ...]:
+    """Fit the unloaded readings without one position, and predict that one."""
+    position, preload, y = columns.position[unloaded], columns.preload[unloaded], columns.inverse_square[unloaded]
+    x, w, slope = design[unloaded], weight[unloaded], columns.slope[unloaded]
+    groups = position_groups(position)
+    if len(groups) < 4:
+        return ()
+    errors = []
+    for out in groups:
+        kept = np.setdiff1d(np.arange(position.size), out)
+        if np.unique(preload[kept]).size < 2 or kept.size <= x.shape[1]:
+            continue
+        try:
+            beta = weighted_least_squares(x[kept], y[kept], w[kept]).parameters.values
+        except NotIdentifiableError:  # an influence quantity that was varied at that position only
+            continue
+        miss = y[out] - x[out] @ beta
+        theta = np.cbrt(1.0 / preload[out]) + miss / beta[2]
+        preload_error = theta**-3.0 - preload[out] if np.all(theta > 0.0) else None
+        errors.append(
+            PositionError(
+                position=float(position[out].mean()),
+                frequency_error_rms=float(np.sqrt(np.mean((miss / slope[out]) ** 2))),
+                preload_error_rms=None if preload_error is None else float(np.sqrt(np.mean(preload_error**2))),
+            )
+        )
+    return tuple(errors)
 
 
 def calibrate(

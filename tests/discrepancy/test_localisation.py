@@ -14,16 +14,16 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from monitor_core.discrepancy.explanation import MisfitKind
-from monitor_core.discrepancy.localisation.joint_significance import LEVEL
-from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
-from monitor_core.discrepancy.localisation.misfit_kind import KindFound, take_out
-from monitor_core.discrepancy.localisation.misfit_map import misfit_map
-from monitor_core.discrepancy.localisation.misfit_tests import (
+from monitor_core.discrepancy.localisation.joint_significance import (
+    LEVEL,
     amount_trend_p_value,
     holm,
     order_p_values,
     size_trend_p_value,
 )
+from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
+from monitor_core.discrepancy.localisation.misfit_kind import KindFound, take_out
+from monitor_core.discrepancy.localisation.misfit_map import misfit_map
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout, Setting

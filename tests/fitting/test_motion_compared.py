@@ -9,9 +9,8 @@ from scipy import optimize
 from monitor_core.effects import MOTION_EFFECTS, with_effects
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.residuals.motion.comparison import MotionComparison
+from monitor_core.fitting.residuals.motion.comparison import MotionComparison, strokes_of
 from monitor_core.fitting.residuals.motion.noise import repetition_shift
-from monitor_core.fitting.residuals.motion.strokes import strokes_of
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.motion import MotionRecord
 from monitor_core.recording import ExcitationQuantity

@@ -1,8 +1,7 @@
 """The extended drive: one closed form for all families, to which effects can be added."""
 
-from monitor_core.models.extended.families import paper_motor_end, physics_of
 from monitor_core.models.extended.lines import PreparedLines, ResponseCase, prepare_lines
-from monitor_core.models.extended.model import ExtendedModel
+from monitor_core.models.extended.model import ExtendedModel, paper_motor_end, physics_of
 from monitor_core.models.extended.modes import natural_frequencies
 from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics
 from monitor_core.models.extended.responses import responses

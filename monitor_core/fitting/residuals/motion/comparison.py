@@ -1,24 +1,63 @@
 """Compare a motion record with the motor force that a rigid axis needs for it.
 
 The force is judged. In closed loop the position follows the reference whatever the model of the axis, so that a model
-without friction would seem right to a hundredth of a percent.
+without friction would seem right to a hundredth of a percent. A motion is cut into strokes, from one reversal to the
+next.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import AsMeasured, Layout, Panel
+from monitor_core.fitting.comparison import AsMeasured, Layout, Panel, Setting
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.residuals.motion.noise import force_noise
 from monitor_core.fitting.residuals.motion.sampling import MotionSampling, sampling_of
-from monitor_core.fitting.residuals.motion.strokes import stroke_settings, strokes_of
 from monitor_core.models.motion import Kinematics, MotionParameters, MotionPhysics, forces, kinematics_of
 from monitor_core.motion import MotionRecord
 from monitor_core.recording import ExcitationQuantity
+
+#: A way back that is shorter is a hesitation and no reversal, as a share of the whole way.
+_HESITATION = 0.01
+
+
+def strokes_of(position: FloatArray) -> tuple[Indices, tuple[int, ...]]:
+    """Cut a motion at its reversals: the first value of each stroke, and its direction.
+
+    The first stroke begins with value 0. A direction is +1 towards higher positions, −1 towards lower ones.
+    """
+    shortest = _HESITATION * float(np.ptp(position))
+    first, directions, furthest = [0], [0], 0
+    for now, at in enumerate(position.tolist()):
+        way = at - float(position[furthest])
+        if way * directions[-1] > 0.0:
+            furthest = now
+        elif abs(way) > shortest:
+            direction = 1 if way > 0.0 else -1
+            if directions == [0]:  # what comes before the first stroke belongs to it
+                directions = [direction]
+            else:
+                first.append(furthest)
+                directions.append(direction)
+            furthest = now
+    return np.array(first, dtype=np.intp), tuple(directions)
+
+
+def stroke_settings(time: FloatArray, first: Indices, directions: Sequence[int]) -> tuple[Setting, ...]:
+    """Return each stroke as a setting: a stretch of time [s] and a direction."""
+    last = np.r_[first[1:], time.size] - 1
+    return tuple(
+        Setting(
+            f"stroke {number} ({time[start]:.3g} s to {time[stop]:.3g} s)", {ConditionAxis.DIRECTION: float(direction)}
+        )
+        for number, (start, stop, direction) in enumerate(zip(first, last, directions, strict=True), 1)
+    )
+
 
 _CHANNEL = "motor force"
 #: Values in a picture over time: six seconds at 100 Hz, in which strokes can still be told apart.
