@@ -14,7 +14,7 @@ from service.errors import StorageError
 #: A request becomes one frame. Numbers take twice the room of their text at most, and a body is at most 1 GiB.
 LARGEST_CONTENT_BYTES = 2 * 2**30
 #: Few large steps: after each the interpreter is waited for, which other threads hold.
-_COMPRESSED_AT_ONCE = 8 * 2**20
+_COMPRESSED_AT_ONCE = 2 * 2**20
 _AT_ONCE = 2**16
 _of_thread = threading.local()
 
