@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from sqlalchemy import Connection, bindparam, delete, insert, select
+from sqlalchemy import ColumnElement, Connection, bindparam, delete, func, insert, select
 
 from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.trend.points import Span
@@ -72,20 +72,25 @@ def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]
 
 def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
     """Return the hours or the days that begin within a span of time."""
-    query = select(*_COLUMNS).where(_ROLLUPS.c.axis_number == axis_number, _ROLLUPS.c.span_s == _seconds(span))
-    if within.start is not None:
-        query = query.where(_ROLLUPS.c.starts_at >= within.start)
-    if within.end is not None:
-        query = query.where(_ROLLUPS.c.starts_at < within.end)
+    query = select(*_COLUMNS).where(*_held_in(axis_number, span, within))
     return [Rollup(*row) for row in connection.execute(query.order_by(_ROLLUPS.c.starts_at))]
 
 
 def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:
     """Return how many measurements the days hold that touch a span of time, and in how many hours at most."""
-    days = rollups(
-        connection, axis_number, DAY, Span(None if within.start is None else begin_of(within.start, DAY), within.end)
-    )
-    return sum(day.n_measurements for day in days), 24 * len(days)
+    days = Span(None if within.start is None else begin_of(within.start, DAY), within.end)
+    query = select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), 24 * func.count())
+    n_measurements, n_hours = connection.execute(query.where(*_held_in(axis_number, DAY, days))).one()
+    return int(n_measurements), n_hours
+
+
+def _held_in(axis_number: int, span: timedelta, within: Span) -> list[ColumnElement[bool]]:
+    held = [_ROLLUPS.c.axis_number == axis_number, _ROLLUPS.c.span_s == _seconds(span)]
+    if within.start is not None:
+        held.append(_ROLLUPS.c.starts_at >= within.start)
+    if within.end is not None:
+        held.append(_ROLLUPS.c.starts_at < within.end)
+    return held
 
 
 def merge(starts_at: datetime, parts: Iterable[Rollup]) -> Rollup | None:
