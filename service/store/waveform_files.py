@@ -16,7 +16,16 @@ LARGEST_CONTENT_BYTES = 2 * 2**30
 #: Few large steps: after each the interpreter is waited for, which other threads hold.
 _COMPRESSED_AT_ONCE = 2 * 2**20
 _AT_ONCE = 2**16
-_of_thread = threading.local()
+
+
+class _Compressors(threading.local):
+    """Those of a thread, by level: to make the tables of one takes as long as to compress a window."""
+
+    def __init__(self) -> None:
+        self.of_level: dict[int, zstandard.ZstdCompressor] = {}
+
+
+_COMPRESSORS = _Compressors()
 
 
 def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) -> Iterator[bytes]:
@@ -36,11 +45,9 @@ def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) 
 
 
 def _compressor(level: int) -> zstandard.ZstdCompressor:
-    """Return the compressor of this thread: to make its tables takes as long as to compress a window."""
-    compressors: dict[int, zstandard.ZstdCompressor] = _of_thread.__dict__.setdefault("compressors", {})
-    if level not in compressors:
-        compressors[level] = zstandard.ZstdCompressor(level=level)
-    return compressors[level]
+    if level not in _COMPRESSORS.of_level:
+        _COMPRESSORS.of_level[level] = zstandard.ZstdCompressor(level=level)
+    return _COMPRESSORS.of_level[level]
 
 
 def read_frame(path: Path, offset: int) -> bytes:

@@ -4,13 +4,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from sqlalchemy import ColumnElement, Connection, bindparam, delete, func, insert, select
+from sqlalchemy import Connection, bindparam, delete, func, insert, select
 
 from service.store.prepared import PreparedChange, PreparedSelect
 from service.store.trend.points import Span
 from service.store.trend.tables import TrendPointRow, TrendRollupRow
 
 HOUR, DAY = timedelta(hours=1), timedelta(days=1)
+_BEGIN_OF_TIME, _END_OF_TIME = datetime.min.replace(tzinfo=UTC), datetime.max.replace(tzinfo=UTC)
 _POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
 _ROLLUPS = TrendRollupRow.metadata.tables[TrendRollupRow.__tablename__]
 
@@ -41,14 +42,16 @@ _OF_HOUR = PreparedSelect(
         _POINTS.c.axis_number == bindparam("axis"), _POINTS.c.at >= bindparam("begin"), _POINTS.c.at < bindparam("end")
     )
 )
-_OF_DAY = PreparedSelect(
-    select(*_COLUMNS)
-    .where(
-        _ROLLUPS.c.axis_number == bindparam("axis"), _ROLLUPS.c.span_s == bindparam("span"),
-        _ROLLUPS.c.starts_at >= bindparam("begin"), _ROLLUPS.c.starts_at < bindparam("end"),
-    )
-    .order_by(_ROLLUPS.c.starts_at)
-)  # fmt: skip
+_BEGIN_WITHIN = (
+    _ROLLUPS.c.axis_number == bindparam("axis"),
+    _ROLLUPS.c.span_s == bindparam("span"),
+    _ROLLUPS.c.starts_at >= bindparam("begin"),
+    _ROLLUPS.c.starts_at < bindparam("end"),
+)
+_HELD = PreparedSelect(select(*_COLUMNS).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at))
+_NUMBER_HELD = PreparedSelect(
+    select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), func.count()).where(*_BEGIN_WITHIN)
+)
 _FORGET = PreparedChange(
     delete(_ROLLUPS).where(
         _ROLLUPS.c.axis_number == bindparam("axis"),
@@ -65,32 +68,25 @@ def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]
     for hour in hours:
         _store(connection, axis_number, HOUR, hour, merge(hour, _points_of(connection, axis_number, hour)))
     for day in {begin_of(hour, DAY) for hour in hours}:
-        within = {"axis": axis_number, "span": _seconds(HOUR), "begin": day, "end": day + DAY}
-        hours_of_day = [Rollup(*row) for row in _OF_DAY.rows(connection, within)]
-        _store(connection, axis_number, DAY, day, merge(day, hours_of_day))
+        merged = merge(day, rollups(connection, axis_number, HOUR, Span(day, day + DAY)))
+        _store(connection, axis_number, DAY, day, merged)
 
 
 def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
     """Return the hours or the days that begin within a span of time."""
-    query = select(*_COLUMNS).where(*_held_in(axis_number, span, within))
-    return [Rollup(*row) for row in connection.execute(query.order_by(_ROLLUPS.c.starts_at))]
+    return [Rollup(*row) for row in _HELD.rows(connection, _begin_within(axis_number, span, within))]
 
 
 def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:
     """Return how many measurements the days hold that touch a span of time, and in how many hours at most."""
     days = Span(None if within.start is None else begin_of(within.start, DAY), within.end)
-    query = select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), 24 * func.count())
-    n_measurements, n_hours = connection.execute(query.where(*_held_in(axis_number, DAY, days))).one()
-    return int(n_measurements), n_hours
+    ((n_measurements, n_days),) = _NUMBER_HELD.rows(connection, _begin_within(axis_number, DAY, days))
+    return int(n_measurements), 24 * n_days
 
 
-def _held_in(axis_number: int, span: timedelta, within: Span) -> list[ColumnElement[bool]]:
-    held = [_ROLLUPS.c.axis_number == axis_number, _ROLLUPS.c.span_s == _seconds(span)]
-    if within.start is not None:
-        held.append(_ROLLUPS.c.starts_at >= within.start)
-    if within.end is not None:
-        held.append(_ROLLUPS.c.starts_at < within.end)
-    return held
+def _begin_within(axis_number: int, span: timedelta, within: Span) -> dict[str, object]:
+    begin, end = within.start or _BEGIN_OF_TIME, within.end or _END_OF_TIME
+    return {"axis": axis_number, "span": _seconds(span), "begin": begin, "end": end}
 
 
 def merge(starts_at: datetime, parts: Iterable[Rollup]) -> Rollup | None:
