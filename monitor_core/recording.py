@@ -1,4 +1,4 @@
-"""Records of what was measured: windows, sessions, and their conditions (ISO 13374: DA)."""
+"""Records of what was measured: windows, sessions, their conditions, and motions of a rigid axis (ISO 13374: DA)."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray, read_only, read_only_samples
-from monitor_core.errors import InvalidWindowError
+from monitor_core.errors import InvalidWindowError, OutsideValidityError
 
 
 class ExcitationQuantity(StrEnum):
@@ -163,3 +163,36 @@ class Session:
     def windows_of(self, measurement: str) -> tuple[Window, ...]:
         """Return the windows of one measurement, in time order."""
         return tuple(w for w in self.windows if w.measurement == measurement)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionRecord:
+    """Position and drive force of one uninterrupted motion, uniformly sampled."""
+
+    sample_rate: float  # [Hz]
+    position: FloatArray  # measured, shape (n_samples,) [m]
+    drive: FloatArray  # force or torque of the motor, shape (n_samples,) [N or N·m]
+    quantity: ExcitationQuantity = ExcitationQuantity.FORCE  # what ``drive`` is
+    reference: FloatArray | None = None  # position that was commanded, shape (n_samples,) [m]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.sample_rate) and self.sample_rate > 0.0):
+            raise OutsideValidityError(f"sample_rate must be positive and finite; got {self.sample_rate} Hz")
+        for name in ("position", "drive", "reference"):
+            samples = getattr(self, name)
+            if samples is None:
+                continue
+            object.__setattr__(self, name, read_only(samples))
+            if samples.shape != self.position.shape or samples.ndim != 1:
+                raise OutsideValidityError(
+                    f"position, drive and reference must be of one length; got {name} of shape {samples.shape}"
+                )
+            if not np.all(np.isfinite(samples)):
+                raise OutsideValidityError(
+                    f"{name} must be finite; sample {int(np.argmin(np.isfinite(samples)))} is not"
+                )
+
+    @property
+    def time(self) -> FloatArray:
+        """Since the first sample, shape (n_samples,) [s]."""
+        return np.arange(self.position.size) / self.sample_rate

@@ -10,13 +10,12 @@ from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 from starlette.middleware.gzip import GZipMiddleware
 
-from service.api import alarms, axes, calibrations, discrepancies, health, identifications, jobs, trend, windows
+from service.api import alarms, analyses, axes, calibrations, health, jobs, trend, windows
 from service.api.http.body import require_json
 from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
-from service.api.http.openapi import describe
-from service.api.http.problems import PROBLEM_RESPONSES, install_problem_handlers
+from service.api.http.problems import PROBLEM_RESPONSES, describe, install_problem_handlers
 from service.api.services import Services
 from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError, StorageError
@@ -31,16 +30,16 @@ from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.intake.ingest import Ingest
-from service.operations.monitoring.intake.lanes import Lanes
+from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.settings import Settings
 from service.store.axes import list_axes
 from service.store.database import Database
-from service.store.reports import ReportStore
+from service.store.jobs import ReportStore
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
-from service.web import pages, reference
+from service.web import pages
 
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -83,11 +82,10 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Guard, host_names=settings.own_names())
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
-    for resource in (axes, trend, calibrations, identifications, discrepancies, alarms, jobs):
+    for resource in (axes, trend, calibrations, analyses, alarms, jobs):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
-    app.include_router(reference.router)
     app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
 
     return app

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor_core.change.cell_errors import ChangeTolerances
+from monitor_core.change.cells import ChangeTolerances
 from monitor_core.change.changes import Cause
 from monitor_core.change.reference_axis import fit_reference
 from monitor_core.change.reference_ratio import compare_times

@@ -1,16 +1,24 @@
-"""Sort measured responses of an axis into cells: a position on the axis by a band as narrow as the line spacing."""
+"""Sort measured responses of an axis into cells: a position on the axis by a band as narrow as the line spacing.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+State by how much two measurements of an unchanged axis differ, and move measurements by such errors.
+
+Describe an axis at two times: when its reference was taken, and now.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
+from monitor_core.effects.effect import Effect, EffectParameter
+from monitor_core.effects.thermal import MODULUS_PER_KELVIN
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.clear_lines import case_of, clear_lines, with_phase_within_half_a_turn
+from monitor_core.fitting.residuals.lines import case_of, clear_lines, with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
@@ -148,3 +156,98 @@ def in_cells(side: Side, cells: Indices) -> SideInCells:
     total = np.bincount(cell[used], weights=precision[used], minlength=len(index))
     weight = np.where(used, precision / total[np.maximum(cell, 0)], 0.0)
     return SideInCells(side, CellMeans(cell, weight, 1.0 / total))
+
+
+#: Errors that the cells of a position share, in the order of their columns.
+CELL_ERRORS = ("position", "preload", "temperature", "gain", "delay")
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeTolerances:
+    """By how much two measurements of an unchanged axis differ, and what a model adds; standard deviations."""
+
+    position: float = 0.2e-3  # homing, mounting of the encoder [m]
+    preload_share: float = 0.005  # from day to day [-]
+    temperature: float = 0.6  # sensor against screw, and what lubrication does to the stiffness alike [K]
+    gain_share: float = 0.003  # [-]
+    delay: float = 0.5e-6  # of one channel against the other, and what lubrication does to the phase alike [s]
+    relative: float = 0.002  # σ_0: lubrication, leakage of the spectra [-]
+    share_of_change: float = 0.05  # ε [-]
+    form: float = 0.02  # of a model against one time alone, relative [-]
+
+
+def moved(side: Side, errors: FloatArray, tolerances: ChangeTolerances) -> Side:
+    r"""Return one time with its positions, preloads, temperatures, gains and delays moved by errors.
+
+    ``errors`` are in standard deviations, shape (n_positions, n_errors). Where all stiffness softens by one share,
+    accelerations are those of the cold axis at a higher frequency:
+
+    .. math::
+
+        A_{\vartheta}(\omega) = A\!\left( \omega / \sqrt{1 + \alpha \vartheta} \right), \qquad
+        A(\omega) = -\omega^2 (K - \omega^2 M)^{-1}
+
+    so that each position can have its own temperature, while an axis has a single one.
+    """
+    lines = side.lines
+    position, preload, temperature, gain, delay = errors[side.position_of_case].T
+    conditions = replace(
+        lines.conditions,
+        position=lines.conditions.position + tolerances.position * position,
+        preload=lines.conditions.preload * (1.0 + tolerances.preload_share * preload),
+    )
+    raised = 1.0 / np.sqrt(1.0 + MODULUS_PER_KELVIN * tolerances.temperature * temperature)
+    drive = replace(lines.drive, omega=lines.drive.omega * raised[lines.drive.case])
+    of_channels = (tolerances.gain_share * gain)[lines.case] - 1j * lines.omega * (tolerances.delay * delay)[lines.case]
+    return replace(
+        side,
+        lines=replace(lines, conditions=conditions, omega=lines.omega * raised[lines.case], drive=drive),
+        measured=side.measured - of_channels,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThenAndNow:
+    """An axis before and after a change; what is not known of the axis is the same in both."""
+
+    then: AxisPhysics
+    now: AxisPhysics
+    log_gain: float = 0.0  # ln of the gain of the measuring chain now over then [-]
+
+
+def since_then(effect: Effect[AxisPhysics], parameter: EffectParameter | None = None) -> Effect[ThenAndNow]:
+    """Return an effect of one parameter as a change since the reference was taken.
+
+    ``parameter`` is the range of the change where it differs from that of the effect: a mass may also have been taken
+    off.
+    """
+    return Effect(
+        key=effect.key,
+        name=effect.name,
+        physics=effect.physics,
+        source=effect.source,
+        parameters=effect.parameters if parameter is None else (parameter,),
+        add=partial(_add, effect),
+        applies=lambda axis: effect.applies(axis.now),
+    )
+
+
+def _add(effect: Effect[AxisPhysics], axis: ThenAndNow, values: Mapping[str, float]) -> ThenAndNow:
+    return replace(axis, now=effect.added_to(axis.now, values))
+
+
+def _add_gain(axis: ThenAndNow, values: Mapping[str, float]) -> ThenAndNow:
+    return replace(axis, log_gain=axis.log_gain + values["ln_ratio"])
+
+
+SENSOR_GAIN = Effect(
+    key="sensor-gain",
+    name="Gain of the sensors",
+    physics=(
+        "An accelerometer or a torque sensor was changed, or has lost sensitivity: the whole response is larger or "
+        "smaller by one factor, and no frequency moves."
+    ),
+    source="no source: a factor",
+    parameters=(EffectParameter("ln_ratio", "-", lower=-1.0, upper=1.0, scale=0.05),),
+    add=_add_gain,
+)

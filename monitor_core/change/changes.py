@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from monitor_core.change.cells import SENSOR_GAIN, ThenAndNow, since_then
 from monitor_core.change.reference_axis import ReferenceAxis
-from monitor_core.change.then_and_now import SENSOR_GAIN, ThenAndNow, since_then
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.effects.inertia import ADDED_MASS
 from monitor_core.effects.preload import PRELOAD_CHANGE

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.change.cell_errors import ChangeTolerances
+from monitor_core.change.cells import ChangeTolerances, ThenAndNow
 from monitor_core.change.reference_ratio import compare_reference
-from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.discrepancy.verdict.classes import covariance
 from monitor_core.effects.thermal import WARMING
 from monitor_core.errors import NotIdentifiableError

@@ -23,24 +23,26 @@ from functools import lru_cache
 import numpy as np
 
 from monitor_core.arrays import ComplexArray, FloatArray
-from monitor_core.change.cell_errors import CELL_ERRORS, ChangeTolerances, moved
 from monitor_core.change.cells import (
+    CELL_ERRORS,
+    ChangeTolerances,
     Side,
     SideInCells,
+    ThenAndNow,
     cells_of,
     common_cells,
     in_cells,
+    moved,
     positions_of,
     side_of,
     spacings,
 )
-from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import AsMeasured, GapInSigma, Layout, Panel, Setting, amplitude_panels
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.clear_lines import with_phase_within_half_a_turn
+from monitor_core.fitting.residuals.lines import with_phase_within_half_a_turn
 from monitor_core.models.extended import AxisPhysics
 
 _STEP = 0.1  # of a standard deviation, for the condition errors

@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.change.cells import ThenAndNow
 from monitor_core.change.changes import Cause, Change, is_reported, possible_changes
 from monitor_core.change.reference_axis import ReferenceAxis
 from monitor_core.change.reference_ratio import ReferenceRatio
-from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis

@@ -1,4 +1,7 @@
-"""Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers."""
+"""Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers.
+
+Report the effects that were not found: refitted rivals, screened effects with detection limits, untestable ones.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,8 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor_core.discrepancy.candidates import candidates_not_found
 from monitor_core.discrepancy.explanation import (
+    Candidate,
     Explanation,
     FoundEffect,
     FoundParameter,
@@ -19,31 +22,97 @@ from monitor_core.discrepancy.explanation import (
     Outcome,
     Step,
 )
-from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
-from monitor_core.discrepancy.localisation.misfit_map import misfit_map, varied_conditions_of_maps
-from monitor_core.discrepancy.localisation.signatures import signatures
+from monitor_core.discrepancy.localisation.localise import (
+    HealthyScatter,
+    localise,
+    misfit_map,
+    varied_conditions_of_maps,
+)
+from monitor_core.discrepancy.localisation.misfit_kind import signatures
+from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.search import find_steps, judge_found, leave_out
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
-from monitor_core.discrepancy.verdict.advice import next_measurement
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
+    classes_with_fit,
     explained_share,
     hidden_in_remainder,
+    next_measurement,
     outcome_of,
     remainder_of,
 )
-from monitor_core.discrepancy.verdict.representatives import classes_with_fit
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, Panel
+from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.evidence import EvidenceScale
-from monitor_core.fitting.hold_out import gap_of
+from monitor_core.fitting.hold_out import gain, gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
+
+
+def candidates_not_found(
+    found: Found[Physics], candidates: Sequence[Effect[Physics]], classes: Sequence[EquivalenceClass[Physics]]
+) -> tuple[Candidate, ...]:
+    """Return which of the candidates are in no class of an accepted effect, best supported first."""
+    reported = {key for group in classes for key in (group.representative.effect.key, *group.aliases, *group.untested)}
+    rivals = {
+        rival.effect.key: (rival, accepted.without, group.representative.effect.key)
+        for accepted, group in zip(found.accepted, classes, strict=True)
+        for rival in accepted.rivals
+    }
+    screened = {result.effect.key: result for result in found.screened}
+    answers: dict[str, Candidate] = {}
+    for effect in candidates:
+        if effect.key in reported or effect.key in answers:
+            continue
+        result = screened.get(effect.key)
+        limit = _detection_limit(result, found)
+        evidence, held_out, untestable, replaced = math.nan, math.nan, None, None
+        if effect.key in rivals:
+            rival, without, replaced = rivals[effect.key]
+            evidence = rival.delta_bic  # in the place of what was accepted
+            held_out = gain(without.held_out, rival.fitted.held_out, found.evidence_scale)
+        elif result is not None and limit is not None:
+            scale = found.evidence_scale
+            evidence = scale.factor * result.decrease - scale.penalty(len(effect.parameters))
+        else:
+            untestable = _why_untestable(effect, result, found)
+            if untestable is None:
+                continue
+        unit = effect.parameters[0].unit
+        answers[effect.key] = Candidate(effect.key, evidence, held_out, limit, unit, untestable, replaced)
+    return tuple(sorted(answers.values(), key=_rank))
+
+
+def _rank(candidate: Candidate) -> float:
+    return -candidate.delta_bic if math.isfinite(candidate.delta_bic) else math.inf
+
+
+def _why_untestable(effect: Effect[Physics], result: Screened[Physics] | None, found: Found[Physics]) -> str | None:
+    """Say why nothing could be seen of an effect; None where the axis lacks what it acts on."""
+    missing = sorted(str(axis) for axis in effect.needs - varied_conditions(found.final.comparison.layout))
+    if missing:
+        return f"{', '.join(missing)} does not vary"
+    if result is None:
+        return "the model has no answer with it" if effect.applies(found.final.physics()) else None
+    if result.information > 0.0:
+        return "no value within its range would be seen"
+    return "nothing that was measured moves with it"
+
+
+def _detection_limit(result: Screened[Physics] | None, found: Found[Physics]) -> float | None:
+    """Return the value of the first parameter that would be seen; None if there is none within its range."""
+    if result is None or result.information <= 0.0:
+        return None
+    scale, parameter = found.evidence_scale, result.effect.parameters[0]
+    needed = found.least_delta_bic + scale.penalty(len(result.effect.parameters))
+    limit = abs(parameter.scale) * math.sqrt(needed / (scale.factor * result.information))
+    return limit if limit <= max(abs(parameter.lower), abs(parameter.upper)) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """Losses of the drive: damping of the joints, friction of the guides."""
 
-from monitor_core.effects.changes import increasing
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing
 
 LOSS_FACTOR = Effect(
     key="loss-factor",

@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed, increasing
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, increasing
 from monitor_core.models.extended import AxisPhysics
 
 ADDED_MASS = Effect(

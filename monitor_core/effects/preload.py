@@ -1,7 +1,6 @@
 """How the rigidity of the nut follows its preload, and what the preload really is."""
 
-from monitor_core.effects.changes import having, increasing
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, having, increasing
 
 PRELOAD_EXPONENT = Effect(
     key="preload-exponent",

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from monitor_core.effects.changes import increasing_force
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing_force
 from monitor_core.models.motion import MotionPhysics
 
 COULOMB_FRICTION = Effect(

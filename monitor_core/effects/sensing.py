@@ -3,8 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed, increasing, lacking
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, increasing, lacking
 from monitor_core.models.extended import AxisPhysics
 
 POSITION_OFFSET = Effect(

@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from monitor_core.effects.changes import changed, having, increasing, scaling
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, having, increasing, scaling
 from monitor_core.models.extended import AxisPhysics
 
 SERIES_COMPLIANCE = Effect(

@@ -1,7 +1,6 @@
 """Modes besides those of the drive: of the base, and of what stands on the table."""
 
-from monitor_core.effects.changes import lacking, setting
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, lacking, setting
 
 BASE_COMPLIANCE = Effect(
     key="base-compliance",

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from monitor_core.effects.changes import having, increasing
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, having, increasing
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics
 

@@ -13,8 +13,8 @@ from monitor_core.fitting.observations import (
     with_accelerometer_at,
 )
 from monitor_core.fitting.residuals.responses import compare_responses
+from monitor_core.fitting.solver.global_search import MapFunction
 from monitor_core.fitting.solver.hypothesis_fit import fit
-from monitor_core.fitting.solver.population import MapFunction
 from monitor_core.models.extended import paper_motor_end
 from monitor_core.models.protocol import ResponsePoint
 

@@ -108,7 +108,7 @@ class FreeParameters:
 
     @property
     def priors(self) -> FloatArray | None:
-        """What is known beforehand, for :func:`monitor_core.fitting.priors.with_priors`."""
+        """What is known beforehand, for :func:`monitor_core.fitting.free_parameter.with_priors`."""
         return stated_priors(self.coordinates) if self.uncertain else None
 
     def unseen(self, jacobian: FloatArray) -> tuple[str, ...]:

@@ -3,6 +3,8 @@
 A fit moves coordinates, plain numbers of comparable size. An identification moves decimal logarithms of stiffnesses; an
 explanation moves the sizes of effects in their scales, and uncertain parameters in their standard deviations. Both
 state what they move as such records, and their priors become residuals in the same way.
+
+What is known of coordinates before anything is measured, as further data of a fit.
 """
 
 import math
@@ -12,7 +14,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import FloatArray, read_only
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.problem import Problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,3 +81,64 @@ def stated_priors(parameters: Sequence[FreeParameter]) -> FloatArray:
     """Return estimates and standard uncertainties of the coordinates, shape (2, n_parameters)."""
     priors = [(parameter.prior.estimate, parameter.prior.standard_uncertainty) for parameter in parameters]
     return np.array(priors).reshape(-1, 2).T
+
+
+def prior_residuals(priors: FloatArray, coordinates: FloatArray) -> FloatArray:
+    """Return (x − x₀)/u of each coordinate that something is known of.
+
+    ``priors`` are estimates x₀ and standard uncertainties u, infinite where nothing is known, shape (2, n_parameters).
+    """
+    estimate, standard_uncertainty = priors
+    known = np.isfinite(standard_uncertainty)
+    return np.asarray((coordinates - estimate)[known] / standard_uncertainty[known])
+
+
+def prior_jacobian(priors: FloatArray) -> FloatArray:
+    """Return the derivatives of :func:`prior_residuals`, shape (n_known, n_parameters)."""
+    return np.asarray(np.diag(1.0 / priors[1])[np.isfinite(priors[1])])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithPriors:
+    """A problem with one more residual, (x − x₀)/u, for each coordinate that a prior estimate x₀ ± u is stated of."""
+
+    problem: Problem
+    estimate: FloatArray  # x₀, shape (n_parameters,)
+    standard_uncertainty: FloatArray  # u; infinite where nothing is known, shape (n_parameters,)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "estimate", read_only(self.estimate))
+        object.__setattr__(self, "standard_uncertainty", read_only(self.standard_uncertainty))
+        expected = (len(self.problem.names),)
+        if self.estimate.shape != expected or self.standard_uncertainty.shape != expected:
+            raise OutsideValidityError(
+                f"a prior needs an estimate and a standard uncertainty for each of {expected[0]} coordinates; got "
+                f"{self.estimate.shape} and {self.standard_uncertainty.shape}"
+            )
+        if not np.all(self.standard_uncertainty > 0.0):
+            raise OutsideValidityError(
+                f"standard uncertainties of a prior must be positive; got {self.standard_uncertainty.min()}"
+            )
+
+    @property
+    def priors(self) -> FloatArray:
+        """Estimates and standard uncertainties, shape (2, n_parameters)."""
+        return np.array([self.estimate, self.standard_uncertainty])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.problem.names
+
+    def residuals(self, coordinates: FloatArray) -> FloatArray:
+        """Return the residuals of the data, then those of the priors."""
+        return np.concatenate([self.problem.residuals(coordinates), prior_residuals(self.priors, coordinates)])
+
+    def jacobian(self, coordinates: FloatArray) -> FloatArray:
+        """Return their derivatives, shape (n_residuals, n_parameters)."""
+        return np.concatenate([self.problem.jacobian(coordinates), prior_jacobian(self.priors)])
+
+
+def with_priors(problem: Problem, priors: FloatArray | None) -> Problem:
+    """Return the problem with its priors, of shape (2, n_parameters), or as it is without any."""
+    return problem if priors is None else WithPriors(problem, priors[0], priors[1])

@@ -5,9 +5,8 @@ each joint is known, ``sensitivity`` and ``advice`` which mode to watch and wher
 """
 
 from monitor_core.fitting.residuals.peaks import Weighting
-from monitor_core.fitting.solver.population import MapFunction
-from monitor_core.identification.cases import PredictionError
-from monitor_core.identification.identified_joints import (
+from monitor_core.fitting.solver.global_search import MapFunction
+from monitor_core.identification.answer import (
     FitQuality,
     FurtherPosition,
     HeldOutErrors,
@@ -15,6 +14,7 @@ from monitor_core.identification.identified_joints import (
     IdentifiedJoints,
     KnownSum,
 )
+from monitor_core.identification.cases import PredictionError
 from monitor_core.identification.identify_joints import identify, require_identifiable
 from monitor_core.identification.predicted_calibration import PredictionRequest
 from monitor_core.identification.question import IdentifyOptions

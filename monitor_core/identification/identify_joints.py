@@ -9,9 +9,9 @@ from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.accelerometer import PlacedAccelerometer, place_accelerometer
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
-from monitor_core.fitting.solver.population import MapFunction
-from monitor_core.identification.advice import modes_to_monitor
+from monitor_core.fitting.solver.global_search import MapFunction
 from monitor_core.identification.answer import (
+    IdentifiedJoints,
     further_positions,
     held_out_errors,
     joints_of_fit,
@@ -25,7 +25,6 @@ from monitor_core.identification.cases import (
     positions_of,
     require_positions,
 )
-from monitor_core.identification.identified_joints import IdentifiedJoints
 from monitor_core.identification.joint_fit import JointFit, JointFitSettings, fit_joints
 from monitor_core.identification.predicted_calibration import predicted_calibration
 from monitor_core.identification.question import (
@@ -37,7 +36,7 @@ from monitor_core.identification.question import (
     is_spring,
     question_of,
 )
-from monitor_core.identification.sensitivity import Detectability
+from monitor_core.identification.sensitivity import Detectability, modes_to_monitor
 from monitor_core.models.protocol import MotorEnd, ResponsePoint, motor_end_of
 from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.preload import Calibration

@@ -9,12 +9,10 @@ from scipy import special
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.solver.global_search import Search, SearchSettings, search
+from monitor_core.fitting.solver.global_search import MapFunction, Search, SearchCancelledError, SearchSettings, search
 from monitor_core.fitting.solver.least_squares import FitSettings, LocalFit, fit_local
-from monitor_core.fitting.solver.population import MapFunction, SearchCancelledError
 from monitor_core.identification.cases import Case, PredictionError, positions_of, require_positions
-from monitor_core.identification.directions import Verdict
-from monitor_core.identification.identifiability import Identifiability, assess
+from monitor_core.identification.identifiability import Identifiability, Verdict, assess
 
 #: Below this probability the residuals are larger than the stated uncertainties allow, and their scatter is used.
 LACK_OF_FIT = 1e-3

@@ -3,11 +3,14 @@ r"""What each peak says of a joint: which mode to monitor, the smallest change t
 The nut's rigidity follows the preload, :math:`k_n \propto P^{1/3}` (Eq. (1) of Nguyen et al., ISO 3408-4), so that a
 mode of sensitivity :math:`S = \partial \ln f/\partial \ln k_n` falls by :math:`\frac{S}{3} \Delta \ln P`: a tenth of
 the preload is a third of a tenth of the rigidity, and of that the frequency shows the share S.
+
+What to do next with identified joints: which mode to watch for a loss of preload, and where to measure next.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -16,7 +19,10 @@ from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
 from monitor_core.fitting.residuals.peak_search import find_peaks_with_gradient
+from monitor_core.fitting.solver.least_squares import LocalFit
+from monitor_core.identification.cases import Case, positions_of
 from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.models.published.receptance import ReceptanceModel
 from monitor_core.models.published.receptance.parameters import JOINT_NAMES, ReceptanceParameters
 
 #: Eq. (1) of Nguyen et al. (2018): exponent of the preload in the nut's rigidity.
@@ -186,3 +192,76 @@ def _predicted(conditions: DriveConditions, information: FloatArray) -> NextPosi
     uncertainty = np.where(blind, np.inf, np.sqrt(variance))
     log_volume = float(-np.sum(np.log(values)) - 2.0 * np.sum(np.log(scale))) if seen.all() else math.inf
     return NextPosition(conditions, uncertainty, log_volume)
+
+
+#: Of one monitored frequency: what a judged measurement of some twenty windows states on the bundled sessions.
+MONITORED_UNCERTAINTY = 1e-3
+#: How many positions are weighed, and how far beyond those measured, as a part of the range that they span.
+N_CANDIDATES, BEYOND = 15, 0.25
+#: No position closer to a bearing than this part of the screw: the nut has a length.
+_NEAREST_BEARING = 0.05
+
+
+def modes_to_monitor(
+    axis: ReceptanceParameters,
+    conditions: Sequence[DriveConditions],
+    frequencies: tuple[float, float],
+    *,
+    relative_frequency_uncertainty: float = MONITORED_UNCERTAINTY,
+    motor_end: MotorEnd = MotorEnd.FREE,
+) -> tuple[Detectability, ...]:
+    """Rank the peaks of the table's receptance by the smallest loss of preload that they show, the best first.
+
+    ``conditions`` are those one may monitor under, ``frequencies`` the lowest and highest that are measured [Hz].
+    """
+    peaks = [
+        peak
+        for at in {each.position: each for each in conditions}.values()
+        for peak in peak_sensitivities(axis, [at], bands_at(axis, at, frequencies, motor_end), motor_end=motor_end)
+    ]
+    return rank_modes_to_monitor(peaks, {peak.mode: relative_frequency_uncertainty for peak in peaks})
+
+
+def bands_at(
+    axis: ReceptanceParameters,
+    conditions: DriveConditions,
+    frequencies: tuple[float, float],
+    motor_end: MotorEnd = MotorEnd.FREE,
+) -> dict[int, Band]:
+    """Return a band for each mode between two frequencies [Hz]: half way (geometrically) to its neighbours.
+
+    It holds at one position: where modes change places along the screw, bands that hold at all positions do not exist.
+    """
+    modes = ReceptanceModel(axis).natural_frequencies(conditions, motor_end)
+    elastic = [mode.frequency for mode in modes if mode.frequency > 0.0]
+    edges = [elastic[0] / 2.0, *(math.sqrt(a * b) for a, b in itertools.pairwise(elastic))]
+    edges.append(elastic[-1] * 1.5)
+    return {
+        mode: Band(edges[mode - 1], edges[mode])
+        for mode, frequency in enumerate(elastic, start=1)
+        if frequencies[0] <= frequency <= frequencies[1] and edges[mode - 1] < edges[mode]
+    }
+
+
+def next_positions(case: Case, fit: LocalFit, screw_length: float, parameter: int | None) -> tuple[NextPosition, ...]:
+    """Rank positions at which a further measurement of the same kind would help most; none where no position helps.
+
+    They are ranked by the variance of a ``parameter``, or without one by the determinant of the covariance.
+    """
+    measured = positions_of(case)
+    candidates = [replace(case.conditions[0], position=position) for position in _candidates(measured, screw_length)]
+    planned = case.planned(fit.coordinates.values, candidates)
+    if not planned:
+        return ()
+    try:
+        return rank_next_positions(fit.jacobian, planned, parameter=parameter)
+    except NotIdentifiableError:
+        return ()
+
+
+def _candidates(measured: Sequence[float], screw_length: float) -> list[float]:
+    reach = BEYOND * (measured[-1] - measured[0])
+    low = max(measured[0] - reach, _NEAREST_BEARING * screw_length)
+    high = min(measured[-1] + reach, (1.0 - _NEAREST_BEARING) * screw_length)
+    candidates: list[float] = np.linspace(low, high, N_CANDIDATES).tolist()
+    return candidates

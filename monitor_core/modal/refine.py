@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.modal.fit_lines import FitLines
-from monitor_core.modal.model import basis_of, normalised_frequency, pole_factor
+from monitor_core.modal.model import FitLines, basis_of, normalised_frequency, pole_factor
 from monitor_core.modal.selection import likeliest_model
 from monitor_core.modal.variable_projection import Solution
 from monitor_core.recording import Rejection, RejectionReason
@@ -112,7 +111,7 @@ def fit_modes(
     over poles in ``A``, one polynomial ``B`` of degree 2 n for the axis and one ``T`` of degree 2 n − 1 for each
     window. The polynomials are projected out (variable projection [1]_ with Kaufman's Jacobian); Levenberg–Marquardt
     finds the poles. The noise :math:`\sigma(f)` is taken from the residual of a first fit with white noise
-    (:func:`~monitor_core.modal.residual.noise_weight`). The band is ± 20 Hz, or ± 4 half-power bandwidths, or ± 10
+    (:func:`~monitor_core.modal.selection.noise_weight`). The band is ± 20 Hz, or ± 4 half-power bandwidths, or ± 10
     lines, whichever is widest. A sine that no excitation explains joins the terms of the windows, its frequency the
     poles. A second mode is tried where the first leaves something that the excitation explains, and kept if the
     (quasi-)Bayesian information criterion says so.

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.modal.fit_lines import FitLines, ModelOrder
-from monitor_core.modal.model import Projection, poles_of, project
+from monitor_core.modal.model import FitLines, ModelOrder, Projection, poles_of, project
 
 _MAXIMUM_ITERATIONS = 100
 #: Predicted decrease of the cost, in units of the noise variance, below which a step is a hundredth of a standard

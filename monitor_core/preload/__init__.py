@@ -7,8 +7,9 @@ from monitor_core.preload.calibration import (
     PositionError,
     ValidRange,
     Weighting,
+    expected_band,
+    minimum_detectable_loss,
 )
-from monitor_core.preload.capability import expected_band, minimum_detectable_loss
 from monitor_core.preload.drag_torque import DragTorque
 from monitor_core.preload.estimate import PreloadEstimate, estimate_preload
 from monitor_core.preload.feature import (

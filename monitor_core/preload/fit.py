@@ -32,10 +32,17 @@ from monitor_core.preload.influence import (
     InfluenceCoefficients,
     from_reference,
 )
-from monitor_core.preload.prior import CoefficientPrior, refuse_other_conditions
-from monitor_core.preload.prior_fit import fit_with_prior
-from monitor_core.preload.readings import ReadingColumns, position_groups, reading_columns, refuse_too_few_settings
-from monitor_core.preload.regression import CoefficientFit, ReadingRows, excess_variance, weighted_least_squares
+from monitor_core.preload.prior import CoefficientPrior, fit_with_prior, refuse_other_conditions
+from monitor_core.preload.regression import (
+    CoefficientFit,
+    ReadingColumns,
+    ReadingRows,
+    excess_variance,
+    position_groups,
+    reading_columns,
+    refuse_too_few_settings,
+    weighted_least_squares,
+)
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
 

@@ -22,12 +22,11 @@ from monitor_core.preload.calibration import (
     PositionError,
     ValidRange,
     Weighting,
+    minimum_detectable_loss,
 )
-from monitor_core.preload.capability import minimum_detectable_loss
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
-from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.fields import Fields, json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.files import naming, read_text
-from monitor_core.recordings.elements.json_fields import json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.uncertainty import VectorEstimate
 

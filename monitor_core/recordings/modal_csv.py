@@ -22,8 +22,8 @@ from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
+from monitor_core.recordings.elements.fields import format_instant, parse_instant
 from monitor_core.recordings.elements.files import read_text
-from monitor_core.recordings.elements.timestamps import format_instant, parse_instant
 from monitor_core.recordings.elements.units import metres, to_millimetres
 
 REQUIRED = ("position_mm", "frequency_hz")

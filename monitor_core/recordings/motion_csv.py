@@ -10,11 +10,10 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.motion import MotionRecord
-from monitor_core.recording import ExcitationQuantity
+from monitor_core.recording import ExcitationQuantity, MotionRecord
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw import csv_samples
-from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.channel_map import Channels
 
 TIME, POSITION, REFERENCE = "time_s", "position_m", "reference_m"
 DRIVES = {"force_n": ExcitationQuantity.FORCE, "torque_nm": ExcitationQuantity.TORQUE}

@@ -19,7 +19,7 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
-from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.fields import Fields, format_instant
 from monitor_core.recordings.elements.files import naming, refusing
 from monitor_core.recordings.elements.hdf5 import (
     attributes,
@@ -29,7 +29,6 @@ from monitor_core.recordings.elements.hdf5 import (
     values_of,
     write_attributes,
 )
-from monitor_core.recordings.elements.timestamps import format_instant
 from monitor_core.recordings.elements.units import metres, to_millimetres
 
 if TYPE_CHECKING:

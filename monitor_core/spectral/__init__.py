@@ -7,10 +7,15 @@ from monitor_core.spectral.coherence import (
     random_error,
     significance_level,
 )
-from monitor_core.spectral.frf import CrossSpectra, cross_spectra, estimate_frf, least_leaking_taper, mean_coherence
-from monitor_core.spectral.line_spread import line_spread
-from monitor_core.spectral.robust import median_misfit
-from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper, band_spectra
+from monitor_core.spectral.frf import (
+    CrossSpectra,
+    cross_spectra,
+    estimate_frf,
+    least_leaking_taper,
+    mean_coherence,
+    median_misfit,
+)
+from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper, band_spectra, line_spread
 
 __all__ = [
     "TAPERS",

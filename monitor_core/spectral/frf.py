@@ -1,4 +1,7 @@
-"""Estimate frequency response and ordinary coherence from averaged spectra."""
+"""Estimate frequency response and ordinary coherence from averaged spectra.
+
+Compare windows with their median response, which a few bad windows cannot spoil.
+"""
 
 from dataclasses import dataclass
 from typing import Literal, assert_never
@@ -9,6 +12,21 @@ from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.response import FrequencyResponse
 from monitor_core.spectral.spectra import TAPERS, BandSpectra, Taper
+
+
+def median_misfit(spectra: BandSpectra, taper: Taper) -> tuple[FloatArray, FloatArray]:
+    """Return how far each window is from the line-by-line median of the windows' own responses.
+
+    The two arrays, shape (n_windows,), are sums over the un-windowed lines, after :meth:`BandSpectra.tapered`, of the
+    squared moduli of what the median leaves, and of the response, in (m/s²)².
+    """
+    _, x, y = spectra.tapered(taper)
+    ratio = y / np.where(x == 0.0, np.finfo(np.float32).tiny, x)
+    median = np.median(ratio.real, axis=0) + 1j * np.median(ratio.imag, axis=0)
+    residual: FloatArray = np.sum(np.abs(y - median * x) ** 2, axis=1, dtype=np.float64)
+    response: FloatArray = np.sum(np.abs(y) ** 2, axis=1, dtype=np.float64)
+    return residual, response
+
 
 Estimator = Literal["H1", "H2", "Hv"]
 

@@ -9,9 +9,8 @@ from datetime import datetime
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.baseline import Baseline, Observation, learn_baseline
-from monitor_core.trend.charts import cusum_step, ewma_step, winsorise
 from monitor_core.trend.design import EWMA_WEIGHT, SHEWHART_CONSECUTIVE, DetectorDesign, LossDirection
-from monitor_core.trend.state import Chart, DetectorState, Evidence, Run, TrendStatus
+from monitor_core.trend.state import Chart, DetectorState, Evidence, Run, TrendStatus, cusum_step, ewma_step, winsorise
 
 #: Hysteresis: an alarm or an alert ends when its chart was below this fraction of its limit ...
 RELEASE_FRACTION = 0.5

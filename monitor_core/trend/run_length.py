@@ -40,7 +40,7 @@ def cusum_run_length(
     .. math:: a = 1 + P_0 a + P_1 b, \qquad b = 1 + P_0 a
 
     with h the limit and k the reference. The largest increment is the winsorising constant of
-    :func:`monitor_core.trend.charts.cusum_step`; the confirmed limit, the Shewhart limit of the second rule, is
+    :func:`monitor_core.trend.state.cusum_step`; the confirmed limit, the Shewhart limit of the second rule, is
     infinite without it. The error falls with the square of the number of cells; 80 give 0.1 % at k = 0.5, h = 5.
 
     Examples

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.api.fields import AxisName, RequestModel, RowId, Text
 from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.change import NotExamined
 from service.json_types import JsonObject
+from service.operations.fields import AxisName, RequestModel, RowId, Text
 from service.operations.monitoring.alarms import AlarmView
 
 router = APIRouter(prefix="/v1", tags=["alarms"])

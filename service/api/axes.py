@@ -6,10 +6,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict
 
-from service.api.fields import AxisId, Label, RequestModel
 from service.api.http.body import JSON_TYPE
 from service.api.services import Services, services
 from service.json_types import JsonObject
+from service.operations.fields import AxisId, Label, RequestModel
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.trend import AxisStatus
 

@@ -9,11 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
-from service.api.fields import AxisId, RequestModel, RowId, Text
 from service.api.services import Services, services
 from service.json_types import JsonObject
-from service.operations.analysis_arguments import MeasurementRange
-from service.operations.fields import Number, exactly_one_of
+from service.operations.analysis_job import MeasurementRange
+from service.operations.fields import AxisId, Number, RequestModel, RowId, Text, exactly_one_of
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.store.tables import CalibrationRow
 

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
-from service.api.fields import AxisId, AxisName, JobId, RequestModel
 from service.api.services import Services, services
 from service.json_types import JsonObject
+from service.operations.fields import AxisId, AxisName, JobId, RequestModel
 from service.operations.monitoring.replay import ReplayIn
 from service.store.tables import JobRow
 

@@ -8,11 +8,10 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
-from service.api.fields import AxisId, RequestModel, RowId
 from service.api.services import Services, services
 from service.json_types import JsonObject
-from service.operations.fields import Moment
-from service.operations.monitoring.resolution import thin_out
+from service.operations.fields import AxisId, Moment, RequestModel, RowId
+from service.operations.monitoring.trend import thin_out
 from service.store.trend.points import Span, TrendPoint
 
 router = APIRouter(prefix="/v1", tags=["trend"])

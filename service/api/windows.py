@@ -12,12 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, mode
 
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Window
 from monitor_core.recordings.elements.units import metres
-from service.api.fields import AxisId, Label, RequestModel
 from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_body
 from service.api.http.samples import Samples
 from service.api.services import Services, services
 from service.json_types import JsonObject
-from service.operations.fields import Moment, Number
+from service.operations.fields import AxisId, Label, Moment, Number, RequestModel
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])

@@ -15,7 +15,7 @@ from service.api.jobs import JobsOut
 from service.api.trend import TrendOut, TrendPointOut
 from service.cli.output import json_option, print_json, print_table
 from service.cli.remote.client import Client
-from service.cli.remote.embedded import embedded_service
+from service.cli.remote.server import embedded_service
 from service.cli.replay import post_session
 from service.documents.measurement import read_evidence
 from service.json_types import Json, JsonObject

@@ -14,7 +14,7 @@ from monitor_core.effects import Effect
 from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.motion import MotionRecord
+from monitor_core.recording import MotionRecord
 from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.units import metres

@@ -29,8 +29,8 @@ COMMANDS = {
     "simulate": "Record a session of a drive model, without a machine.",
 }
 
-#: Where a command stands that has company in a folder.
-MODULES = {"backup": "data.backup", "restore": "data.restore"}
+#: Where a command stands that has no module of its own.
+MODULES = {"restore": "backup"}
 
 
 def command_named(name: str) -> click.Command:

@@ -1,28 +1,137 @@
 """Jobs that analyse what was measured of an axis: ask, measure, analyse in a process of its own, store the answer.
 
 What was measured are stored measurements of the axis, or peaks that come with the question.
+
+What an identification or an explanation is asked to look at, as it is sent and as its job keeps it.
+
+Modes of stored measurements, measured once more from their waveforms.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Annotated, Generic, Literal, Protocol, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.measured_responses import SessionResponses, responses_of_windows
+from monitor_core.modal import ModalMeasurement, measure_mode
+from monitor_core.models import DriveConditions
+from monitor_core.pipeline import AxisSettings, measure_response, search_band
+from monitor_core.recording import Rejection, Window
+from monitor_core.recordings.elements.units import metres
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle
 from service.json_types import JsonObject
-from service.operations.analysis_arguments import AnalysisArguments, MeasurementRange
+from service.operations.fields import Moment, Number
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
-from service.operations.monitoring.measured_modes import measured_with_windows
 from service.operations.own_process import Progress, Report, in_own_process
 from service.store import jobs, measurements
 from service.store.axes import get_axis
 from service.store.database import Database
-from service.store.reports import ReportStore
+from service.store.jobs import ReportStore
+from service.store.measurements import accepted_places
 from service.store.tables import MeasurementRow
 from service.store.waveforms import WaveformStore
+
+
+def measured_modes(
+    database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
+) -> Iterator[ModalMeasurement]:
+    """Measure the mode of each stored measurement, without a calibration; those that cannot be judged are left out.
+
+    Raises WaveformDamagedError if a waveform is not what was stored: what comes of it must not silently rest on less
+    than it was asked for.
+    """
+    for windows in _stored_windows(database, waveforms, rows):
+        modal = measure_mode(windows, band=search_band(settings, None, windows[0]), gate=settings.mode)
+        if isinstance(modal, ModalMeasurement):
+            yield modal
+
+
+def measured_with_windows(
+    database: Database, waveforms: WaveformStore, settings: AxisSettings, rows: Iterable[MeasurementRow]
+) -> Iterator[tuple[ModalMeasurement | Rejection, Sequence[Window]]]:
+    """Measure the response of each stored measurement on all its lines, and return it, or why not, with its windows.
+
+    Raises WaveformDamagedError as :func:`measured_modes`.
+    """
+    for windows in _stored_windows(database, waveforms, rows):
+        yield measure_response(windows, settings), windows
+
+
+def _stored_windows(
+    database: Database, waveforms: WaveformStore, rows: Iterable[MeasurementRow]
+) -> Iterator[Sequence[Window]]:
+    for row in rows:
+        with database.read() as session:
+            places = accepted_places(session, row.id)
+        windows = waveforms.read(places)
+        if windows:
+            yield windows
+
+
+class MeasurementRange(BaseModel):
+    """Stored measurements whose preload was set on purpose, by time."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    start: Moment | None = Field(default=None, alias="from", description="inclusive")
+    end: Moment | None = Field(default=None, alias="to", description="exclusive")
+
+
+class PeakIn(BaseModel):
+    """One measured peak of the table's receptance."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000)]
+    frequency_hz: Annotated[Number, Field(gt=0, le=1e6)]
+    frequency_standard_uncertainty_hz: Annotated[Number, Field(gt=0, le=1e6)] | None = None
+    amplitude_m_per_n: Annotated[Number, Field(gt=0, le=1)] | None = None
+    preload_n: Annotated[Number, Field(gt=0, le=1e7)] | None = None
+    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
+
+    def to_core(self) -> ModalObservation:
+        """Return the core's record, in SI units."""
+        return ModalObservation(
+            DriveConditions(metres(self.position_mm), self.preload_n, self.payload_kg or 0.0),
+            self.frequency_hz,
+            self.frequency_standard_uncertainty_hz,
+            amplitude=self.amplitude_m_per_n,
+        )
+
+
+AccelerometerPlace = Annotated[
+    Literal["table", "nut"],
+    Field(description="where it sat on the measurements; without it where the model explains them better"),
+]
+
+
+class AnalysisArguments(BaseModel):
+    """What was measured: stored measurements, or peaks."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    measurements: MeasurementRange | None = None
+    peaks: Annotated[list[PeakIn] | None, Field(min_length=1, max_length=1000)] = None
+    hold_out_mm: Annotated[list[Number], Field(max_length=100)] = []
+    accelerometer: AccelerometerPlace | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.measurements is None) == (self.peaks is None):
+            raise ValueError("exactly one of measurements and peaks is expected; got both or none")
+        if self.accelerometer is not None and self.measurements is None:
+            raise ValueError("accelerometer goes with measurements; peaks are of the table")
+        return self
+
+    @property
+    def hold_out(self) -> tuple[float, ...]:
+        """Positions to be held out. [m]."""
+        return tuple(metres(position) for position in self.hold_out_mm)
+
 
 #: More measurements than this at once were meant for a trend.
 MOST_MEASUREMENTS = 200

@@ -11,10 +11,8 @@ from markupsafe import Markup, escape
 
 from monitor_core.discrepancy import Explanation
 from monitor_core.fitting.comparison import Panel
+from service.report.charts import gap_chart, misfit_map_chart, panel_chart, pull_chart, shade_names, style_of
 from service.report.content import Cell, report_content
-from service.report.gap_chart import gap_chart, pull_chart
-from service.report.misfit_map_chart import misfit_map_chart, shade_names
-from service.report.panel_chart import panel_chart, style_of
 from service.report.verdict import nothing_held_out
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"

@@ -1,4 +1,7 @@
-"""``/``: the fleet, worst first. ``/axes/{axis}``: one axis with trend, refusals, calibration and alarms."""
+"""``/``: the fleet, worst first. ``/axes/{axis}``: one axis with trend, refusals, calibration and alarms.
+
+``/docs`` and ``/redoc``: the description of the API as pages, with nothing from outside and no script in them.
+"""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,6 +20,14 @@ STATIC = FOLDER / "static"
 
 router = APIRouter(include_in_schema=False)
 templates = Jinja2Templates(directory=FOLDER / "templates")
+
+#: Both programs that draw these pages write styles as they go, and ReDoc searches in a worker of its own.
+_OF_API_PAGES = {
+    "Content-Security-Policy": (
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; worker-src blob:; "
+        "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+}
 
 #: Worst first; an axis nobody can judge comes before one that is well.
 SEVERITY = ("alarm", "alert", "unknown", "learning", "normal")
@@ -67,3 +78,15 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
             "discrepancies": finished_discrepancies(on.database, axis),
         },
     )
+
+
+@router.get("/docs")
+def try_api(request: Request) -> Response:
+    """Show the API as pages to try it with (Swagger UI)."""
+    return templates.TemplateResponse(request, "swagger.html", headers=_OF_API_PAGES)
+
+
+@router.get("/redoc")
+def read_api(request: Request) -> Response:
+    """Show the API as pages to read (ReDoc)."""
+    return templates.TemplateResponse(request, "redoc.html", headers=_OF_API_PAGES)

@@ -9,11 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from monitor_core.change.attribution import ChangeAttribution, attribute_change
-from monitor_core.change.cell_errors import ChangeTolerances
-from monitor_core.change.cells import positions_of
+from monitor_core.change.cells import ChangeTolerances, ThenAndNow, positions_of
 from monitor_core.change.changes import Cause
 from monitor_core.change.reference_ratio import compare_times
-from monitor_core.change.then_and_now import ThenAndNow
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.effects.effect import Effect
 from monitor_core.effects.inertia import ADDED_MASS

@@ -22,7 +22,7 @@ from monitor_core.recording import RejectionReason
 from monitor_core.trend import TrendStatus
 from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
-from service.cli.remote.embedded import embedded_service
+from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
 from service.observability import Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration

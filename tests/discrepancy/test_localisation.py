@@ -21,9 +21,8 @@ from monitor_core.discrepancy.localisation.joint_significance import (
     order_p_values,
     size_trend_p_value,
 )
-from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise
+from monitor_core.discrepancy.localisation.localise import HealthyScatter, localise, misfit_map
 from monitor_core.discrepancy.localisation.misfit_kind import KindFound, take_out
-from monitor_core.discrepancy.localisation.misfit_map import misfit_map
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout, Setting

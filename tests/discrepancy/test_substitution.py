@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.search.substitution import substitute_effect, substitute_parameter
+from monitor_core.discrepancy.search.refits import substitute_effect, substitute_parameter
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity, wrong_quantity

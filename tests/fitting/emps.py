@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import scipy.io
 
-from monitor_core.motion import MotionRecord
+from monitor_core.recording import MotionRecord
 
 
 @cache

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import linalg, stats
 
 from monitor_core.fitting.comparison import CommonErrors
-from monitor_core.fitting.conditions.condition_errors import whitening
+from monitor_core.fitting.solver.linearised import whitening
 
 SIZES = (7, 1, 12, 3)
 SETTING = np.repeat(np.arange(len(SIZES)), SIZES)

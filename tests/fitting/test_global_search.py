@@ -9,9 +9,15 @@ import pytest
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.solver.global_search import Search, SearchSettings, StartOrigin, search
+from monitor_core.fitting.solver.global_search import (
+    MapFunction,
+    Search,
+    SearchCancelledError,
+    SearchSettings,
+    StartOrigin,
+    search,
+)
 from monitor_core.fitting.solver.least_squares import FitSettings
-from monitor_core.fitting.solver.population import MapFunction, SearchCancelledError
 from tests.fitting.strd import agreed_digits, certified, regression
 
 QUICK = SearchSettings(n_populations=2, candidates_per_coordinate=5, n_generations=8, n_random_starts=5)

@@ -10,10 +10,9 @@ from monitor_core.effects import MOTION_EFFECTS, with_effects
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.residuals.motion.comparison import MotionComparison, strokes_of
-from monitor_core.fitting.residuals.motion.noise import repetition_shift
+from monitor_core.fitting.residuals.motion.sampling import repetition_shift
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
-from monitor_core.motion import MotionRecord
-from monitor_core.recording import ExcitationQuantity
+from monitor_core.recording import ExcitationQuantity, MotionRecord
 from tests.fitting.emps import emps_record
 from tests.models.simulated_motion import Motion, Truth, simulated_record
 

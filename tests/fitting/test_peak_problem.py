@@ -14,8 +14,7 @@ from monitor_core.fitting.residuals.peaks import Weighting, mode_bands, paper_ob
 from monitor_core.fitting.solver.global_search import SearchSettings, search
 from monitor_core.fitting.solver.least_squares import fit_local
 from monitor_core.identification.cases.assignment import assign_modes
-from monitor_core.identification.directions import Verdict
-from monitor_core.identification.identifiability import assess
+from monitor_core.identification.identifiability import Verdict, assess
 from monitor_core.models.protocol import DriveConditions
 from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
 from tests.identification import tian

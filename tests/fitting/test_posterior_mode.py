@@ -12,8 +12,7 @@ from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.fitting.evidence import evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
-from monitor_core.fitting.solver.integrated_cost import integrated_cost
-from monitor_core.fitting.solver.posterior_mode import at_mode
+from monitor_core.fitting.solver.posterior_mode import at_mode, integrated_cost
 from tests.discrepancy.axes import LinearAxis, layout_of, quantity
 from tests.fitting.test_hypothesis_fit import linear
 

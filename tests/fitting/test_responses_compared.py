@@ -8,12 +8,11 @@ from scipy import stats
 
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.conditions.condition_errors import whitening
 from monitor_core.fitting.conditions.settings import SettingTolerances
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.model_form import FormSpectrum, ModelFormError
 from monitor_core.fitting.residuals.responses import compare_responses
-from monitor_core.fitting.solver.linearised import linearise
+from monitor_core.fitting.solver.linearised import linearise, whitening
 from monitor_core.models.extended import ResponseCase, physics_of, prepare_lines, responses
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from tests.discrepancy.axes import AXIS, FORM, LINES, compared, measured, settings, true_subject

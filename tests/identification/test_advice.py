@@ -11,14 +11,13 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import Bounds
-from monitor_core.fitting.residuals.peak_bands import mode_bands
-from monitor_core.fitting.residuals.peak_grid import Place, peak_grid
+from monitor_core.fitting.residuals.peak_grid import Place, mode_bands, peak_grid
 from monitor_core.fitting.residuals.peak_search import find_peaks
 from monitor_core.fitting.residuals.peaks import Weighting
 from monitor_core.fitting.solver.least_squares import LocalFit, fit_local
-from monitor_core.identification.advice import MONITORED_UNCERTAINTY, bands_at, modes_to_monitor, next_positions
 from monitor_core.identification.cases import Case, PeakCase, ResponseCase, peak_case, positions_of
 from monitor_core.identification.cases.mode_tracks import track_modes
+from monitor_core.identification.sensitivity import MONITORED_UNCERTAINTY, bands_at, modes_to_monitor, next_positions
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
 from tests.identification import tian

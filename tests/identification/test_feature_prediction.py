@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.identification.feature_prediction import MonitoredMode, mode_frequencies, predict_coefficients
+from monitor_core.identification.predicted_calibration import MonitoredMode, mode_frequencies, predict_coefficients
+from monitor_core.models.ball_screw import nut_rigidity
 from monitor_core.models.families import build_model
-from monitor_core.models.nut import nut_rigidity
 from monitor_core.models.published.lumped import LumpedModel, LumpedParameters, feature_coefficients
 from monitor_core.models.published.receptance import ReceptanceModel
 from monitor_core.preload import (

@@ -10,8 +10,15 @@ from scipy.stats import norm, t
 from monitor_core.arrays import FloatArray
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
-from monitor_core.identification.directions import Thresholds, Verdict, directions
-from monitor_core.identification.identifiability import assess, correlations, inseparable_pairs, judge
+from monitor_core.identification.identifiability import (
+    Thresholds,
+    Verdict,
+    assess,
+    correlations,
+    directions,
+    inseparable_pairs,
+    judge,
+)
 from monitor_core.identification.profiles import profile_interval
 from tests.fitting.test_global_search import Wells
 from tests.fitting.test_least_squares import Linear, everywhere, line

@@ -13,7 +13,7 @@ import scipy.sparse.linalg
 
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.transmission_line import TransmissionLineParameters
-from monitor_core.models.published.transmission_line.drive import SMOOTH_GUIDES, discretise
+from monitor_core.models.published.transmission_line.grid import SMOOTH_GUIDES, discretise
 from monitor_core.models.published.transmission_line.junctions import (
     BearingState,
     MotorState,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor_core.motion import MotionRecord
+from monitor_core.recording import MotionRecord
 
 RATE = 1000.0
 

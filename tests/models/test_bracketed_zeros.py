@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize.elementwise
 
-from monitor_core.models.bracketed_zeros import zeros_between
+from monitor_core.models.poles import zeros_between
 
 N = 40
 CENTRES = np.random.default_rng(1).normal(0.0, 2.0, N)

@@ -16,8 +16,7 @@ from monitor_core.models.protocol import DriveConditions, ExcitationPoint, Motor
 from monitor_core.models.published.damping import effective_loss_factor, equivalent_viscous_damping
 from monitor_core.models.published.hybrid import HybridModel, HybridParameters, equivalent_stiffness, screw_inertia
 from monitor_core.models.published.lumped import LumpedModel, LumpedParameters
-from monitor_core.models.published.second_order import SecondOrderSystem, poles
-from monitor_core.models.published.small_drive import drive_natural_frequencies
+from monitor_core.models.published.small_drive import SecondOrderSystem, drive_natural_frequencies, poles
 from tests.conftest import PROJECT_ROOT
 
 MODEL_FILE = PROJECT_ROOT / "replay_data" / "models" / "hybrid.toml"

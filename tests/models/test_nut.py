@@ -3,7 +3,7 @@
 import pytest
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.nut import nut_rigidity
+from monitor_core.models.ball_screw import nut_rigidity
 
 K, RATING = 470e6, 4000.0  # Table 1: catalogue stiffness; 400 N are a tenth of the rating
 

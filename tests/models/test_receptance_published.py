@@ -13,8 +13,12 @@ from monitor_core.arrays import ComplexArray, FloatArray
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceModel, ReceptanceParameters
 from monitor_core.models.published.receptance.closed_form import position_terms, table_receptance
-from monitor_core.models.published.receptance.coupling import couple_receptances, ground_receptance
-from monitor_core.models.published.receptance.matrices import drive_receptance, nut_pattern
+from monitor_core.models.published.receptance.matrices import (
+    couple_receptances,
+    drive_receptance,
+    ground_receptance,
+    nut_pattern,
+)
 
 POSITIONS = {"l1": 0.6, "l2": 0.8, "l3": 1.0, "l4": 1.3, "l5": 1.6, "l6": 1.9}
 #: Where the paper has its four orders [Hz], and a grid fine enough for a parabola through three lines of a peak.

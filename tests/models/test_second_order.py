@@ -13,12 +13,15 @@ from monitor_core.models.published.damping import (
     equivalent_viscous_damping,
     series_stiffness,
 )
-from monitor_core.models.published.second_order import SecondOrderSystem, poles, transfer_matrix, undamped_modes
 from monitor_core.models.published.small_drive import (
     DriveEquations,
+    SecondOrderSystem,
     drive_natural_frequencies,
     drive_normal_modes,
     drive_response,
+    poles,
+    transfer_matrix,
+    undamped_modes,
 )
 
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])

@@ -15,7 +15,7 @@ from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings import FileReport, check_file
-from monitor_core.recordings.elements.response_units import response_unit
+from monitor_core.recordings.elements.units import response_unit
 from monitor_core.recordings.frf_set import (
     FrequencyResponseSet,
     MeasuredResponse,

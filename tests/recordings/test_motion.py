@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
-from monitor_core.motion import MotionRecord
-from monitor_core.recording import ExcitationQuantity
+from monitor_core.recording import ExcitationQuantity, MotionRecord
 from monitor_core.recordings import check_file
 from monitor_core.recordings.motion_csv import read_motion_record, write_motion_record
 

@@ -23,7 +23,7 @@ from monitor_core.recording import Conditions, Window
 from service.api.http.body import MSGPACK_TYPE
 from service.cli.main import main
 from service.cli.remote.client import window_document
-from service.cli.remote.embedded import embedded_service
+from service.cli.remote.server import embedded_service
 from service.settings import Settings
 
 SAMPLE_RATE = 1024.0

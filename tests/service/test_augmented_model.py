@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.augmented_model import augmented_model
+from monitor_core.discrepancy.explain_axis import augmented_model
 from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, Outcome
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects
 from monitor_core.fitting.description import AxisDescription

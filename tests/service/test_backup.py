@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from service.errors import DataFolderError
-from service.store.safekeeping.backup import DATABASE, MANIFEST, back_up
-from service.store.safekeeping.restore import restore
+from service.store.safekeeping.backup import DATABASE, MANIFEST, back_up, restore
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 
 N_BEFORE, N_AFTER, N_WINDOWS = 10, 30, 8

@@ -15,8 +15,7 @@ from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, DriveModel, ExcitationPoint, ResponsePoint
-from monitor_core.motion import MotionRecord
-from monitor_core.recording import ExcitationQuantity
+from monitor_core.recording import ExcitationQuantity, MotionRecord
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse, write_frf_set
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import write_motion_record

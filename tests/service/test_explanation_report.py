@@ -31,8 +31,8 @@ from monitor_core.fitting.comparison import Panel
 from monitor_core.uncertainty import Estimate
 from service.documents.explanation import explanation_document
 from service.report import explanation_markdown, explanation_page, write_report
+from service.report.charts import POINTS
 from service.report.content import compared_with_stated
-from service.report.panel_chart import POINTS
 from service.report.rounding import quantity, with_uncertainty
 from service.report.svg import Axis, axis_over, decimated, element
 from service.report.verdict import asides, headline

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor_core.recordings.model_file import RecordingFormatError, parse_model
-from service.api.http import connection as connection_module
+from service.api.http import limits as connection_module
 from service.api.http.body import ROOM_FOR_LISTS, parse_body
 from service.api.http.limits import LARGEST_AT_ONCE, LARGEST_DOCUMENT, MOST_HEADER_BYTES, RequestLimits
 from service.api.http.samples import MOST_SAMPLES, decode_samples

@@ -11,7 +11,7 @@ from monitor_core.pipeline import AxisState
 from monitor_core.recording import Conditions
 from monitor_core.trend import DetectorSettings, LossDirection, Observation, step
 from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
-from service.operations.monitoring.monitor_state import dump_design, dump_state, load_design, load_state, state_now
+from service.operations.monitoring.intake.charts import dump_design, dump_state, load_design, load_state, state_now
 from service.store.tables import AxisRow
 
 SETTINGS = DetectorSettings(baseline_size=8, loss=LossDirection.RISE)

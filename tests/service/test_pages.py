@@ -6,7 +6,7 @@ import pytest
 from monitor_core.recordings import open_session
 from service.cli.demo import CALIBRATION, demonstration_axis, replay_bundled
 from service.cli.remote.client import Client
-from service.cli.remote.embedded import embedded_service
+from service.cli.remote.server import embedded_service
 from service.settings import BUNDLED_SESSIONS, Settings
 
 

@@ -6,6 +6,8 @@ excitation level and direction (χ²); do they follow one another along a series
 signs); does their size go with a condition (rank correlation); do they go along a signature, or more so with a
 condition. What is found is narrowed to the place that holds it, named by its kind and taken out; then the rest is
 tested again.
+
+Draw up maps of the misfit: its rms by the values of a condition and by frequency band.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +29,42 @@ from monitor_core.discrepancy.localisation.misfit_kind import (
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
-from monitor_core.fitting.conditions.groups import Grouping, Indices, groupings, previous_in_series
+from monitor_core.fitting.conditions.groups import (
+    CONDITIONS,
+    Grouping,
+    Indices,
+    by_condition,
+    by_frequency,
+    by_stretch,
+    groupings,
+    previous_in_series,
+)
+
+
+def varied_conditions_of_maps(layout: Layout) -> tuple[ConditionAxis, ...]:
+    """Return what a picture of the misfit may go over: every condition of which there is more than one value."""
+    groupings = {axis: by_condition(layout, axis) for axis in CONDITIONS}
+    return tuple(axis for axis, grouping in groupings.items() if grouping is not None and grouping.n_groups > 1)
+
+
+def misfit_map(
+    layout: Layout, standardised: FloatArray, over: ConditionAxis | None, bands: int = 8
+) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
+    """Return the names of rows and columns, and the rms of the standardised misfit, shape (n_rows, n_columns).
+
+    The rows are the values of a condition, or one row of everything. The columns are bands of frequency, modes, or
+    stretches of settings one after the other, at most ``bands`` of them. The rms is NaN where there is no value.
+    """
+    rows = (None if over is None else by_condition(layout, over)) or by_stretch(layout, 1)
+    columns = by_frequency(layout, bands) or by_stretch(layout, bands)
+    both = (rows.group >= 0) & (columns.group >= 0)
+    cell = rows.group[both] * columns.n_groups + columns.group[both]
+    n_cells = rows.n_groups * columns.n_groups
+    n = np.bincount(cell, minlength=n_cells)
+    squares = np.bincount(cell, weights=standardised[both] ** 2, minlength=n_cells)
+    mean = np.divide(squares, n, out=np.full(n_cells, np.nan), where=n > 0)
+    return rows.names, columns.names, np.sqrt(mean).reshape(rows.n_groups, columns.n_groups)
+
 
 #: A neighbour belongs to the place if it has this share of the mean square of the worst: half of its amplitude.
 _BELONGS = 0.25

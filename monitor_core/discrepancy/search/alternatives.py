@@ -2,12 +2,10 @@
 
 from collections.abc import Collection, Iterator
 
-from monitor_core.discrepancy.search.distance import is_far, screening_misleads
 from monitor_core.discrepancy.search.found import Accepted, Rival
-from monitor_core.discrepancy.search.refits import rivals_at
-from monitor_core.discrepancy.search.substitution import substitute_effect
+from monitor_core.discrepancy.search.refits import rivals_at, substitute_effect
 from monitor_core.discrepancy.search.textbook import is_at_textbook_value
-from monitor_core.discrepancy.search.workspace import Workspace
+from monitor_core.discrepancy.search.workspace import Workspace, is_far, screening_misleads
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic
 from monitor_core.fitting.hold_out import gain

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Generic
 
-from monitor_core.discrepancy.screening.screened import Screened
+from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.solver.hypothesis_fit import Fitted

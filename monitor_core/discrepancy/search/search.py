@@ -9,12 +9,11 @@
 from collections.abc import Sequence
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
-from monitor_core.discrepancy.search.distance import gap
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
-from monitor_core.discrepancy.search.workspace import Workspace
+from monitor_core.discrepancy.search.workspace import Workspace, gap
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.hypothesis import Hypothesis

@@ -22,7 +22,7 @@ from monitor_core.fitting.comparison import AsMeasured, Layout, Panel
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.conditions.settings import KNOWN_MASS, SettingTolerances, setting_of
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
-from monitor_core.fitting.residuals.modal_values import assign_modes, modal_values
+from monitor_core.fitting.residuals.natural_frequencies import assign_modes, modal_values
 from monitor_core.models.extended import AxisPhysics
 from monitor_core.models.extended.modes import DriveModes, drive_modes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd

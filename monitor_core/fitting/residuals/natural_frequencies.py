@@ -8,10 +8,12 @@ The model answers by the common protocol, once per condition. A measured frequen
 
 (c calculated, t tested), where f_c is a natural frequency, ω_n/2π of a pole, and not the top of a peak: the two differ
 by a share of the order of ζ², and by more where modes are close.
+
+Turn modal observations into values, and assign measured natural frequencies to the modes of a model.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,12 +21,90 @@ from scipy.optimize import linear_sum_assignment
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.coordinates import FreeParameters
-from monitor_core.fitting.differences import central_differences
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
-from monitor_core.fitting.residuals.peak_bands import relative_frequency_uncertainty
-from monitor_core.fitting.residuals.peak_grid import IndexArray
+from monitor_core.fitting.problem import central_differences
+from monitor_core.fitting.residuals.peak_grid import IndexArray, relative_frequency_uncertainty
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
+
+#: Standard deviation of a frequency without a stated uncertainty: what two modal tests of one machine differ by.
+_UNSTATED = 0.015
+#: The same for a damping ratio, which the same tests determine to a fifth.
+_UNSTATED_DAMPING = 0.2
+#: By how much a model of an axis is off in a frequency even where nothing is missing.
+_FORM = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class ModalValue:
+    """The frequency of an observation, or its damping ratio."""
+
+    observation: int  # in the order of settings and frequencies
+    setting: int
+    order: int
+    is_damping: bool
+    measured: float  # ln f or ζ
+    deviation: float  # of the misfit
+
+
+def modal_values(
+    observations: Sequence[ModalObservation], setting_of: Mapping[DriveConditions, int]
+) -> list[ModalValue]:
+    """Return the values setting by setting, frequencies before damping ratios, both in order of frequency.
+
+    An observation without an order has that of its frequency among all of its setting.
+    """
+    ordered = sorted(observations, key=lambda observation: (setting_of[observation.conditions], observation.frequency))
+    settings = [setting_of[observation.conditions] for observation in ordered]
+    ranks = np.concatenate([np.arange(count) for count in np.bincount(settings)]).tolist()
+    values = []
+    for number, (observation, setting, rank) in enumerate(zip(ordered, settings, ranks, strict=True)):
+        order = rank + 1 if observation.order is None else observation.order
+        frequency, error = observation.frequency, observation.frequency_uncertainty
+        deviation = _UNSTATED if error is None else math.hypot(error / frequency, _FORM)
+        values.append(ModalValue(number, setting, order, False, math.log(frequency), deviation))
+        if (ratio := observation.damping_ratio) is not None:
+            error = observation.damping_ratio_uncertainty
+            deviation = _UNSTATED_DAMPING if error is None else error / ratio
+            values.append(ModalValue(number, setting, order, True, ratio, deviation))
+    return sorted(values, key=lambda value: (value.setting, value.is_damping, value.observation))
+
+
+def assign_modes(predicted: FloatArray, measured: FloatArray, missed: float) -> tuple[FloatArray, Indices]:
+    """Return predicted less measured values and which predicted value each measured one has, −1 for a missed one.
+
+    Both are rising logarithms of frequencies. The assignment has the smallest sum of differences. It is found by
+    dynamic programming over both in order: to skip a predicted value costs nothing, to miss a measured one costs
+    ``missed``.
+    """
+    n, m = measured.size, predicted.size
+    of_model: list[float] = predicted.tolist()
+    before = [0.0] * (m + 1)  # cost without the measured value, by how many predicted ones are used up
+    came_from = [[0] * (m + 1)]  # 1: matched, 2: measured missed, 0: predicted skipped
+    for value in measured.tolist():
+        least, steps = [before[0] + missed], [2]
+        for j, at in enumerate(of_model):
+            choices = [(least[j], 0), (before[j] + abs(at - value), 1), (before[j + 1] + missed, 2)]
+            cost, step = min(choices)
+            least.append(cost)
+            steps.append(step)
+        before = least
+        came_from.append(steps)
+    misfit, whose = np.empty(n), np.full(n, -1, dtype=np.intp)
+    i, j = n, m
+    while i:
+        step = came_from[i][j]
+        if step == 0:
+            j -= 1
+            continue
+        misfit[i - 1] = -missed
+        if step == 1:
+            j -= 1
+            misfit[i - 1], whose[i - 1] = predicted[j] - measured[i - 1], j
+        i -= 1
+    return misfit, whose
+
 
 #: Of a coordinate, in decades. Slopes of ln f are off by 4e-10 of the largest over the four families, as much by
 #: truncation as by the rounding of poles; at a tenth of the step by 6e-9, at ten times by 2e-7.
@@ -99,7 +179,8 @@ def natural_frequency_problem(
     """Make the problem of finding the free parameters from natural frequencies; amplitudes play no part.
 
     The frequencies have their elastic modes from :func:`assign_by_frequency` or as a source states them; one without an
-    uncertainty has 1 %. Priors are not in it: :func:`monitor_core.fitting.priors.with_priors` adds ``drive.priors``.
+    uncertainty has 1 %. Priors are not in it: :func:`monitor_core.fitting.free_parameter.with_priors` adds
+    ``drive.priors``.
 
     Raises NotIdentifiableError if there are fewer data than free parameters, or one of these moves no datum and has no
     prior; OutsideValidityError if the model as stated has no such mode, or no answer under the conditions.

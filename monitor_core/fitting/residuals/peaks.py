@@ -24,12 +24,16 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak
-from monitor_core.fitting.residuals.peak_bands import (
+from monitor_core.fitting.residuals.peak_grid import (
+    Band,
+    IndexArray,
+    PeakGrid,
+    Place,
     mode_bands,
+    peak_grid,
     relative_amplitude_uncertainty,
     relative_frequency_uncertainty,
 )
-from monitor_core.fitting.residuals.peak_grid import Band, IndexArray, PeakGrid, Place, peak_grid
 from monitor_core.fitting.residuals.peak_search import Peaks, find_peaks, find_peaks_with_gradient
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters

@@ -1,6 +1,6 @@
 r"""Model how the finite windows of an estimate spread a frequency response over neighbouring lines.
 
-Where the excitation of the windows is at hand, :func:`monitor_core.spectral.line_spread` computes it. Otherwise H1 of a
+Where the excitation of the windows is at hand, :func:`monitor_core.spectral.spectra` computes it. Otherwise H1 of a
 random excitation that is flat around a line, averaged over segments under a window w, is in expectation
 
 .. math:: \bar H(f) = \frac{\int |W(\nu)|^2 H(f - \nu)\,d\nu}{\int |W(\nu)|^2\,d\nu}

@@ -21,7 +21,7 @@ from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import CommonErrors, GapInSigma, Layout, Panel, amplitude_panels
 from monitor_core.fitting.conditions.settings import KNOWN_MASS, WARMER, SettingTolerances, setting_of
 from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.fitting.residuals.clear_lines import case_of, clear_responses, with_phase_within_half_a_turn
+from monitor_core.fitting.residuals.lines import case_of, clear_responses, with_phase_within_half_a_turn
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from monitor_core.fitting.residuals.resolution import Smearing, smearing
 from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses

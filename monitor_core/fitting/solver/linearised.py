@@ -1,4 +1,18 @@
-"""Linearise a comparison around the condition errors that are likely there."""
+r"""Linearise a comparison around the condition errors that are likely there.
+
+Account for condition errors: errors of a setting that all its values share.
+
+With the misfit in its standard deviations, r, and its change T by the standard normal errors of its setting, the
+covariance within a setting is :math:`V = I + T^T T`. Multiplied by :math:`V^{-1/2}` the residuals are independent and
+standard normal where the model is right. With :math:`T T^T = U \Lambda U^T`, k by k for k errors,
+
+.. math::
+
+    V^{-1/2} = I - T^T U \, \mathrm{diag}\!\left( \frac{1 - (1 + \lambda)^{-1/2}}{\lambda} \right) U^T T
+
+so that nothing larger than k by k is ever factorised. Values of different settings may share an error, too, as that of
+the form of a model at one frequency: what is left is then whitened again, with a direction for each such error.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,13 +20,122 @@ from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import Comparison
-from monitor_core.fitting.conditions.condition_errors import Whitening, whitening
+from monitor_core.fitting.comparison import CommonErrors, Comparison
 from monitor_core.fitting.hypothesis import Hypothesis
+
+#: Share of its variance that the values must determine for an error to have an estimate.
+_LEAST_KNOWN = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CommonWhitening:
+    r"""One direction for each error that values share: :math:`I - a a^T / (1 + \lambda + \sqrt{1 + \lambda})`."""
+
+    group: npt.NDArray[np.intp]  # shape (n_values,)
+    direction: FloatArray  # a, deviation of the error over that of the value, shape (n_values,)
+    shrink: FloatArray  # shape (n_groups,)
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Return values (..., n_values) with the errors they share accounted for."""
+        flat = values.reshape(-1, values.shape[-1])
+        along = np.array([np.bincount(self.group, weights=self.direction * row) for row in flat])
+        return np.asarray(flat - self.direction * (along * self.shrink)[:, self.group]).reshape(values.shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitening:
+    """What turns misfits into independent standard normal residuals."""
+
+    deviation: FloatArray  # of each value, shape (n_values,)
+    directions: FloatArray  # T, shape (n_errors, n_values)
+    starts: npt.NDArray[np.intp]  # first value of each setting, shape (n_settings,)
+    setting: npt.NDArray[np.intp]  # shape (n_values,)
+    shrink: FloatArray  # U diag(…) U^T of each setting, shape (n_settings, n_errors, n_errors)
+    common: "_CommonWhitening | None"
+    grams: FloatArray  # T T^T of each setting, shape (n_settings, n_errors, n_errors)
+
+    def __call__(self, misfits: FloatArray) -> FloatArray:
+        """Return residuals of misfits, shape (..., n_values)."""
+        scaled = misfits / self.deviation
+        if self.directions.shape[0]:
+            along = np.stack([np.add.reduceat(scaled * row, self.starts, axis=-1) for row in self.directions], axis=-1)
+            taken = np.einsum("skl,...sl->...sk", self.shrink, along)
+            for k, row in enumerate(self.directions):
+                scaled -= taken[..., k][..., self.setting] * row
+        return scaled if self.common is None else self.common(scaled)
+
+    def log_determinant(self, chosen: BoolArray) -> float:
+        """Return ln det V over the settings of the chosen values, without that of the values' own deviations."""
+        in_use = np.logical_or.reduceat(chosen, self.starts)
+        return float(np.sum(np.linalg.slogdet(np.eye(self.grams.shape[1]) + self.grams[in_use])[1]))
+
+    def errors(self, misfit: FloatArray) -> FloatArray:
+        """Return the most likely errors of every setting, in standard deviations, shape (n_settings, n_errors)."""
+        n_errors = self.directions.shape[0]
+        if not n_errors:
+            return np.zeros((self.starts.size, 0))
+        scaled = misfit / self.deviation
+        along = np.stack([np.add.reduceat(scaled * row, self.starts) for row in self.directions], axis=-1)
+        return np.asarray(-np.linalg.solve(np.eye(n_errors) + self.grams, along[..., None])[..., 0])
+
+    def pulls(self, misfit: FloatArray) -> FloatArray:
+        """Return the errors in the deviation their estimates have, standard normal where the model is right.
+
+        NaN where the values of a setting say nothing of an error; shape (n_settings, n_errors).
+        """
+        estimate = self.errors(misfit)
+        n_errors = estimate.shape[1]
+        inverse = np.linalg.inv(np.eye(n_errors) + self.grams)
+        variance = np.einsum("skl,slk->sk", inverse, self.grams)
+        known = variance > _LEAST_KNOWN
+        return np.where(known, estimate / np.sqrt(np.where(known, variance, 1.0)), np.nan)
+
+    def share_of(self, errors: FloatArray) -> FloatArray:
+        """Return the change of the misfit by condition errors, shape (n_values,)."""
+        scaled = np.zeros_like(self.deviation)
+        for k, row in enumerate(self.directions):
+            scaled += row * errors[self.setting, k]
+        return scaled * self.deviation
+
+
+def whitening(
+    deviation: FloatArray,
+    directions: FloatArray,
+    setting: npt.NDArray[np.intp],
+    common: CommonErrors | None = None,
+) -> Whitening:
+    """Prepare the whitening of misfits whose values stand in the order of their settings.
+
+    ``deviation`` is that of each value without the errors of its setting, shape (n_values,); ``directions`` are the
+    changes of the misfit per standard deviation of each error, shape (n_errors, n_values).
+    """
+    starts = np.flatnonzero(np.r_[True, np.diff(setting) > 0])
+    position = np.cumsum(np.r_[False, np.diff(setting) > 0])
+    scaled = directions / deviation
+    n_errors = scaled.shape[0]
+    grams = np.zeros((starts.size, n_errors, n_errors))
+    for k in range(n_errors):
+        for other in range(n_errors):
+            grams[:, k, other] = np.add.reduceat(scaled[k] * scaled[other], starts)
+    values, vectors = np.linalg.eigh(grams)
+    values = np.maximum(values, 0.0)
+    factor = 1.0 / (1.0 + values + np.sqrt(1.0 + values))  # (1 − (1+λ)^(-1/2))/λ without cancellation
+    shrink = np.einsum("skl,sl,sml->skm", vectors, factor, vectors)
+    return Whitening(deviation, scaled, starts, position, shrink, _common(common, deviation), grams)
+
+
+def _common(common: CommonErrors | None, deviation: FloatArray) -> _CommonWhitening | None:
+    if common is None:
+        return None
+    direction = common.deviation / deviation
+    power = np.bincount(common.group, weights=direction**2)
+    return _CommonWhitening(common.group, direction, 1.0 / (1.0 + power + np.sqrt(1.0 + power)))
+
 
 Answer = TypeVar("Answer")
 

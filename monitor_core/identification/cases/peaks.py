@@ -8,17 +8,19 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.fitting.coordinates import FreeParameters
+from monitor_core.fitting.free_parameter import with_priors
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
-from monitor_core.fitting.priors import with_priors
 from monitor_core.fitting.problem import Problem
-from monitor_core.fitting.residuals.peak_bands import (
+from monitor_core.fitting.residuals.peak_grid import (
     AMPLITUDE_UNCERTAINTY,
     FREQUENCY_UNCERTAINTY,
+    Band,
+    Place,
     mode_bands,
+    peak_grid,
     relative_amplitude_uncertainty,
     relative_frequency_uncertainty,
 )
-from monitor_core.fitting.residuals.peak_grid import Band, Place, peak_grid
 from monitor_core.fitting.residuals.peak_search import find_peaks
 from monitor_core.fitting.residuals.peaks import (
     PeakProblem,

@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.bracketed_zeros import zeros_between
 from monitor_core.models.extended.closed_form import (
     EntireParts,
     axial_part,
@@ -30,7 +29,7 @@ from monitor_core.models.extended.closed_form import (
 from monitor_core.models.extended.conditions import AxisStates, EndMasks, axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.physics import AxisPhysics
 from monitor_core.models.parameters import scaled_damping
-from monitor_core.models.poles import zeros_near
+from monitor_core.models.poles import zeros_between, zeros_near
 from monitor_core.models.protocol import DriveConditions, MotorEnd, NaturalFrequency
 
 Index = npt.NDArray[np.intp]

@@ -6,14 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor_core.arrays import ComplexArray
-from monitor_core.models.ball_screw import BallScrew
+from monitor_core.models.ball_screw import BallScrew, nut_rigidity
 from monitor_core.models.bracket import BeyondContacts, beyond_contacts
-from monitor_core.models.nut import nut_rigidity
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveConditions, MotorEnd, require_position
 from monitor_core.models.published.damping import complex_stiffness, equivalent_viscous_damping, series_stiffness
-from monitor_core.models.published.second_order import SecondOrderSystem, transfer_matrix, undamped_modes
-from monitor_core.models.published.small_drive import DriveEquations, SmallDrive
+from monitor_core.models.published.small_drive import (
+    DriveEquations,
+    SecondOrderSystem,
+    SmallDrive,
+    transfer_matrix,
+    undamped_modes,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,17 +1,56 @@
-"""Read named values of one place in a file (HDF5 attributes, a TOML table), each with its type and unit."""
+"""Read named values of one place in a file (HDF5 attributes, a TOML table), each with its type and unit.
+
+Read and write instants: RFC 3339 with a zone, never without.
+
+Read named values of a JSON document: objects, lists, numbers; what does not fit is refused with its place.
+"""
 
 import math
+import re
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from typing import TypeVar
 
 import numpy as np
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.timestamps import parse_instant
+
+_RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
+
+
+def parse_instant(text: str, where: str) -> datetime:
+    """Read an RFC 3339 instant with its time zone; digits beyond the microsecond are cut off.
+
+    The text is such as ``2025-03-01T06:00:00Z`` or ``2025-03-01T07:00:00.25+01:00``; ``where`` names file and place for
+    the message. ``RecordingFormatError`` if the text is no such instant, if the zone is missing, or if the calendar has
+    no such day.
+
+    Examples
+    --------
+    RFC 3339, section 5.8: 20 minutes and 50.52 seconds after the 23rd hour of April 12th, 1985 in UTC.
+
+    >>> parse_instant("1985-04-12T23:20:50.52Z", "example").isoformat()
+    '1985-04-12T23:20:50.520000+00:00'
+    """
+    expected = f"{where}: expected an RFC 3339 time with zone such as 2025-03-01T06:00:00Z; got {text!r}"
+    if not _RFC_3339.fullmatch(text):
+        raise RecordingFormatError(expected)
+    try:
+        return datetime.fromisoformat(text.upper())
+    except ValueError as error:
+        raise RecordingFormatError(f"{expected} ({error})") from error
+
+
+def format_instant(instant: datetime) -> str:
+    """Write an instant as RFC 3339, keeping its offset; local mean times with seconds in the offset become UTC."""
+    offset = instant.utcoffset()
+    if offset is None:
+        raise RecordingFormatError(f"expected a time with zone; got {instant.isoformat()}")
+    return (instant if offset % timedelta(minutes=1) == timedelta(0) else instant.astimezone(UTC)).isoformat()
+
 
 Choice = TypeVar("Choice", bound=StrEnum)
 
@@ -136,3 +175,30 @@ def _shown(value: object) -> str:
     plain = value.item() if isinstance(value, np.generic) else value
     text = repr(plain)
     return f"{type(plain).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
+
+
+def json_object(value: object, where: str) -> Fields:
+    """Return the keys of a JSON object; null means the same as a key that is not there."""
+    if not isinstance(value, dict):
+        raise RecordingFormatError(f"{where}: expected a JSON object; got {type(value).__name__}")
+    return Fields({key: entry for key, entry in value.items() if entry is not None}, where)
+
+
+def json_table(fields: Fields, name: str) -> Fields:
+    """Return the keys of an object inside another."""
+    return json_object(fields.values.get(name), f"{fields.where}, {name}")
+
+
+def json_list(fields: Fields, name: str) -> list[object]:
+    """Return a list by its key."""
+    value = fields.values.get(name)
+    if not isinstance(value, list):
+        raise RecordingFormatError(f"{fields.where}, {name}: expected a list; got {type(value).__name__}")
+    return value
+
+
+def json_numbers(values: object, n: int, place: str) -> list[float]:
+    """Return so many finite numbers."""
+    if not isinstance(values, list) or len(values) != n:
+        raise RecordingFormatError(f"{place}: expected a list of {n} numbers; got {values!r:.60}")
+    return [Fields({"item": value}, place).number("item", "SI") for value in values]

@@ -12,8 +12,7 @@ from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
-from monitor_core.recordings.raw.channel_map import ChannelMap, MappedChannel, WindowFacts, WindowsIn
-from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.channel_map import Channel, ChannelMap, Channels, MappedChannel, WindowFacts, WindowsIn
 
 #: Ending of the file name → reader of its channels.
 READERS: dict[str, Callable[[Path], Channels]] = {

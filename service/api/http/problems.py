@@ -1,4 +1,7 @@
-"""Answer every error as ``application/problem+json`` (RFC 9457) with a stable type."""
+"""Answer every error as ``application/problem+json`` (RFC 9457) with a stable type.
+
+Describe the API: FastAPI's own schema, with the models of bodies that a route reads by itself.
+"""
 
 from http import HTTPStatus
 
@@ -6,13 +9,28 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.json_schema import models_json_schema
 from pydantic_core import ErrorDetails
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
+from service.api.windows import WindowIn, WindowsIn
 from service.errors import ServiceError, status_of
 from service.json_types import Json, JsonObject
+
+_COMPONENT = "#/components/schemas/{model}"
+
+
+def describe(app: FastAPI) -> JsonObject:
+    """Return the OpenAPI document, made once."""
+    if app.openapi_schema is None:
+        document = FastAPI.openapi(app)
+        models = [(WindowIn, "validation"), (WindowsIn, "validation"), (Problem, "validation")]
+        document["components"]["schemas"] |= models_json_schema(models, ref_template=_COMPONENT)[1]["$defs"]  # type: ignore[arg-type]
+        app.openapi_schema = document
+    return app.openapi_schema
+
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:preload-monitor:problem:"

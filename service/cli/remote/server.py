@@ -1,13 +1,44 @@
-"""Serve an application: opened before the port is listened on, announced after, closed when the last answer is out."""
+"""Serve an application: opened before the port is listened on, announced after, closed when the last answer is out.
 
-from collections.abc import Callable
-from contextlib import AsyncExitStack
+Run a service inside this process, for ``preload demo`` and the tests: real HTTP on a free loopback port.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, contextmanager
 from socket import socket
 
+import click
 import uvicorn
 from fastapi import FastAPI
 
-from service.api.http.connection import Connection
+from service.api.http.limits import Connection
+from service.app import create_app
+from service.settings import Settings
+
+START_TIMEOUT_S = 60.0
+
+
+@contextmanager
+def embedded_service(settings: Settings) -> Iterator[str]:
+    """Run a service in a thread and yield its address; it is stopped in good order afterwards."""
+    app = create_app(settings)
+    listening = threading.Event()
+    server = Server(app, listening.set, host=settings.host, port=settings.port)
+    with ThreadPoolExecutor(1, "embedded-service") as thread:
+        ended = thread.submit(server.run)
+        ended.add_done_callback(lambda _: listening.set())
+        try:
+            if not listening.wait(START_TIMEOUT_S):
+                raise click.ClickException(f"the embedded service did not start within {START_TIMEOUT_S:g} s")
+            if ended.done():
+                ended.result()  # raises what kept it from starting
+            port = server.servers[0].sockets[0].getsockname()[1]
+            yield f"http://{settings.host}:{port}"
+        finally:
+            server.should_exit = True
+
 
 #: Requests under way at a stop may take so long; what they did not get acknowledged they send again.
 GRACE_S = 10

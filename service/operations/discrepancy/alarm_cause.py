@@ -25,10 +25,14 @@ from service.documents.change import examined_document, read_cause, refused_docu
 from service.documents.measurement import AlarmEvidence, read_evidence
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
-from service.operations.axis_drive import axis_drive
+from service.operations.analysis_job import measured_with_windows
 from service.operations.monitoring.alarms import store_explanation
-from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
-from service.operations.monitoring.measured_modes import measured_with_windows
+from service.operations.monitoring.axis_configuration import (
+    AxisConfiguration,
+    axis_drive,
+    core_settings,
+    load_configuration,
+)
 from service.operations.own_process import Progress, Report, in_own_process
 from service.store import alarms, jobs
 from service.store.axes import get_axis

@@ -10,8 +10,16 @@ from monitor_core.discrepancy import ExplainOptions, explain, require_explainabl
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.recordings.model_file import model_file_text, parse_model
 from service.documents.explanation import explanation_document
-from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
-from service.operations.analysis_job import MOST_LISTED, Analysis, Answer, Measured
+from service.operations.analysis_job import (
+    MOST_LISTED,
+    AccelerometerPlace,
+    Analysis,
+    AnalysisArguments,
+    Answer,
+    Measured,
+    MeasurementRange,
+    PeakIn,
+)
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
 from service.report import explanation_page

@@ -11,8 +11,15 @@ from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.model_file import parse_model
 from monitor_core.uncertainty import Estimate
 from service.documents.identification import OBJECTIVES, identification_document
-from service.operations.analysis_arguments import AccelerometerPlace, AnalysisArguments, MeasurementRange, PeakIn
-from service.operations.analysis_job import Analysis, Answer, Measured
+from service.operations.analysis_job import (
+    AccelerometerPlace,
+    Analysis,
+    AnalysisArguments,
+    Answer,
+    Measured,
+    MeasurementRange,
+    PeakIn,
+)
 from service.operations.fields import Number, exactly_one_of
 from service.operations.own_process import Progress, Report
 

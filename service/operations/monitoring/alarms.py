@@ -12,9 +12,8 @@ from service.documents.change import not_examined_yet, read_cause
 from service.documents.measurement import alarm_evidence
 from service.errors import ConflictError
 from service.json_types import JsonObject
-from service.operations.monitoring.intake.charts import Folded
-from service.operations.monitoring.intake.lanes import Lanes
-from service.operations.monitoring.monitor_state import begin_epoch
+from service.operations.monitoring.intake.charts import Folded, begin_epoch
+from service.operations.monitoring.intake.known import Lanes
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database

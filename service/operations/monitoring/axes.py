@@ -5,15 +5,15 @@ from contextlib import suppress
 from monitor_core.trend import DetectorDesign
 from service.clock import now
 from service.errors import DocumentDamagedError
-from service.operations.axis_drive import axis_drive
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
+    axis_drive,
     detector_design,
     detector_settings,
     dump_configuration,
 )
-from service.operations.monitoring.intake.lanes import Lanes
-from service.operations.monitoring.monitor_state import dump_design, load_design
+from service.operations.monitoring.intake.charts import dump_design, load_design
+from service.operations.monitoring.intake.known import Lanes
 from service.store import axes
 from service.store.database import Database
 from service.store.tables import AxisRow

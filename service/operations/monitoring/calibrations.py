@@ -19,10 +19,10 @@ from monitor_core.recordings.calibration_file import calibration_document, calib
 from service.clock import now
 from service.errors import PreconditionError
 from service.json_types import JsonObject
+from service.operations.analysis_job import measured_modes
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
-from service.operations.monitoring.intake.lanes import Lanes
-from service.operations.monitoring.measured_modes import measured_modes
-from service.operations.monitoring.monitor_state import begin_epoch
+from service.operations.monitoring.intake.charts import begin_epoch
+from service.operations.monitoring.intake.known import Lanes
 from service.store import calibrations, measurements
 from service.store.axes import get_axis
 from service.store.database import Database

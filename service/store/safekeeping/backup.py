@@ -2,6 +2,8 @@
 
 The database is copied first, by SQLite itself; the waveforms it names were on disk before their rows, and what a row
 names never changes. ``backup.json`` says what the copy holds, with a hash of every file.
+
+Put a backup back into an empty data folder, after it was verified.
 """
 
 import hashlib
@@ -164,3 +166,25 @@ def _opened(database: Path) -> sqlite3.Connection:
 def _sha256(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def restore(folder: Path, data_dir: Path, done: Done, *, despite_damage: bool = False) -> tuple[Manifest, list[str]]:
+    """Copy a backup into an empty data folder; return what it holds, and what is wrong with it, a sentence each.
+
+    Raises DataFolderError if it is damaged, unless it is wanted all the same, or if the data folder is not empty; then
+    nothing is written. The database is put in place last: a service does not start on what broke off before.
+    """
+    manifest = read_manifest(folder)
+    require_empty(data_dir)
+    found = list(damages(folder, manifest))
+    if found and not despite_damage:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        raise DataFolderError(f"the backup {folder} is damaged: {found[0]}{more}; nothing was restored")
+    try:
+        for name in sorted(manifest.files, key=lambda name: name == DATABASE):
+            if (folder / name).is_file():
+                copy_file(folder / name, data_dir / name)
+                done(name)
+    except OSError as error:
+        raise StorageError(f"the data folder {data_dir} is not complete, remove it: {error}") from error
+    return manifest, found

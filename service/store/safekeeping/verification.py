@@ -1,12 +1,53 @@
-"""Compare the waveforms on disk with what the database says of them."""
+"""Compare the waveforms on disk with what the database says of them.
 
-from collections.abc import Iterable, Iterator
+Write a lost or damaged waveform once more, from the same window sent again.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import groupby
 from pathlib import Path
 
+from sqlalchemy import Connection, select, update
+
+from monitor_core.recording import Window
 from service.errors import WaveformDamagedError
+from service.store.database import reading, writing
+from service.store.tables import WindowRow
 from service.store.waveforms import WaveformPlace, WaveformStore
+
+
+def heal(
+    connection: Connection, waveforms: WaveformStore, axis_id: str, windows: Sequence[Window], at: datetime
+) -> set[datetime]:
+    """Write those of some windows anew that are stored and cannot be read any more; return when these started.
+
+    Each has the content that is stored under its start. Raises StorageError if the disk does not
+    take them; then everything is as before.
+    """
+    by_start = {window.started_at: window for window in windows}
+    if not by_start:
+        return set()
+    query = select(
+        WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
+        WindowRow.started_at,
+    ).where(WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(by_start)))  # fmt: skip
+    with reading(connection):
+        rows = connection.execute(query).all()
+    start_of = {WaveformPlace(path, offset, index, sha256): start for path, offset, index, sha256, start in rows}
+    in_order = sorted(start_of, key=lambda place: (place.path, place.offset, place.index))
+    lost = sorted(start_of[damaged.place] for damaged in damaged_windows(waveforms.root, in_order))
+    if lost:
+        with waveforms.begin_write(axis_id, [by_start[start] for start in lost], at) as frame:
+            places = frame.sync()
+            with writing(connection):
+                for start, place in zip(lost, places, strict=True):
+                    row = (WindowRow.axis_id == axis_id, WindowRow.started_at == start)
+                    moved = {"file_path": place.path, "offset_in_file": place.offset, "index_in_frame": place.index}
+                    connection.execute(update(WindowRow).where(*row).values(moved))
+                frame.keep()
+    return set(lost)
 
 
 @dataclass(frozen=True, slots=True)

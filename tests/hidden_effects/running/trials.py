@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.change.attribution import ChangeAttribution, attribute_change
-from monitor_core.change.cell_errors import ChangeTolerances
+from monitor_core.change.cells import ChangeTolerances
 from monitor_core.change.reference_ratio import compare_times
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.fitting.described_axis import DescribedDrive

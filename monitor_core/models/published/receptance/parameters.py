@@ -3,8 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 
-from monitor_core.models.ball_screw import BallScrew
-from monitor_core.models.nut import nut_rigidity
+from monitor_core.models.ball_screw import BallScrew, nut_rigidity
 from monitor_core.models.parameters import DriveParameters
 from monitor_core.models.protocol import DriveConditions
 

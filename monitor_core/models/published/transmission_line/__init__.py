@@ -4,16 +4,15 @@
 runs a drive in time; ``mobility`` and ``modes`` say what the same discretised drive does at a frequency.
 """
 
-from monitor_core.models.published.transmission_line.drive import StribeckFriction
 from monitor_core.models.published.transmission_line.grid import (
     LineGrid,
+    StribeckFriction,
+    TransmissionLineParameters,
     closest_common_step_grid,
     common_step_grid,
     synchronised_grid,
 )
-from monitor_core.models.published.transmission_line.model import TransmissionLineModel
-from monitor_core.models.published.transmission_line.motion import DriveMotion, simulate_drive
-from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
+from monitor_core.models.published.transmission_line.model import DriveMotion, TransmissionLineModel, simulate_drive
 
 __all__ = [
     "DriveMotion",

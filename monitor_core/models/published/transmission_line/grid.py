@@ -1,7 +1,9 @@
-"""Choose sections and time steps of the two lines, so that a wave needs a whole number of steps for each.
+"""Discretise the drive: sections and time steps of its two lines, a whole number of steps to a wave in each.
 
 Torsional and axial waves run at different speeds. The paper lets the axial line take several steps in one torsional
 step; with the same step for both lines, and different numbers of sections, nothing has to be held in between.
+
+The parameters of the model are here too, with the wave speeds that follow from them.
 """
 
 import math
@@ -11,7 +13,60 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
+from monitor_core.models.ball_screw import BallScrew, nut_rigidity
+from monitor_core.models.parameters import DriveParameters
+from monitor_core.models.protocol import DriveConditions, MotorEnd
+from monitor_core.models.published.transmission_line.junctions import Bearing, Motor, Nut, Table
+from monitor_core.models.published.transmission_line.kernel import LineDrive, Lines
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransmissionLineParameters(BallScrew, DriveParameters):
+    """Axis of a transmission-line model.
+
+    The shaft twists with ``screw_diameter`` and stretches with ``screw_minor_diameter``: the figures of
+    Moreno-Castaneda et al. (2005) follow from 40 mm in torsion and 34.1 mm axially. There is no loss factor: it has no
+    counterpart in the time domain, for which this family is made; damping is viscous.
+    """
+
+    table_mass: float
+    screw_length: float
+    screw_diameter: float
+    screw_minor_diameter: float
+    screw_lead: float
+    youngs_modulus: float
+    shear_modulus: float
+    density: float
+    motor_inertia: float
+    coupling_stiffness: float
+    bearing_stiffness: float
+    nut_stiffness: float
+    coupling_inertia: float = 0.0
+    far_bearing_stiffness: float = 0.0
+    bracket_stiffness: float = math.inf
+    dynamic_load_rating: float | None = None
+    bearing_damping: float = 0.0
+    far_bearing_damping: float = 0.0
+    nut_damping: float = 0.0
+    coupling_damping: float = 0.0
+    table_damping: float = 0.0
+    motor_damping: float = 0.0
+
+    @property
+    def stretched_diameter(self) -> float:
+        """Diameter that carries the load, in metres."""
+        return self.screw_minor_diameter
+
+    @property
+    def torsional_speed(self) -> float:
+        """Speed of torsional waves √(G/ρ), Eq. (11), in metres per second."""
+        return math.sqrt(self.shear_modulus / self.density)
+
+    @property
+    def axial_speed(self) -> float:
+        """Speed of axial waves √(E/ρ), Eq. (13), in metres per second."""
+        return math.sqrt(self.youngs_modulus / self.density)
+
 
 #: With fewer sections the modes that are asked for come near half the sampling rate.
 _FEWEST_SECTIONS = 12
@@ -131,3 +186,89 @@ def closest_common_step_grid(parameters: TransmissionLineParameters, least_torsi
 def _axial_sections(parameters: TransmissionLineParameters, torsional_sections: int) -> float:
     """Return the sections that an axial wave crosses in the time of a torsional wave along the screw, not rounded."""
     return torsional_sections * parameters.torsional_speed / parameters.axial_speed
+
+
+@dataclass(frozen=True, slots=True)
+class StribeckFriction:
+    """Dry friction of the guides: Coulomb friction, and a static force that fades as the table moves (Stribeck)."""
+
+    coulomb_force: float  # [N]
+    static_force: float  # [N]
+    stribeck_velocity: float = 0.0  # where half of what the static force adds has gone [m/s]
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.coulomb_force <= self.static_force < math.inf:
+            raise OutsideValidityError(
+                "coulomb_force must not be negative nor exceed static_force; "
+                f"got {self.coulomb_force} N and {self.static_force} N"
+            )
+        fades = self.static_force > self.coulomb_force
+        if not math.isfinite(self.stribeck_velocity) or self.stribeck_velocity < 0.0 or (
+            fades and self.stribeck_velocity == 0.0
+        ):  # fmt: skip
+            raise OutsideValidityError(
+                "stribeck_velocity must be positive where static_force exceeds coulomb_force; "
+                f"got {self.stribeck_velocity} m/s"
+            )
+
+
+#: Guides without dry friction.
+SMOOTH_GUIDES = StribeckFriction(0.0, 0.0)
+
+
+def discretise(
+    parameters: TransmissionLineParameters,
+    grid: LineGrid,
+    conditions: DriveConditions,
+    motor_end: MotorEnd,
+    friction: StribeckFriction,
+) -> LineDrive:
+    """Return the discretised drive: lines as delays, everything else as trapezoidal stubs."""
+    h = 0.5 * grid.axial_step
+    z = grid.axial_impedance(parameters)
+    nut_stiffness = nut_rigidity(parameters.nut_stiffness, conditions.preload, parameters.dynamic_load_rating)
+    i = parameters.transmission_ratio
+    length = parameters.screw_length
+    moving_mass = parameters.table_mass + conditions.payload_mass
+    return LineDrive(
+        lines=Lines(grid.axial_sections, grid.torsional_sections, z, grid.torsional_impedance(parameters), i),
+        axial_substeps=grid.axial_substeps,
+        moving_mass=moving_mass,
+        bracket_compliance=1.0 / parameters.bracket_stiffness,
+        axial_cell_compliance=length / (grid.axial_sections * parameters.axial_rigidity),
+        torsional_cell_compliance=i**2 * length / (grid.torsional_sections * parameters.torsional_rigidity),
+        bearing=_bearing(parameters.bearing_stiffness, parameters.bearing_damping, h, z),
+        far_bearing=_bearing(parameters.far_bearing_stiffness, parameters.far_bearing_damping, h, z),
+        nut=Nut(h, nut_stiffness, nut_stiffness * h + parameters.nut_damping),
+        table=Table(
+            half_step=h,
+            mass_impedance=moving_mass / h,
+            viscous_friction=parameters.table_damping,
+            coulomb_force=friction.coulomb_force,
+            static_force=friction.static_force,
+            stribeck_velocity=friction.stribeck_velocity,
+        ),
+        motor=_motor(parameters, grid, motor_end),
+    )
+
+
+def _bearing(stiffness: float, damping: float, half_step: float, impedance: float) -> Bearing:
+    resistance = stiffness * half_step + damping
+    share = impedance / (impedance + resistance)
+    return Bearing(half_step, resistance / (impedance + resistance), stiffness * share, impedance)
+
+
+def _motor(parameters: TransmissionLineParameters, grid: LineGrid, motor_end: MotorEnd) -> Motor:
+    h = 0.5 * grid.time_step
+    turns = motor_end is MotorEnd.FREE
+    inertia_impedance = parameters.rotor_inertia / h
+    return Motor(
+        half_step=h,
+        prescribed=motor_end is MotorEnd.PRESCRIBED,
+        inertia_impedance=inertia_impedance if turns else 0.0,
+        admittance=1.0 / (inertia_impedance + parameters.motor_damping) if turns else 0.0,
+        viscous_friction=parameters.motor_damping,
+        coupling_stiffness=parameters.coupling_stiffness,
+        coupling_resistance=parameters.coupling_stiffness * h + parameters.coupling_damping,
+        impedance=grid.torsional_impedance(parameters),
+    )

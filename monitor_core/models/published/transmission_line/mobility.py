@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray
+from monitor_core.models.ball_screw import nut_rigidity
 from monitor_core.models.bracket import beyond_contacts, nut_from_table
-from monitor_core.models.nut import nut_rigidity
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
-from monitor_core.models.published.transmission_line.grid import LineGrid
-from monitor_core.models.published.transmission_line.parameters import TransmissionLineParameters
+from monitor_core.models.published.transmission_line.grid import LineGrid, TransmissionLineParameters
 
 
 class Mobilities(NamedTuple):

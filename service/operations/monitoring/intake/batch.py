@@ -26,7 +26,7 @@ from service.store import intake
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import member_places
-from service.store.safekeeping.healing import heal
+from service.store.safekeeping.verification import heal
 from service.store.trend.points import point_of
 from service.store.waveforms import WaveformPlace, WaveformStore, Writing
 from service.store.window_format import content_sha256

@@ -21,8 +21,7 @@ from service.observability import Metrics
 from service.operations.monitoring.alarms import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
-from service.operations.monitoring.intake.known import KnownAxes
-from service.operations.monitoring.intake.lanes import Lanes
+from service.operations.monitoring.intake.known import KnownAxes, Lanes
 from service.store import intake
 from service.store.database import Database, reading, writing
 from service.store.waveforms import WaveformStore

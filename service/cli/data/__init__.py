@@ -1,1 +1,0 @@
-"""Commands that look after the data of a service."""
