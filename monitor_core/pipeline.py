@@ -26,7 +26,10 @@ from monitor_core.preload import (
     expected_band,
     systematic_uncertainty_between,
 )
-from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque
+from monitor_core.preload.doubts import Doubt, DoubtReason
+from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque
+from monitor_core.preload.fit import BETWEEN_SESSIONS
+from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, SignalQuality, gate_window
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 from monitor_core.trend import DetectorDesign, DetectorState, Observation, step
@@ -144,7 +147,67 @@ def judge_measurement(
         phase=None if calibration is None else calibration.phase_reference,
         maximum_modes=2 if calibration is None else calibration.maximum_modes,
     )
-    return MeasurementOutcome(modal, _preload(modal, windows[0], calibration), estimate_drag_torque(windows))
+    modal = with_friction_torque(modal, windows)
+    preload = _preload(modal, windows[0], calibration)
+    if calibration is not None and calibration.maximum_modes < 2 and _may_be_two_modes(modal, preload):
+        modal, preload = _with_second_mode(modal, preload, windows, settings, calibration)
+    return MeasurementOutcome(modal, preload, estimate_drag_torque(windows))
+
+
+#: What a second mode beside the calibrated one shows itself by.
+_SIGNS_OF_TWO_MODES = (
+    DoubtReason.DAMPING_CHANGED,
+    DoubtReason.MASS_OR_MOUNTING_CHANGED,
+    RejectionReason.DAMPING_MISMATCH,
+    RejectionReason.MOVED_MASS_MISMATCH,
+    RejectionReason.NO_PEAK_IN_BAND,
+    RejectionReason.WRONG_PHASE,
+)
+
+
+def _may_be_two_modes(modal: ModalMeasurement | Rejection, preload: PreloadEstimate | Rejection) -> bool:
+    """Tell whether one mode explains a measurement less well than it did the calibration."""
+    if isinstance(modal, Rejection):
+        return modal.reason in _SIGNS_OF_TWO_MODES
+    said = (preload.reason,) if isinstance(preload, Rejection) else tuple(doubt.reason for doubt in preload.doubts)
+    return any(reason in _SIGNS_OF_TWO_MODES for reason in said)
+
+
+def _with_second_mode(
+    modal: ModalMeasurement | Rejection,
+    preload: PreloadEstimate | Rejection,
+    windows: Sequence[Window],
+    settings: AxisSettings,
+    calibration: Calibration,
+) -> tuple[ModalMeasurement | Rejection, PreloadEstimate | Rejection]:
+    """Measure once more with two modes; where the data require them, half of what that moves joins the uncertainty."""
+    band = search_band(settings, calibration, windows[0])
+    both = measure_mode(windows, band=band, gate=settings.mode, phase=calibration.phase_reference, maximum_modes=2)
+    if isinstance(both, Rejection) or both.n_modes < 2:
+        return modal, preload
+    frequency = both.mode.frequency
+    moved = 0.0 if isinstance(modal, Rejection) else modal.mode.frequency.value - frequency.value
+    wider = replace(frequency, standard_uncertainty=math.hypot(frequency.standard_uncertainty, 0.5 * moved))
+    both = with_friction_torque(replace(both, mode=replace(both.mode, frequency=wider)), windows)
+    estimate = _preload(both, windows[0], calibration)
+    if isinstance(both, Rejection) or isinstance(estimate, Rejection):
+        return both, estimate
+    doubt = Doubt(
+        DoubtReason.SECOND_MODE,
+        f"a second mode has come that the calibration did not have; with it the axial one lies at "
+        f"{frequency.value:.2f} Hz, without it {moved:+.2f} Hz from there, half of which joins the uncertainty",
+    )
+    return both, estimate.with_doubts([doubt])
+
+
+def with_friction_torque(
+    modal: ModalMeasurement | Rejection, windows: Sequence[Window]
+) -> ModalMeasurement | Rejection:
+    """Add the friction torque of the windows to a measured mode, where they show one."""
+    torque = friction_torque(windows)
+    if isinstance(modal, Rejection) or isinstance(torque, Rejection) or torque <= 0.0:
+        return modal
+    return replace(modal, friction_torque=torque)
 
 
 def _preload(
@@ -160,7 +223,20 @@ def _preload(
         calibration,
         excitation_source=window.excitation_source,
         excitation_quantity=window.excitation_quantity,
+        witnesses=witnesses_of(modal),
     )
+
+
+def witnesses_of(modal: ModalMeasurement) -> dict[WitnessName, float]:
+    """Return what a measurement holds besides its frequency, for comparison with the calibration."""
+    values = {
+        WitnessName.DAMPING_RATIO: modal.mode.damping_ratio.value,
+        WitnessName.RESIDUE: abs(modal.mode.residue),
+        WitnessName.EXCITATION_LEVEL: modal.excitation_level,
+    }
+    if modal.friction_torque is not None:
+        values[WitnessName.FRICTION_TORQUE] = modal.friction_torque
+    return values
 
 
 def advance(
@@ -229,14 +305,19 @@ def calibrate_from_measurements(
     settings: AxisSettings,
     weighting: Weighting = Weighting.NONE,
     prior: CoefficientPrior | None = None,
+    between_sessions: float = BETWEEN_SESSIONS,
 ) -> Calibration:
     """Fit k1…k4 to the measurements of a calibration session, with polarity, delay and excitation level of the axis.
 
     Measurements are weighted alike by default: their own standard uncertainties are far below the scatter between
-    measurements, so they are no guide to how much each is worth.
+    measurements, so they are no guide to how much each is worth. The measurements are taken to be of one session: what
+    other days change of a frequency is declared, relative.
     """
     readings = [
-        ModalReading(m.mode.frequency.value, m.conditions, m.mode.frequency.standard_uncertainty) for m in measurements
+        ModalReading(
+            m.mode.frequency.value, m.conditions, m.mode.frequency.standard_uncertainty, witnesses=witnesses_of(m)
+        )
+        for m in measurements
     ]
     excitations = {(m.excitation_quantity, m.excitation_source) for m in measurements}
     if len(excitations) != 1:
@@ -253,4 +334,5 @@ def calibrate_from_measurements(
         phase_reference=calibrate_phase([m.mode for m in measurements]),
         excitation_level=statistics.median(m.excitation_level for m in measurements),
         prior=prior,
+        between_sessions=between_sessions,
     )

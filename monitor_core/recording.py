@@ -62,6 +62,8 @@ class RejectionReason(StrEnum):
     EXCITATION_SOURCE_MISMATCH = "excitation-source-mismatch"
     NOT_CALIBRATED = "not-calibrated"
     OUTSIDE_CALIBRATION = "outside-calibration"
+    MOVED_MASS_MISMATCH = "moved-mass-mismatch"
+    DAMPING_MISMATCH = "damping-mismatch"
     WAVEFORM_DAMAGED = "waveform-damaged"
 
 

@@ -1,7 +1,8 @@
 """Judge the measurements of a recorded session one after the other, and calibrate an axis from one."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from typing import Protocol
 
 from monitor_core.errors import NotIdentifiableError
@@ -13,7 +14,9 @@ from monitor_core.pipeline import (
     check_window,
     judge_measurement,
 )
-from monitor_core.preload import Calibration, CoefficientPrior, Weighting
+from monitor_core.preload import Calibration, CoefficientPrior, PreloadEstimate, Weighting
+from monitor_core.preload.doubts import of_whole_session, places_disagree
+from monitor_core.preload.estimate import place_reading
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 
 
@@ -84,6 +87,51 @@ def judge_session(
         else:
             outcome = MeasurementOutcome(gated.rejection, gated.rejection, gated.rejection)
         yield SessionMeasurement(gated.name, gated.conditions, outcome, gated.refused)
+
+
+#: Measurements farther apart than this are of different sessions.
+SESSION_GAP = timedelta(hours=12)
+
+
+def with_session_doubts(
+    judged: Sequence[SessionMeasurement], calibration: Calibration | None
+) -> list[SessionMeasurement]:
+    """Add to each preload what the measurements of its session say together: places that disagree, common deviations.
+
+    The measurements are in the order of their time; those less than :data:`SESSION_GAP` after the one before are of one
+    session.
+    """
+    if calibration is None:
+        return list(judged)
+    together: list[list[SessionMeasurement]] = []
+    last: datetime | None = None
+    for measurement in judged:
+        modal = measurement.outcome.modal
+        at = None if isinstance(modal, Rejection) else modal.started_at
+        if not together or (at is not None and last is not None and at - last > SESSION_GAP):
+            together.append([])
+        together[-1].append(measurement)
+        last = at or last
+    return [doubted for session in together for doubted in _doubted(session, calibration)]
+
+
+def _doubted(session: Sequence[SessionMeasurement], calibration: Calibration) -> list[SessionMeasurement]:
+    """Add the doubts of one session to each of its preloads; places are compared where nobody has set the preload."""
+    preloads = [m.outcome.preload for m in session if isinstance(m.outcome.preload, PreloadEstimate)]
+    places = [
+        place_reading(m.conditions.position, m.outcome.preload, calibration)
+        for m in session
+        if isinstance(m.outcome.preload, PreloadEstimate) and m.conditions.preload is None
+    ]
+    disagreement = places_disagree(places)
+    common = of_whole_session([estimate.deviations for estimate in preloads], calibration)
+    doubts = (*common, *(() if disagreement is None else (disagreement,)))
+    return [
+        replace(m, outcome=replace(m.outcome, preload=m.outcome.preload.with_doubts(doubts)))
+        if isinstance(m.outcome.preload, PreloadEstimate)
+        else m
+        for m in session
+    ]
 
 
 def modes_at_set_preloads(judged: Sequence[SessionMeasurement]) -> list[ModalMeasurement]:

@@ -135,7 +135,9 @@ def trials() -> list[Trial]:
         ]
         modes = [judge_measurement(w, SETTINGS, None).modal for w in measured(levels, rng, preload_known=True)]
         calibration = calibrate_from_measurements(
-            [m for m in modes if isinstance(m, ModalMeasurement)], settings=SETTINGS
+            [m for m in modes if isinstance(m, ModalMeasurement)],
+            settings=SETTINGS,
+            between_sessions=0.0,  # hidden ones are of the same session: repeatability alone, without declared parts
         )
         hidden = [
             Condition(float(rng.uniform(0.17, 0.83)), float(rng.uniform(60.0, 380.0)), 0.0, 22.0) for _ in range(40)

@@ -42,6 +42,7 @@ class ModalMeasurement:
     excitation_source: ExcitationSource
     excitation_level: float  # rms per root hertz around the mode [N·m/√Hz] or [N/√Hz]
     taper: Taper  # of the frequency response and coherence
+    friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
 
 
 def measure_mode(

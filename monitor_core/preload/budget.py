@@ -19,6 +19,7 @@ from monitor_core.preload.calibration import (
 )
 from monitor_core.preload.feature import position_part
 from monitor_core.preload.influence import correction_sensitivities, from_reference
+from monitor_core.preload.witnesses import Deviation
 from monitor_core.recording import Conditions
 from monitor_core.uncertainty import Estimate
 
@@ -33,8 +34,88 @@ class VarianceShares:
     frequency: float  # stated uncertainty of this frequency
     reproducibility: float  # scatter between measurements beyond it
     calibration: float  # k1…k4
-    payload: float  # µ
-    temperature: float  # k_T
+    payload: float  # µ, and a payload that is not stated or lies beyond the calibrated ones
+    temperature: float  # k_T, and a structure that lags behind its thermometer
+    friction: float = 0.0  # k_F, and where on the axis the friction acts
+    between_session: float = 0.0  # what another day changes
+
+
+#: Share of a temperature's distance from the calibration's by which the structure lags behind it (standard uncertainty,
+#: declared): a thermometer in the air leads by up to all of it.
+TEMPERATURE_LAG = 0.4
+#: Of a correction for friction, the standard uncertainty by where the friction acts: in the guides it moves the mode by
+#: two to three times as much as in bearing and nut, and a calibration has hardly seen the one without the other
+#: (declared).
+FRICTION_SHARE = 1.0
+#: Of a stated position, standard uncertainty: home switch, mounting of the scale, where the table was said to be [m].
+POSITION_TAG = 2e-3
+#: Of the logarithm of the payload's factor on 1/f², per calibrated payload by which it lies beyond (declared).
+PAYLOAD_EXTRAPOLATION = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Months:
+    """Variances of g − θ·k3 that no session of calibration shows: declared, GUM type B, all in s⁴."""
+
+    between_session: float = 0.0
+    friction: float = 0.0
+    temperature: float = 0.0
+    payload: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Variance of all of them."""
+        return self.between_session + self.friction + self.temperature + self.payload
+
+
+def months_after(
+    inverse_square: float,
+    conditions: Conditions,
+    calibration: Calibration,
+    *,
+    friction_excess: float = 0.0,
+    mass: Deviation | None = None,
+) -> Months:
+    """Return what the months after a calibration may have done to a measured 1/f² [s²].
+
+    ``friction_excess`` is the friction torque above the usual [N·m]; ``mass`` how the residue differs from what the
+    calibration lets expect, ``None`` where it is not known: of a payload that is not stated it tells how large it is.
+    """
+    payload, temperature = calibration.excess(conditions)
+    sensitivity = correction_sensitivities(inverse_square, payload, temperature, calibration.influence)
+    at_reference = inverse_square * float(sensitivity.inverse_square)
+    if calibration.between_sessions == 0.0:  # the readings come from as many days as later measurements
+        return Months()
+    k = calibration.coefficients
+    slope = 2.0 * k.k1 * conditions.position + k.k2
+    friction = calibration.friction
+    of_friction = 0.0
+    if friction is not None:
+        relative = math.hypot(friction.standard_uncertainty, FRICTION_SHARE * friction.value)
+        of_friction = (relative * friction_excess) ** 2
+    return Months(
+        between_session=(2.0 * at_reference * calibration.between_sessions) ** 2 + (slope * POSITION_TAG) ** 2,
+        friction=of_friction,
+        temperature=(calibration.influence.temperature * TEMPERATURE_LAG * temperature) ** 2,
+        payload=(at_reference * _payload_error(conditions, calibration, mass)) ** 2,
+    )
+
+
+def _payload_error(conditions: Conditions, calibration: Calibration, mass: Deviation | None) -> float:
+    """Return the standard uncertainty of 1/f², relative, of a payload not stated or beyond those calibrated [-]."""
+    mu = calibration.influence.inverse_moving_mass
+    if mu == 0.0:
+        return 0.0
+    largest = calibration.payload.upper - calibration.reference_payload
+    if conditions.payload_mass is None:
+        # the residue is a reciprocal mass: its logarithm falls as that of 1/f² rises
+        if mass is not None:
+            return math.hypot(mass.logarithm, mass.standard_uncertainty)
+        return mu * largest / math.sqrt(3.0)
+    beyond = max(conditions.payload_mass - calibration.payload.upper, 0.0)
+    if INVERSE_MOVING_MASS in calibration.declared or beyond == 0.0:
+        return 0.0
+    return PAYLOAD_EXTRAPOLATION * math.log1p(mu * (largest + beyond)) * beyond / max(largest, beyond)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,11 +127,12 @@ class UncertaintyBudget:
     parameters: dict[str, float]  # of each calibration parameter, with half of its covariances
     gradient: FloatArray  # of the feature to the calibration parameters (k3 is none of them), see parameter_gradients
     degrees_of_freedom: float  # effective (Welch–Satterthwaite)
+    months: "Months"  # what the months after the calibration bring
 
     @property
     def random(self) -> float:
-        """Variance that is new in every measurement."""
-        return self.frequency + self.reproducibility
+        """Variance that is new in every measurement, or in every session."""
+        return self.frequency + self.reproducibility + self.months.total
 
     @property
     def total(self) -> float:
@@ -65,8 +147,10 @@ class UncertaintyBudget:
             frequency=self.frequency / total,
             reproducibility=self.reproducibility / total,
             calibration=sum(self.parameters[name] for name in COEFFICIENT_NAMES) / total,
-            payload=self.parameters.get(INVERSE_MOVING_MASS, 0.0) / total,
-            temperature=self.parameters.get(TEMPERATURE_COEFFICIENT, 0.0) / total,
+            payload=(self.parameters.get(INVERSE_MOVING_MASS, 0.0) + self.months.payload) / total,
+            temperature=(self.parameters.get(TEMPERATURE_COEFFICIENT, 0.0) + self.months.temperature) / total,
+            friction=self.months.friction / total,
+            between_session=self.months.between_session / total,
         )
 
 
@@ -94,20 +178,33 @@ def parameter_gradients(feature: float, conditions: Sequence[Conditions], calibr
 
 
 def uncertainty_budget(
-    frequency: Estimate, feature: float, conditions: Conditions, calibration: Calibration
+    frequency: Estimate,
+    feature: float,
+    conditions: Conditions,
+    calibration: Calibration,
+    *,
+    months: Months | None = None,
+    amplification: float = 1.0,
 ) -> UncertaintyBudget:
     r"""Propagate the uncertainties of a measurement and of its calibration to :math:`g - \theta k_3` at θ = g/k3.
 
     Given are the axial natural frequency [Hz] and its preload feature g at the reference conditions [s²]. Scatter
     between measurements and the fitted parameters come from the same residuals: they count as one source in the
-    effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B).
+    effective degrees of freedom. Declared parameters are taken as known with theirs (GUM, type B), and so is what the
+    months after the calibration bring. ``amplification`` is by how much an error of 1/f² grows where the correction for
+    friction follows the preload that is estimated.
     """
+    months = months or Months()
     payload, temperature = calibration.excess(conditions)
     f = frequency.value
     # |d(1/f² at reference)/df|
     sensitivity = correction_sensitivities(f**-2.0, payload, temperature, calibration.influence)
-    slope = 2.0 / f**3 * float(sensitivity.inverse_square)
-    gradient = parameter_gradients(feature, [conditions], calibration)[0]
+    slope = amplification * 2.0 / f**3 * float(sensitivity.inverse_square)
+    gradient = amplification * parameter_gradients(feature, [conditions], calibration)[0]
+    grown = amplification**2
+    months = Months(
+        grown * months.between_session, grown * months.friction, grown * months.temperature, grown * months.payload
+    )
     with_k3 = gradient.copy()
     with_k3[calibration.parameter_names.index("k3")] = -feature / calibration.coefficients.k3
     allocation = with_k3 * (calibration.parameters.covariance @ with_k3)
@@ -116,7 +213,7 @@ def uncertainty_budget(
     between = (slope * calibration.reproducibility) ** 2
     if not calibration.uncertainty_stated:
         between = max(0.0, between - own)  # the scatter of the calibration holds the readings' own already
-    total = own + between + float(allocation.sum())
+    total = own + between + months.total + float(allocation.sum())
     # the scatter between measurements is residual variance minus stated variance: it is no better known than the
     # residual variance as a whole, however much of it the stated uncertainties explain
     of_residuals = (slope * calibration.residual_sd) ** 2 + sum(
@@ -131,7 +228,7 @@ def uncertainty_budget(
             (of_moving_mass, calibration.moving_mass_dof),
         ),
     )
-    return UncertaintyBudget(own, between, parameters, gradient, dof)
+    return UncertaintyBudget(own, between, parameters, gradient, dof, months)
 
 
 def _effective_degrees_of_freedom(total: float, sources: Sequence[tuple[float, float]]) -> float:

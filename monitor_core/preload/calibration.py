@@ -8,7 +8,7 @@ Predict from a calibration alone where the mode will lie, and which loss of prel
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -18,7 +18,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency, preload_from_feature
-from monitor_core.preload.influence import InfluenceCoefficients, from_reference
+from monitor_core.preload.influence import InfluenceCoefficients, from_reference, payload_factor
+from monitor_core.preload.witnesses import Setting, Witness, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
@@ -43,6 +44,7 @@ class ModalReading:
     conditions: Conditions
     frequency_std: float | None = None  # scatter of a single reading, or the σ of its fit [Hz]
     n_readings: int = 1  # how many readings the frequency is the mean of
+    witnesses: WitnessValues = field(default_factory=dict)  # what else the windows hold; empty: not known
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.frequency) and self.frequency > 0.0):
@@ -121,6 +123,9 @@ class Calibration:
     uncertainty_stated: bool = True  # whether the readings stated theirs; if not, it is part of ``reproducibility``
     excitation_level: float | None = None  # rms per root hertz around the mode, as calibrated [N·m/√Hz] or [N/√Hz]
     prior: str | None = None  # source of what was known of k1…k4 before the readings; None: they rest on these alone
+    witnesses: tuple[Witness, ...] = ()  # what else the windows held at the calibration; empty: nothing is compared
+    friction: Estimate | None = None  # k_F, what friction torque adds to 1/f²; None: it is not seen to [s²/(N·m)]
+    between_sessions: float = 0.0  # what another day changes of a frequency, relative standard uncertainty (type B) [-]
 
     def __post_init__(self) -> None:
         if self.parameter_names[:4] != COEFFICIENT_NAMES or len(self.parameter_names) != self.parameters.values.size:
@@ -162,6 +167,16 @@ class Calibration:
         return Estimate(
             1.0 / mu.value - self.reference_payload, mu.standard_uncertainty / mu.value**2, mu.degrees_of_freedom
         )
+
+    def witness(self, name: WitnessName) -> Witness | None:
+        """Return what the calibration lets expect of a quantity, or ``None`` if it has not seen it."""
+        return next((witness for witness in self.witnesses if witness.name is name), None)
+
+    def setting(self, conditions: Conditions, preload: float) -> Setting:
+        """Return the conditions as witnesses follow them, at a preload [N]."""
+        payload, temperature = self.excess(conditions)
+        factor = float(payload_factor(payload, self.influence.inverse_moving_mass))
+        return Setting(conditions.position, preload, factor, temperature)
 
     def excess(self, conditions: Conditions) -> tuple[float, float]:
         """Return payload [kg] and temperature [K] above the reference; what is not stated is taken as the reference."""

@@ -1,21 +1,31 @@
 """Estimate the preload in newtons with a 95 % coverage interval and its budget, or refuse to answer."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+import numpy as np
 from scipy import special
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.preload.budget import UncertaintyBudget, VarianceShares, uncertainty_budget
+from monitor_core.preload.budget import UncertaintyBudget, VarianceShares, months_after, uncertainty_budget
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
+from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of
 from monitor_core.preload.feature import position_part, preload_from_feature
 from monitor_core.preload.influence import TEMPERATURE_RESOLUTION, to_reference
+from monitor_core.preload.witnesses import Deviation, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, Interval, IntervalKind
 
 LEVEL = 0.95
 #: A position outside by this share of the calibrated travel still counts as inside: encoders do not repeat exactly.
 POSITION_MARGIN = 0.01
+#: Steps of the fixed point for the friction at the estimated preload; each makes the error smaller tenfold or so.
+_FRICTION_STEPS = 12
+#: Beyond so many times the highest calibrated preload the usual friction is not carried on.
+_MOST_PRELOAD = 1.5
+#: A correction for friction leaves at least this share of the feature.
+_LEAST_FEATURE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +40,13 @@ class PreloadEstimate:
     shares: VarianceShares
     outside: tuple[str, ...]  # position, preload, payload, temperature: those outside the calibrated range
     assumptions: tuple[str, ...]  # what was not stated, and what was taken instead
+    doubts: tuple[Doubt, ...] = ()  # what else the windows hold, and speaks against the number
+    deviations: Mapping[WitnessName, Deviation] = field(default_factory=dict)  # from what the calibration lets expect
+
+    def with_doubts(self, doubts: Sequence[Doubt]) -> "PreloadEstimate":
+        """Add doubts; of one reason the first is kept."""
+        known = {doubt.reason: doubt for doubt in (*reversed(doubts), *reversed(self.doubts))}
+        return replace(self, doubts=tuple(reversed(known.values())))
 
     @property
     def extrapolated(self) -> bool:
@@ -44,6 +61,7 @@ def estimate_preload(
     *,
     excitation_source: ExcitationSource | None = None,
     excitation_quantity: ExcitationQuantity | None = None,
+    witnesses: WitnessValues | None = None,
 ) -> PreloadEstimate | Rejection:
     r"""Estimate the preload from an axial natural frequency, with its asymmetric 95 % coverage interval.
 
@@ -88,7 +106,23 @@ def estimate_preload(
             f"the preload feature must be positive; got {feature:.3g} s²: {frequency.value:.2f} Hz is above what any "
             f"preload gives at {conditions.position * 1e3:.0f} mm",
         )
-    budget = uncertainty_budget(frequency, feature, conditions, calibration)
+    corrected = without_friction_excess(feature, conditions, calibration, witnesses or {})
+    feature = corrected.feature
+    setting = calibration.setting(conditions, preload_from_feature(feature, calibration.coefficients))
+    deviations = deviations_of(witnesses or {}, setting, calibration)
+    stated = {name: d for name, d in deviations.items() if not _unstated_mass(name, conditions)}
+    if (refusal := contradiction(stated)) is not None:
+        return refusal
+    months = months_after(
+        frequency.value**-2.0,
+        conditions,
+        calibration,
+        friction_excess=corrected.friction_excess,
+        mass=deviations.get(WitnessName.RESIDUE),
+    )
+    budget = uncertainty_budget(
+        frequency, feature, conditions, calibration, months=months, amplification=corrected.amplification
+    )
     systematic = float(budget.gradient @ calibration.parameters.covariance @ budget.gradient)
     preload = preload_from_feature(feature, calibration.coefficients)
     return PreloadEstimate(
@@ -100,6 +134,64 @@ def estimate_preload(
         shares=budget.shares,
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
+        doubts=doubts_of(deviations),
+        deviations=deviations,
+    )
+
+
+def _unstated_mass(name: WitnessName, conditions: Conditions) -> bool:
+    """Tell whether a witness speaks of a mass that nobody has stated: it contradicts nothing, and widens."""
+    return name is WitnessName.RESIDUE and conditions.payload_mass is None
+
+
+@dataclass(frozen=True, slots=True)
+class WithoutFriction:
+    """A preload feature at the usual friction."""
+
+    feature: float  # [s²]
+    friction_excess: float  # above what the calibration lets expect at the estimated preload [N·m]
+    amplification: float  # of an error of 1/f² [-]
+
+
+def without_friction_excess(
+    feature: float, conditions: Conditions, calibration: Calibration, witnesses: WitnessValues
+) -> WithoutFriction:
+    r"""Solve the preload feature g at the usual friction from the one that was measured.
+
+    .. math:: g + k_F\,\bigl(T_f - \hat T_f(g)\bigr) = g_\mathrm{measured}
+
+    The usual friction follows the preload that is being estimated, so an error of 1/f² grows by
+    :math:`(1 - (k_F/k_3)\,d\hat T_f/d\theta)^{-1}`.
+    """
+    witness, k_f = calibration.witness(WitnessName.FRICTION_TORQUE), calibration.friction
+    torque = witnesses.get(WitnessName.FRICTION_TORQUE)
+    if witness is None or k_f is None or torque is None:
+        return WithoutFriction(feature, 0.0, 1.0)
+    k3 = calibration.coefficients.k3
+    at, excess, slope = feature, 0.0, 0.0
+    for _ in range(_FRICTION_STEPS):
+        # a preload beyond what is calibrated has no usual friction of its own
+        estimated = preload_from_feature(at, calibration.coefficients)
+        preload = min(max(estimated, calibration.preload.lower), _MOST_PRELOAD * calibration.preload.upper)
+        setting = calibration.setting(conditions, preload)
+        excess = torque - witness.expected(setting)
+        slope = witness.slope_in_theta(setting)
+        at = max(feature - k_f.value * excess, _LEAST_FEATURE * feature)
+    return WithoutFriction(at, excess, 1.0 / max(1.0 - k_f.value * slope / k3, 0.2))
+
+
+def place_reading(position: float, estimate: PreloadEstimate, calibration: Calibration) -> PlaceReading:
+    """Return what a measurement contributes to a comparison of the places of its session.
+
+    What the places share (the day, payload, temperature, friction) does not make them differ: frequency and scatter
+    count alone, ln(preload) being three times as uncertain as the feature.
+    """
+    shares = estimate.shares
+    own = estimate.feature.standard_uncertainty * math.sqrt(max(shares.frequency + shares.reproducibility, 0.0))
+    return PlaceReading(
+        position,
+        math.log(estimate.preload),
+        3.0 * own / (calibration.coefficients.k3 * float(np.cbrt(1.0 / estimate.preload))),
     )
 
 

@@ -5,12 +5,14 @@ How far a calibration carries is told by leaving out a position at a time and pr
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.errors import NotIdentifiableError
+from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import PhaseReference
 from monitor_core.preload.calibration import (
     COEFFICIENT_NAMES,
@@ -43,8 +45,16 @@ from monitor_core.preload.regression import (
     refuse_too_few_settings,
     weighted_least_squares,
 )
+from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
+
+#: What another day changes of a frequency unless it is stated, relative: mounting, temperature within the machine,
+#: position of the home switch. Some 1.5 % of a preload of which a doubling moves the mode by 1.4 %.
+BETWEEN_SESSIONS = 3e-4
+#: What friction as large as the usual takes off 1/f², relative, before a calibration tells: the springs of what is not
+#: yet sliding against those of screw and nut (declared; the standard uncertainty is as large as the value).
+USUAL_FRICTION_SHARE = 0.005
 
 
 def leave_one_position_out(
@@ -90,6 +100,7 @@ def calibrate(
     phase_reference: PhaseReference | None = None,
     excitation_level: float | None = None,
     prior: CoefficientPrior | None = None,
+    between_sessions: float = 0.0,
 ) -> Calibration:
     r"""Regress k1…k4 of Eq. (8), with µ and k_T where the readings vary payload and temperature.
 
@@ -122,6 +133,14 @@ def calibrate(
     ``OutsideValidityError`` if a preload is missing, an influence quantity is stated for some readings only, a weight
     is missing, or the prior holds under other conditions.
 
+    Readings that bring witnesses (damping ratio, residue, friction torque, excitation level) teach what is usual of
+    each. Where friction torque that is above or below the usual goes with 1/f² beyond chance, the readings are
+    corrected for it, and so are later measurements: :func:`friction_influence`.
+
+    ``between_sessions`` is declared: what another day changes of a frequency beyond the scatter of the readings,
+    relative standard uncertainty (GUM, type B). Readings of one session do not show it, and need it
+    (:data:`BETWEEN_SESSIONS`); with 0 the readings are taken to come from as many days as later measurements will.
+
     k1…k4 and k_T come from the readings at the lowest payload alone, µ from the others against them.
 
     Errors are taken as independent between readings. An error common to all readings of one level, such as a preload
@@ -133,7 +152,126 @@ def calibrate(
     Table 2 of Nguyen et al. (2018) gives k = −4848.6, 5741.6, 1915.2, 1154.6 (×1e-8, SI) and 0.2215 Hz rms; the printed
     Table 3 misses it by 1.49 Hz rms (``docs/reference/errata.md``).
     """
-    weighting = Weighting(weighting)
+    regress = partial(
+        _regress,
+        weighting=Weighting(weighting),
+        excitation_source=excitation_source,
+        excitation_quantity=excitation_quantity,
+        moving_mass=moving_mass,
+        temperature_coefficient=temperature_coefficient,
+        maximum_modes=maximum_modes,
+        phase_reference=phase_reference,
+        excitation_level=excitation_level,
+        prior=prior,
+    )
+    calibration = replace(regress(readings), between_sessions=between_sessions)
+    usual = {} if prior is None else {witness.name: witness for witness in prior.witnesses}
+    usual |= {witness.name: witness for witness in fit_witnesses(readings, calibration)}
+    calibration = replace(calibration, witnesses=tuple(usual.values()))
+    friction = friction_influence(readings, calibration)
+    if friction is None:
+        return replace(calibration, friction=None if prior is None else prior.friction)
+    corrected = regress([without_friction(reading, calibration, friction) for reading in readings])
+    return replace(
+        _with_one_more_coefficient(corrected),
+        witnesses=calibration.witnesses,
+        friction=friction,
+        between_sessions=between_sessions,
+    )
+
+
+def fit_witnesses(readings: Sequence[ModalReading], calibration: Calibration) -> tuple[Witness, ...]:
+    """Learn from the readings of a calibration what is usual of each witness that all of them bring."""
+    settings = [_setting(reading, calibration) for reading in readings]
+    fitted = [
+        fit_witness(name, [reading.witnesses[name] for reading in readings], settings)
+        for name in WitnessName
+        if all(name in reading.witnesses for reading in readings)
+    ]
+    return tuple(witness for witness in fitted if witness is not None)
+
+
+def _setting(reading: ModalReading, calibration: Calibration) -> Setting:
+    preload = reading.conditions.preload
+    if preload is None:
+        raise OutsideValidityError("a reading of a calibration must state its preload")
+    return calibration.setting(reading.conditions, preload)
+
+
+def friction_influence(readings: Sequence[ModalReading], calibration: Calibration) -> Estimate | None:
+    r"""Fit what friction torque beyond the usual adds to 1/f² [s²/(N·m)]; ``None`` where no friction torque is known.
+
+    .. math:: \frac{1}{f^2} = \mathrm{Eq.\,(8)} + k_F\,(T_f - \hat T_f)
+
+    Guides and bearings that are not yet sliding act as springs beside the nut, in proportion to their friction (Dahl
+    1968). The friction of a day is known from the same windows; :math:`\hat T_f` is what the calibration lets expect at
+    the preload. How large k_F can be is declared (:data:`USUAL_FRICTION_SHARE`); the readings, whose friction differs
+    from one to the next, tell it better or leave it at that.
+    """
+    witness = calibration.witness(WitnessName.FRICTION_TORQUE)
+    if witness is None or not all(witness.name in reading.witnesses for reading in readings):
+        return None
+    columns = reading_columns(readings, calibration.weighting)
+    unloaded = columns.payload_excess == 0.0
+    excess = np.array([_friction_excess(reading, calibration, witness) for reading in readings])
+    design = [feature_design(columns.position, columns.preload)]
+    if TEMPERATURE_COEFFICIENT in calibration.parameter_names:
+        design.append(columns.temperature_excess[:, np.newaxis])
+    matrix = np.column_stack([*design, excess])[unloaded]
+    usual = [witness.expected(_setting(reading, calibration)) for reading in readings]
+    declared = USUAL_FRICTION_SHARE * float(columns.inverse_square.mean()) / float(np.mean(usual))
+    try:
+        fit = weighted_least_squares(matrix, columns.inverse_square[unloaded], np.ones(int(unloaded.sum())))
+    except NotIdentifiableError:  # the friction never varied, or there are too few readings
+        return Estimate(-declared, declared)
+    value, uncertainty = fit.parameters.values[-1], fit.parameters.standard_uncertainties[-1]
+    precision = uncertainty**-2.0 + declared**-2.0
+    mean = (value * uncertainty**-2.0 - declared * declared**-2.0) / precision
+    return Estimate(float(mean), float(precision**-0.5))
+
+
+def _friction_excess(reading: ModalReading, calibration: Calibration, witness: Witness) -> float:
+    return reading.witnesses[WitnessName.FRICTION_TORQUE] - witness.expected(_setting(reading, calibration))
+
+
+def without_friction(reading: ModalReading, calibration: Calibration, friction: Estimate) -> ModalReading:
+    """Return a reading with the frequency that it would have at the usual friction."""
+    witness = calibration.witness(WitnessName.FRICTION_TORQUE)
+    if witness is None:
+        return reading
+    excess = _friction_excess(reading, calibration, witness)
+    return replace(reading, frequency=float((reading.frequency**-2.0 - friction.value * excess) ** -0.5))
+
+
+def _with_one_more_coefficient(calibration: Calibration) -> Calibration:
+    """Count the coefficient of friction among those fitted: one degree of freedom less for the scatter."""
+    dof = calibration.parameters.degrees_of_freedom
+    wider = dof / (dof - 1.0)
+    parameters = replace(
+        calibration.parameters, covariance=calibration.parameters.covariance * wider, degrees_of_freedom=dof - 1.0
+    )
+    return replace(
+        calibration,
+        parameters=parameters,
+        residual_sd=calibration.residual_sd * math.sqrt(wider),
+        reproducibility=calibration.reproducibility * math.sqrt(wider),
+    )
+
+
+def _regress(
+    readings: Sequence[ModalReading],
+    *,
+    weighting: Weighting,
+    excitation_source: ExcitationSource | None,
+    excitation_quantity: ExcitationQuantity | None,
+    moving_mass: Estimate | None,
+    temperature_coefficient: Estimate | None,
+    maximum_modes: int,
+    phase_reference: PhaseReference | None,
+    excitation_level: float | None,
+    prior: CoefficientPrior | None,
+) -> Calibration:
+    """Regress k1…k4, µ and k_T as :func:`calibrate` says, the readings as they are."""
     columns = reading_columns(readings, weighting)
     payload_excess, temperature_excess = columns.payload_excess, columns.temperature_excess
     unloaded = payload_excess == 0.0

@@ -30,6 +30,7 @@ from monitor_core.preload.regression import (
     excess_variance,
     weighted_least_squares,
 )
+from monitor_core.preload.witnesses import Witness
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
@@ -56,6 +57,9 @@ class CoefficientPrior:
     temperature: float | None = None  # [°C]; None: not stated
     excitation_source: ExcitationSource | None = None  # None: not stated
     excitation_quantity: ExcitationQuantity | None = None
+    witnesses: tuple[Witness, ...] = ()  # what is usual of the axis, where it was measured before
+    friction: Estimate | None = None  # what friction torque adds to 1/f² [s²/(N·m)]
+    between_sessions: float = 0.0  # what another day changes of a frequency, relative standard uncertainty [-]
 
     def __post_init__(self) -> None:
         values, covariance = self.coefficients.values, self.coefficients.covariance
@@ -112,6 +116,9 @@ def prior_from_calibration(calibration: Calibration, source: str) -> Coefficient
         temperature=calibration.reference_temperature,
         excitation_source=calibration.excitation_source,
         excitation_quantity=calibration.excitation_quantity,
+        witnesses=calibration.witnesses,
+        friction=calibration.friction,
+        between_sessions=calibration.between_sessions,
     )
 
 
@@ -178,6 +185,9 @@ def calibration_from_prior(prior: CoefficientPrior, *, moving_mass: Estimate | N
         excitation_source=prior.excitation_source,
         excitation_quantity=prior.excitation_quantity,
         prior=prior.source,
+        witnesses=prior.witnesses,
+        friction=prior.friction,
+        between_sessions=prior.between_sessions,
     )
 
 

@@ -24,11 +24,12 @@ from monitor_core.preload.calibration import (
     Weighting,
     minimum_detectable_loss,
 )
+from monitor_core.preload.witnesses import TERMS, Witness, WitnessName
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings.elements.fields import Fields, json_list, json_numbers, json_object, json_table
 from monitor_core.recordings.elements.files import naming, read_text
 from monitor_core.recordings.elements.units import metres, to_millimetres
-from monitor_core.uncertainty import VectorEstimate
+from monitor_core.uncertainty import Estimate, VectorEstimate
 
 FORMAT, VERSION = "preload-calibration", 1
 #: k1…k4 with their units, by name.
@@ -51,6 +52,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
     values = dict(zip(calibration.parameter_names, calibration.parameters.values.tolist(), strict=True))
     mass, phase = calibration.moving_mass, calibration.phase_reference
     position, temperature = calibration.position, calibration.temperature
+    friction = calibration.friction
     dof, mass_dof = calibration.parameters.degrees_of_freedom, calibration.moving_mass_dof
     return {
         "format": FORMAT,
@@ -96,6 +98,24 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "excitation_level": calibration.excitation_level,
         "excitation_level_unit": _LEVEL_UNITS[calibration.excitation_quantity],
         "prior": calibration.prior,
+        "witnesses": [_witness_document(witness) for witness in calibration.witnesses],
+        "friction_coefficient_s2_per_nm": friction.value if friction else None,
+        "friction_coefficient_standard_uncertainty_s2_per_nm": friction.standard_uncertainty if friction else None,
+        "between_sessions_relative": calibration.between_sessions,
+    }
+
+
+def _witness_document(witness: Witness) -> dict[str, object]:
+    """Lay out what is usual of a witness: the regression of its logarithm (``preload.witnesses``)."""
+    dof = witness.coefficients.degrees_of_freedom
+    return {
+        "name": witness.name.value,
+        "unit_of_value": "SI",
+        "terms": list(witness.terms),
+        "coefficients": witness.coefficients.values.tolist(),
+        "covariance": witness.coefficients.covariance.tolist(),
+        "degrees_of_freedom": dof,
+        "scatter": witness.scatter,
     }
 
 
@@ -171,7 +191,40 @@ def _calibration(top: Fields) -> Calibration:
         uncertainty_stated=top.values["uncertainty_stated"] is True if "uncertainty_stated" in top else True,
         excitation_level=top.optional_number("excitation_level", "N.m/Hz^0.5 or N/Hz^0.5"),
         prior=top.text("prior") if on_prior else None,
+        witnesses=_witnesses(top),
+        friction=_friction(top),
+        between_sessions=top.not_negative("between_sessions_relative", "-")
+        if "between_sessions_relative" in top
+        else 0.0,
     )
+
+
+def _witnesses(top: Fields) -> tuple[Witness, ...]:
+    """Read what is usual of each witness; earlier versions wrote none."""
+    if "witnesses" not in top:
+        return ()
+    return tuple(_witness(json_object(value, f"{top.where}, witnesses")) for value in json_list(top, "witnesses"))
+
+
+def _witness(fields: Fields) -> Witness:
+    terms = tuple(str(term) for term in json_list(fields, "terms"))
+    if not terms or (unknown := [term for term in terms if term not in TERMS]):
+        got = repr(unknown[0]) if terms else "none"
+        raise RecordingFormatError(f"{fields.where}, terms: expected some of {', '.join(TERMS)}; got {got}")
+    values = json_numbers(json_list(fields, "coefficients"), len(terms), f"{fields.where}, coefficients")
+    return Witness(
+        fields.choice("name", WitnessName),
+        terms,
+        VectorEstimate(np.array(values), _covariance(fields, len(terms)), fields.positive("degrees_of_freedom", "-")),
+        fields.positive("scatter", "-"),
+    )
+
+
+def _friction(top: Fields) -> Estimate | None:
+    if "friction_coefficient_s2_per_nm" not in top:
+        return None
+    uncertainty = top.not_negative("friction_coefficient_standard_uncertainty_s2_per_nm", "s²/(N·m)")
+    return Estimate(top.number("friction_coefficient_s2_per_nm", "s²/(N·m)"), uncertainty)
 
 
 def _keys(fields: Fields, name: str) -> list[str]:

@@ -32,6 +32,7 @@ class TrendPointOut(BaseModel):
     state: str | None
     refusal_reason: str | None
     uncharted: Annotated[str | None, Field(description="why an accepted measurement moved no chart")]
+    doubt: Annotated[str | None, Field(description="what speaks against the preload; its measurement says it in words")]
 
 
 class TrendOut(BaseModel):
@@ -95,6 +96,7 @@ def point_out(point: TrendPoint) -> TrendPointOut:
         state=point.state,
         refusal_reason=point.refusal_reason,
         uncharted=point.uncharted,
+        doubt=point.doubt,
     )
 
 

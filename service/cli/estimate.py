@@ -11,7 +11,7 @@ from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import judge_session
+from monitor_core.session import judge_session, with_session_doubts
 from service.cli.inputs.session import axis_settings, is_session, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import estimate_document, refusal_document
@@ -46,16 +46,19 @@ class _Estimated:
     position_mm: float
     frequency_hz: float | None
     answer: PreloadEstimate | Rejection
+    warnings: tuple[str, ...] = ()  # of the measurement of its mode
 
 
 def _of_session(path: Path, calibration: Calibration) -> list[_Estimated]:
     estimates = []
     with watched_session(path) as session:
-        for item in judge_session(session, axis_settings(None), calibration):
+        judged = list(judge_session(session, axis_settings(None), calibration))
+        for item in with_session_doubts(judged, calibration):
             modal = item.outcome.modal
             frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
             position_mm = to_millimetres(item.conditions.position)
-            estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload))
+            warnings = () if isinstance(modal, Rejection) else modal.warnings
+            estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings))
     return estimates
 
 
@@ -74,9 +77,23 @@ def _document(item: _Estimated) -> JsonObject:
         "position_mm": item.position_mm,
         "frequency_hz": item.frequency_hz,
     }
+    place["warnings"] = _said(item)
     if isinstance(item.answer, Rejection):
         return place | {"preload_n": None, "interval_95_n": None, "extrapolated": None} | refusal_document(item.answer)
     return place | estimate_document(item.answer) | {"refused": False}
+
+
+def _said(item: _Estimated) -> list[str]:
+    """Return all that is said of a measurement: doubts first, then what it rests on."""
+    if isinstance(item.answer, Rejection):
+        return list(item.warnings)
+    answer = item.answer
+    return [
+        *(f"in doubt: {doubt.detail}" for doubt in answer.doubts),
+        *(f"{name} outside the calibrated range" for name in answer.outside),
+        *answer.assumptions,
+        *item.warnings,
+    ]
 
 
 def _row(item: _Estimated) -> tuple[str, ...]:
@@ -86,6 +103,6 @@ def _row(item: _Estimated) -> tuple[str, ...]:
     if isinstance(answer, Rejection):
         return (*place, "—", "—", f"{answer.reason}: {answer.detail}")
     low, high = answer.interval.lower, answer.interval.upper
-    remarks = [*(f"{name} outside the calibrated range" for name in answer.outside), *answer.assumptions]
+    remarks = _said(item)
     upper = f"{high:.0f}" if math.isfinite(high) else "∞"
     return (*place, f"{answer.preload:.0f} N", f"{low:.0f} to {upper} N", "; ".join(remarks))

@@ -74,6 +74,11 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
         "extrapolated": estimate.extrapolated,
         "outside": list(estimate.outside),
         "assumptions": list(estimate.assumptions),
+        "doubts": [{"reason": str(doubt.reason), "detail": doubt.detail} for doubt in estimate.doubts],
+        "compared_with_calibration": {
+            str(name): {"relative_difference": math.expm1(deviation.logarithm), "standard_deviations": deviation.score}
+            for name, deviation in estimate.deviations.items()
+        },
         "preload_feature_s2": estimate.feature.value,
         "preload_feature_standard_uncertainty_s2": estimate.feature.standard_uncertainty,
         "variance_shares": {
@@ -82,6 +87,8 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
             "calibration": shares.calibration,
             "payload": shares.payload,
             "temperature": shares.temperature,
+            "friction": shares.friction,
+            "between_session": shares.between_session,
         },
     }
 

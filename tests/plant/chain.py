@@ -26,6 +26,8 @@ class Condition:
     payload: float = 0.0  # [kg]
     temperature: float = 20.0  # [°C]
     friction_scale: float = 1.0  # lubrication: scales all Coulomb friction [-]
+    guide_friction_scale: float = 1.0  # of the rail guides alone [-]
+    bracket_scale: float = 1.0  # how firmly the nut is mounted [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,7 @@ def assemble_chain(axis: Axis, condition: Condition, elements_per_side: int = EL
         (joint * axis.bearing_stiffness, {0: 1.0}),
         (joint * axis.far_bearing_stiffness, {n - 1: 1.0}),
         (soft * axis.nut_stiffness(condition.preload), {under_nut: 1.0, n + under_nut: axis.transmission, nut: -1.0}),
-        (joint * axis.bracket_stiffness, {nut: 1.0, table: -1.0}),
+        (joint * axis.bracket_stiffness * condition.bracket_scale, {nut: 1.0, table: -1.0}),
     ):
         direction = np.zeros(2 * n + 2)
         direction[list(elongation)] = list(elongation.values())

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from monitor_core import recording
 from tests.plant.chain import Condition
 from tests.plant.motion import MoveProgram, draw_reference
-from tests.plant.sensors import ACCELERATION, ENCODER, TORQUE, anti_alias, convert, filter_margin
+from tests.plant.sensors import ACCELERATION, ENCODER, anti_alias, convert, filter_margin
 from tests.plant.simulation import Plant, simulate
+from tests.plant.surroundings import Surroundings
 
 #: Rate at which the plant runs, and of which the recorded rate is a part. [Hz]
 INTERNAL_RATE = 8192
@@ -60,6 +61,7 @@ class Acquisition:
     drive_torque: bool = False  # record the motor's torque instead of the torque sensor
     program: MoveProgram = field(default_factory=MoveProgram)
     knock: float = 0.0  # peak of a half sine of 2 ms on the table, once in each window; no torque tells of it [N]
+    surroundings: Surroundings = field(default_factory=Surroundings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +86,7 @@ def simulate_measurements(
     *,
     scatter: Scatter = NO_SCATTER,
     plant: Plant | None = None,
+    true: Sequence[Condition] | None = None,
 ) -> Recorded:
     """Simulate one measurement for each condition and return what the acquisition records.
 
@@ -99,6 +102,8 @@ def simulate_measurements(
         How the true conditions differ from the tags.
     plant : Plant, optional
         By default the machine of the recorded sessions.
+    true : sequence of Condition, optional
+        What the axis really is at, where the tags are wrong; by default what they say. ``scatter`` comes on top.
 
     Returns
     -------
@@ -106,11 +111,11 @@ def simulate_measurements(
         Excitation, response and position, shape (n_measurements, n_windows, n_samples).
     """
     acquisition, plant = acquisition or Acquisition(), plant or Plant()
-    true = [scatter.draw(c, rng) for c in tagged]
+    drawn = [scatter.draw(c, rng) for c in true or tagged]
     per_batch = max(1, BATCH // acquisition.n_windows)
     batches = [
-        _simulate_batch(tagged[i : i + per_batch], true[i : i + per_batch], rng, acquisition, plant)
-        for i in range(0, len(true), per_batch)
+        _simulate_batch(tagged[i : i + per_batch], drawn[i : i + per_batch], rng, acquisition, plant)
+        for i in range(0, len(drawn), per_batch)
     ]
     return Recorded(*(np.concatenate([getattr(b, name) for b in batches]) for name in Recorded.__dataclass_fields__))
 
@@ -134,11 +139,18 @@ def _simulate_batch(
     if acquisition.knock:
         since = time[:, None, None] - rng.uniform(0.0, acquisition.duration, shape)
         table_force = acquisition.knock * np.sin(np.pi * since / 2e-3) * ((since >= 0.0) & (since < 2e-3))
+    around = acquisition.surroundings
+    if around.floor_force:
+        shaking = around.floor(rng, (time.size, *shape), INTERNAL_RATE)
+        table_force = shaking if table_force is None else table_force + shaking
     motion = simulate(plant, true, reference, 1.0 / INTERNAL_RATE, table_force)
+    acceleration = motion.nut_acceleration + around.second_mode_acceleration(motion.sensor_torque, INTERNAL_RATE)
+    if around.coloured_noise:
+        acceleration += around.colour(rng, acceleration.shape, INTERNAL_RATE)
     recorded = []
     for channel, sensor in (
-        (motion.motor_torque if acquisition.drive_torque else motion.sensor_torque, TORQUE),
-        (motion.nut_acceleration, ACCELERATION),
+        (motion.motor_torque if acquisition.drive_torque else motion.sensor_torque, around.torque_sensor),
+        (acceleration, ACCELERATION),
         (motion.motor_travel + np.array([c.position for c in tagged])[:, None], ENCODER),
     ):
         samples = anti_alias(channel[lead_in - margin :], factor)

@@ -60,3 +60,34 @@ class Servo:
     speed_bandwidth: float = 2.0 * np.pi * 45.0  # [rad/s]
     reset_time: float = 20e-3  # [s]
     torque_limit: float = 7.0  # [N·m]
+    encoder_step: float = 0.0  # what its encoder resolves; 0: it sees angle and speed as they are [rad]
+    speed_filter: float = 0.5e-3  # time constant behind the differences of what the encoder counts [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Ripple:
+    """Torque that the motor makes besides what it is asked for, periodic in its angle (cogging)."""
+
+    amplitude: float = 0.0  # [N·m]
+    per_revolution: int = 30
+
+    def at(self, angle: FloatArray) -> FloatArray | float:
+        """Return the torque at an angle [rad] of the motor [N·m]."""
+        return self.amplitude * np.sin(self.per_revolution * angle) if self.amplitude else 0.0
+
+
+class Encoder:
+    """What the servo sees of the motor: counted angles, and speeds from their filtered differences."""
+
+    def __init__(self, servo: Servo, shape: tuple[int, ...]) -> None:
+        self._servo, self._angle, self._speed = servo, np.zeros(shape), np.zeros(shape)
+
+    def read(self, angle: FloatArray, speed: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+        """Return angle [rad] and speed [rad/s] as seen, one step [s] after the last time."""
+        resolution = self._servo.encoder_step
+        if not resolution:
+            return angle, speed
+        counted = np.round(angle / resolution) * resolution
+        self._speed = self._speed + step / self._servo.speed_filter * ((counted - self._angle) / step - self._speed)
+        self._angle = counted
+        return self._angle, self._speed

@@ -12,7 +12,7 @@ from scipy import linalg
 
 from tests.plant.chain import Axis, Condition, assemble_chain
 from tests.plant.friction import Friction, advance_bristles
-from tests.plant.motion import Reference, Servo
+from tests.plant.motion import Encoder, Reference, Ripple, Servo
 
 FloatArray = NDArray[np.float64]
 
@@ -27,6 +27,7 @@ class Plant:
     axis: Axis = field(default_factory=Axis)
     friction: Friction | None = field(default_factory=Friction)  # None: without any
     servo: Servo = field(default_factory=Servo)
+    ripple: Ripple = field(default_factory=Ripple)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,18 +146,19 @@ def simulate(
     bristles = np.zeros((n_conditions, 3, n_windows))
     old_rates, rates = np.zeros_like(bristles), np.empty_like(bristles)
     outputs = np.empty((n_conditions, 7, n_windows))
+    encoder = Encoder(servo, (n_conditions, n_windows))
     advanced = np.empty((n_conditions, n_states + 2, n_windows))
     of_states, of_load = combined[:, n_states:, :n_states], combined[:, : n_states + 2]
 
     for k in range(n_steps):
         # Speeds and angle depend on the states alone: the outputs with feed-through follow when the inputs are known.
         np.matmul(of_states, state, out=outputs)
-        error = speed[k] - outputs[:, 3] + servo.position_gain * (to_go[k] - outputs[:, 2])
+        seen_angle, seen_speed = encoder.read(outputs[:, 2], outputs[:, 3], step)
+        error = speed[k] - seen_speed + servo.position_gain * (to_go[k] - seen_angle)
         torque = feed_forward[k] + speed_gain * (error + integral / servo.reset_time)
         np.minimum(np.maximum(torque, -servo.torque_limit, out=torque), servo.torque_limit, out=torque)
-        error *= step
-        integral += error
-        inputs[:, 0] = torque
+        integral += step * error
+        inputs[:, 0] = torque + plant.ripple.at(outputs[:, 2] + start)
 
         rates[:] = outputs[:, 4:]
         middle = 1.5 * rates
@@ -187,7 +189,14 @@ def _friction_levels(plant: Plant, conditions: list[Condition]) -> tuple[FloatAr
     if friction is None:
         return np.zeros((len(conditions), 3, 1)), np.ones((1, 3, 1)), np.zeros((1, 3, 1))
     levels = np.array(
-        [[friction.guide_force, plant.axis.nut_drag_torque(c.preload), friction.bearing_torque] for c in conditions]
+        [
+            [
+                friction.guide_force * c.guide_friction_scale,
+                plant.axis.nut_drag_torque(c.preload),
+                friction.bearing_torque,
+            ]
+            for c in conditions
+        ]
     ) * np.array([[c.friction_scale] for c in conditions])
     presliding = np.array([friction.guide_presliding, friction.screw_presliding, friction.screw_presliding])
     viscosity = np.array([friction.guide_viscosity, friction.screw_viscosity, friction.screw_viscosity])

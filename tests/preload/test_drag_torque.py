@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque
+from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -16,6 +16,9 @@ from monitor_core.recording import (
     RejectionReason,
     Window,
 )
+from tests.plant.chain import Condition
+from tests.plant.measurements import Scatter
+from tests.plant.shop import MEDIUM, recorded_session
 
 RATE = 1000.0  # [Hz]
 SPEED = 0.06  # [m/s]
@@ -136,3 +139,42 @@ def test_travels_at_another_speed_are_left_out():
     estimate = estimate_drag_torque(windows)
     assert estimate.n_pairs == 8
     assert estimate.drag.value == pytest.approx(0.45, abs=0.02)
+
+
+@pytest.mark.slow
+def test_work_of_the_moves_knows_friction_better_than_their_constant_velocity():
+    # on the plant, whose friction is known: 20 % more of all friction between two halves of the measurements
+    tagged = [Condition(x) for x in MEDIUM.positions(5) for _ in range(4)]
+    true = [replace(c, friction_scale=1.0 if i % 2 else 1.2) for i, c in enumerate(tagged)]
+    scatter = Scatter(0.0, 0.0, 0.0, 0.0)
+    session = recorded_session(MEDIUM, tagged, true, np.random.default_rng(14), scatter=scatter).session
+    measured = [session.windows_of(name) for name in session.measurements]
+    by_work = np.log([friction_torque(windows) for windows in measured])
+    by_velocity = np.log([estimate_drag_torque(windows).drag.value for windows in measured])
+    noise, other = (np.hypot(v[::2].std(), v[1::2].std()) for v in (by_work, by_velocity))
+    assert noise < 0.2 * other
+    # damping of the structure takes its share, which does not grow with the friction
+    assert 0.7 < (by_work[::2].mean() - by_work[1::2].mean()) / np.log(1.2) < 1.0
+
+
+def test_friction_torque_leaves_an_offset_out():
+    # the same moves twice, once with a zero error of the torque channel
+    plain, offset = (
+        friction_torque([window(np.random.default_rng(12 + i), offset=zero) for i in range(15)]) for zero in (0.0, 0.5)
+    )
+    assert plain == pytest.approx(offset, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"position_trace": None}, RejectionReason.TOO_FEW_AVERAGES),
+        ({"position_trace": np.full(1000, 0.5)}, RejectionReason.TOO_FEW_AVERAGES),
+        ({"excitation_quantity": ExcitationQuantity.FORCE}, RejectionReason.EXCITATION_SOURCE_MISMATCH),
+    ],
+    ids=["no position", "standstill", "a force"],
+)
+def test_friction_torque_needs_motion_position_and_torque(change, reason):
+    refusal = friction_torque([replace(window(np.random.default_rng(13)), **change) for _ in range(5)])
+    assert isinstance(refusal, Rejection)
+    assert refusal.reason is reason

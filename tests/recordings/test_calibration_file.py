@@ -27,6 +27,7 @@ from monitor_core.recordings.calibration_file import (
     write_calibration,
 )
 from monitor_core.uncertainty import Estimate
+from tests.preload.test_witnesses import calibrated as with_witnesses
 
 K = PreloadFeatureCoefficients(-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8)
 
@@ -73,6 +74,37 @@ def test_what_is_written_is_read_back(calibration: Calibration, tmp_path: Path) 
     assert [e.position for e in back.leave_one_position_out] == pytest.approx(
         [e.position for e in calibration.leave_one_position_out], rel=1e-15
     )
+
+
+def test_witnesses_and_friction_are_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "axis.calibration.json"
+    calibration = with_witnesses(np.random.default_rng(31))
+    write_calibration(path, calibration)
+    back = read_calibration(path)
+    assert back.friction == calibration.friction
+    assert back.between_sessions == calibration.between_sessions == 3e-4
+    assert [w.name for w in back.witnesses] == [w.name for w in calibration.witnesses]
+    for read, written in zip(back.witnesses, calibration.witnesses, strict=True):
+        assert (read.terms, read.scatter) == (written.terms, written.scatter)
+        assert np.array_equal(read.coefficients.values, written.coefficients.values)
+        assert np.array_equal(read.coefficients.covariance, written.coefficients.covariance)
+        assert read.coefficients.degrees_of_freedom == written.coefficients.degrees_of_freedom
+
+
+def test_a_calibration_of_an_earlier_version_has_no_witnesses() -> None:
+    document = calibration_document(FULL)
+    for key in ("witnesses", "friction_coefficient_s2_per_nm", "between_sessions_relative"):
+        del document[key]
+    back = calibration_from_document(document)
+    assert (back.witnesses, back.friction, back.between_sessions) == ((), None, 0.0)
+
+
+@pytest.mark.parametrize("terms", [[], ["constant", "phase of the moon"]], ids=["none", "unknown"])
+def test_terms_of_a_witness_are_checked(terms: list[str]) -> None:
+    document = json.loads(json.dumps(calibration_document(with_witnesses(np.random.default_rng(31)))))
+    document["witnesses"][0]["terms"] = terms
+    with pytest.raises(RecordingFormatError, match="terms: expected some of constant, position"):
+        calibration_from_document(document)
 
 
 def test_public_keys_carry_their_units() -> None:

@@ -80,6 +80,7 @@ class TrendPoint:
     uncharted: str | None
     state: str
     baseline_preload_n: float | None
+    doubt: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ class TrendPointRow(Base):
     uncharted: Mapped[str | None] = mapped_column(String(20))  # why it moved no chart
     state: Mapped[str] = mapped_column(String(16))  # of the axis, after this measurement
     baseline_preload_n: Mapped[float | None]
+    doubt: Mapped[str | None] = mapped_column(String(40))  # what speaks against its preload
 
 
 class TrendRollupRow(Base):

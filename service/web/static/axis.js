@@ -52,8 +52,11 @@ function drawMarks(u, seriesIndex, filled) {
       ctx.beginPath(); ctx.moveTo(x, u.valToPos(p.interval_95_n[0], "y", true)); ctx.lineTo(x, top); ctx.stroke();
       ctx.globalAlpha = 1;
     }
-    ctx.beginPath(); ctx.arc(x, y, 3.2 * devicePixelRatio, 0, 2 * Math.PI);
-    if (refused) ctx.stroke(); else ctx.fill();
+    const r = 3.2 * devicePixelRatio;
+    ctx.beginPath();
+    if (p.doubt) { ctx.moveTo(x - r, y - r); ctx.lineTo(x + r, y + r); ctx.moveTo(x - r, y + r); ctx.lineTo(x + r, y - r); }
+    else ctx.arc(x, y, r, 0, 2 * Math.PI);
+    if (refused || p.doubt) ctx.stroke(); else ctx.fill();
   });
   ctx.restore();
 }

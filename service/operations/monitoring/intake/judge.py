@@ -162,6 +162,7 @@ def _point(axis: AxisRecord, row: MeasurementRecord, outcome: MeasurementOutcome
         uncharted=str(Uncharted.PRELOAD_SET) if refusal is None and row.set_preload_n is not None else None,
         state=str(TrendStatus.UNKNOWN),
         baseline_preload_n=None,
+        doubt=None if estimate is None or not estimate.doubts else str(estimate.doubts[0].reason),
     )
 
 

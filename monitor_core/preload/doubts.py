@@ -1,0 +1,192 @@
+"""Say what speaks against a preload: witnesses of the same windows that are not as the calibration lets expect.
+
+What differs by more than chance is a doubt, which stands with the number; what no loss of preload could do is a
+contradiction, and the number is refused.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import special
+
+from monitor_core.preload.calibration import Calibration
+from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
+from monitor_core.recording import Rejection, RejectionReason
+
+
+class DoubtReason(StrEnum):
+    """What speaks against a number that is given all the same."""
+
+    DAMPING_CHANGED = "damping-changed"
+    MASS_OR_MOUNTING_CHANGED = "mass-or-mounting-changed"
+    FRICTION_CHANGED = "friction-changed"
+    EXCITATION_CHANGED = "excitation-changed"
+    SECOND_MODE = "second-mode"
+    PLACES_DISAGREE = "places-disagree"
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A reason not to rely on a number, in words."""
+
+    reason: DoubtReason
+    detail: str  # what was expected, what was got, with units
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a witness may be from its expectation."""
+
+    floor: float  # what days differ by that one session does not show, relative standard deviation [-]
+    score: float  # normal deviate beyond which the difference is no chance [-]
+    least: float  # relative difference below which it does not matter [-]
+    contradiction: float  # relative difference that refuses the number [-]
+    doubt: DoubtReason
+    rejection: RejectionReason
+    meaning: str
+
+
+#: Normal deviate beyond which the mean of a session is no chance: once in a hundred sessions.
+SESSION_SCORE = 2.6
+#: The floors are declared (GUM, type B): gains of sensors hold to some tenths of a percent, a damping to one or two
+#: percent from day to day; friction follows lubrication and temperature, and is corrected for before it is doubted.
+TOLERANCES = {
+    WitnessName.RESIDUE: Tolerance(
+        0.0015,
+        3.0,
+        0.0,
+        0.1,
+        DoubtReason.MASS_OR_MOUNTING_CHANGED,
+        RejectionReason.MOVED_MASS_MISMATCH,
+        "another mass moves than is stated, the nut is mounted otherwise, or a sensor's gain has changed",
+    ),
+    WitnessName.DAMPING_RATIO: Tolerance(
+        0.015,
+        3.3,
+        0.0,
+        0.4,
+        DoubtReason.DAMPING_CHANGED,
+        RejectionReason.DAMPING_MISMATCH,
+        "a second mode, noise on the torque, or another mode than the calibrated one",
+    ),
+    WitnessName.EXCITATION_LEVEL: Tolerance(
+        0.05,
+        3.3,
+        0.42,
+        math.inf,
+        DoubtReason.EXCITATION_CHANGED,
+        RejectionReason.LITTLE_EXCITATION,
+        "the moves are not those of the calibration; friction then acts otherwise",
+    ),
+    WitnessName.FRICTION_TORQUE: Tolerance(
+        0.02,
+        3.3,
+        0.6,
+        math.inf,
+        DoubtReason.FRICTION_CHANGED,
+        RejectionReason.OUTSIDE_CALIBRATION,
+        "lubrication or guides are not as calibrated; what that does to the frequency is corrected in part only",
+    ),
+}
+
+
+def deviations_of(values: WitnessValues, setting: Setting, calibration: Calibration) -> dict[WitnessName, Deviation]:
+    """Compare the witnesses of a measurement with the calibration at its conditions and its estimated preload."""
+    return {
+        name: witness.deviation(values[name], setting, floor=tolerance.floor)
+        for name, tolerance in TOLERANCES.items()
+        if name in values and (witness := calibration.witness(name)) is not None
+    }
+
+
+def contradiction(deviations: dict[WitnessName, Deviation]) -> Rejection | None:
+    """Return the first witness that no preload explains, as a refusal."""
+    for name, deviation in deviations.items():
+        tolerance = TOLERANCES[name]
+        if abs(deviation.logarithm) > tolerance.contradiction and abs(deviation.score) > tolerance.score:
+            return Rejection(tolerance.rejection, _sentence(name, deviation))
+    return None
+
+
+def doubts_of(deviations: dict[WitnessName, Deviation]) -> tuple[Doubt, ...]:
+    """Return a doubt for each witness that differs by more than chance and by more than does not matter."""
+    return tuple(
+        Doubt(TOLERANCES[name].doubt, _sentence(name, deviation))
+        for name, deviation in deviations.items()
+        if abs(deviation.score) > TOLERANCES[name].score and abs(deviation.logarithm) > TOLERANCES[name].least
+    )
+
+
+def of_whole_session(
+    measured: Sequence[Mapping[WitnessName, Deviation]], calibration: Calibration
+) -> tuple[Doubt, ...]:
+    """Return what the measurements of one session say together, where each alone would pass for chance.
+
+    Their own scatter averages out; what days differ by, and the error of the expectation, are common to them.
+    """
+    doubts = []
+    for name, tolerance in TOLERANCES.items():
+        deviations = [deviation[name] for deviation in measured if name in deviation]
+        witness = calibration.witness(name)
+        if len(deviations) < 2 or witness is None:
+            continue
+        common = np.mean([d.standard_uncertainty**2 for d in deviations]) - witness.scatter**2
+        mean = Deviation(
+            float(np.mean([d.logarithm for d in deviations])),
+            math.sqrt(float(common) + witness.scatter**2 / len(deviations)),
+            witness.coefficients.degrees_of_freedom,
+        )
+        if abs(mean.score) > SESSION_SCORE and abs(mean.logarithm) > tolerance.least:
+            doubts.append(
+                Doubt(tolerance.doubt, f"over {len(deviations)} measurements of the session {_sentence(name, mean)}")
+            )
+    return tuple(doubts)
+
+
+def _sentence(name: WitnessName, deviation: Deviation) -> str:
+    percent = 100.0 * math.expm1(deviation.logarithm)
+    return (
+        f"the {name.replace('-', ' ')} is {percent:+.1f} % from what the calibration lets expect, "
+        f"{abs(deviation.score):.1f} standard deviations: {TOLERANCES[name].meaning}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceReading:
+    """What the measurements of one session are compared by."""
+
+    position: float  # [m]
+    logarithm: float  # ln(preload) [-]
+    standard_uncertainty: float  # of it, new in each measurement [-]
+
+
+#: Positions closer than this are one place [m].
+_ONE_PLACE = 0.02
+#: Probability at which the places of an unchanged axis are said to disagree.
+_DISAGREEMENT = 1e-3
+
+
+def places_disagree(readings: Sequence[PlaceReading]) -> Doubt | None:
+    """Test whether the places of one session contradict each other; the preload of an axis is one.
+
+    A straight line of ln(preload) over the position is tested against none, with the stated uncertainties, and the
+    scatter about it by χ²; ``None`` where fewer than two places were measured or they agree.
+    """
+    x = np.array([reading.position for reading in readings])
+    if x.size < 2 or np.ptp(x) < _ONE_PLACE:
+        return None
+    weight = np.array([reading.standard_uncertainty for reading in readings]) ** -2.0
+    y = np.array([reading.logarithm for reading in readings])
+    mean = float(weight @ y / weight.sum())
+    chi_square = float(weight @ (y - mean) ** 2)
+    if special.chdtrc(x.size - 1, chi_square) > _DISAGREEMENT:
+        return None
+    low, high = float(np.exp(y.min())), float(np.exp(y.max()))
+    return Doubt(
+        DoubtReason.PLACES_DISAGREE,
+        f"the places of one session give {low:.0f} to {high:.0f} N where their uncertainties allow "
+        f"{100.0 * float(np.mean(weight)) ** -0.5:.1f} %: are the positions right, and counted from the fixed bearing?",
+    )

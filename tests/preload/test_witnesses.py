@@ -1,0 +1,285 @@
+"""What windows hold besides the frequency: regressions of known coefficients, and the friction that they correct."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from monitor_core.preload import Calibration, ModalReading, PreloadEstimate, calibrate, estimate_preload
+from monitor_core.preload.budget import TEMPERATURE_LAG
+from monitor_core.preload.doubts import (
+    TOLERANCES,
+    DoubtReason,
+    PlaceReading,
+    of_whole_session,
+    places_disagree,
+)
+from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency
+from monitor_core.preload.fit import USUAL_FRICTION_SHARE
+from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
+from monitor_core.recording import Conditions, Rejection, RejectionReason
+from monitor_core.uncertainty import Estimate
+
+#: Regressed on Table 2 of Nguyen et al. (2018).
+K = PreloadFeatureCoefficients(-4848.6e-8, 5741.6e-8, 1915.2e-8, 1154.6e-8)
+POSITIONS = (0.15, 0.3, 0.45, 0.6, 0.75)
+PRELOADS = (100.0, 170.0, 250.0, 400.0)
+MASS = 24.0  # [kg]
+FRICTION = -1.5e-6  # what a newton metre of friction beyond the usual adds to 1/f² [s²/(N·m)]
+
+
+def usual_friction(preload: float) -> float:
+    """Return the friction torque of the made axis [N·m]."""
+    return 0.06 * (preload / 300.0) ** 0.5
+
+
+def residue(position: float, payload: float) -> float:
+    """Return the residue of the made axis [m/(N·m·s²)]."""
+    return 20.0 * (1.0 + 0.05 * position) / (1.0 + payload / MASS)
+
+
+def reading(
+    position: float,
+    preload: float,
+    rng: np.random.Generator,
+    *,
+    payload: float = 0.0,
+    friction: float = 1.0,
+    heavier: float = 0.0,
+    damping: float = 0.012,
+    noise: float = 0.003,
+) -> ModalReading:
+    """Make a reading whose friction is ``friction`` times the usual and whose table is ``heavier`` than stated [kg]."""
+    torque = usual_friction(preload) * friction * math.exp(noise * rng.standard_normal())
+    plain = axial_frequency(position, preload, K) ** -2.0 + FRICTION * (torque - usual_friction(preload))
+    inverse_square = float(plain) * (1.0 + (payload + heavier) / MASS)
+    return ModalReading(
+        inverse_square**-0.5 + 0.005 * rng.standard_normal(),
+        Conditions(position, payload_mass=payload, preload=preload),
+        0.005,
+        witnesses={
+            WitnessName.DAMPING_RATIO: damping * math.exp(noise * rng.standard_normal()),
+            WitnessName.RESIDUE: residue(position, payload + heavier) * math.exp(noise * rng.standard_normal()),
+            WitnessName.EXCITATION_LEVEL: 0.02 * math.exp(0.05 * rng.standard_normal()),
+            WitnessName.FRICTION_TORQUE: torque,
+        },
+    )
+
+
+def calibrated(rng: np.random.Generator, *, spread: float = 0.05, between_sessions: float = 3e-4) -> Calibration:
+    """Calibrate on readings whose friction varies by ``spread``."""
+    readings = [
+        reading(x, p, rng, friction=math.exp(spread * rng.standard_normal())) for x in POSITIONS for p in PRELOADS
+    ]
+    readings += [reading(x, 300.0, rng, payload=m) for x in POSITIONS[::2] for m in (6.0, 10.0)]
+    return calibrate(readings, weighting="none", excitation_source=None, between_sessions=between_sessions)
+
+
+def judged(calibration: Calibration, made: ModalReading, **changes: float | None) -> PreloadEstimate | Rejection:
+    """Estimate the preload of a reading that does not state it."""
+    return estimate_preload(
+        made.estimate, replace(made.conditions, preload=None, **changes), calibration, witnesses=made.witnesses
+    )
+
+
+def test_regression_gives_known_coefficients_and_textbook_prediction_back() -> None:
+    rng = np.random.default_rng(1)
+    settings = [Setting(x, p) for x in POSITIONS for p in PRELOADS]
+    values = [
+        math.exp(0.3 + 0.8 * s.position - 0.4 * math.log(s.preload) + 0.01 * rng.standard_normal()) for s in settings
+    ]
+    witness = fit_witness(WitnessName.RESIDUE, values, settings)
+    assert witness is not None
+    assert witness.terms == ("constant", "position", "preload", "position_squared", "preload_squared")
+    # ordinary least squares by another route: the normal equations
+    x = np.array([[1, s.position, math.log(s.preload), s.position**2, math.log(s.preload) ** 2] for s in settings])
+    beta = np.linalg.solve(x.T @ x, x.T @ np.log(values))
+    row = np.array([1, 0.5, math.log(200.0), 0.25, math.log(200.0) ** 2])
+    assert math.log(witness.expected(Setting(0.5, 200.0))) == pytest.approx(float(row @ beta), abs=1e-9)
+    residual = np.log(values) - x @ beta
+    s2 = float(residual @ residual) / (len(values) - 5)
+    of_prediction = math.sqrt(s2 * (1.0 + float(row @ np.linalg.solve(x.T @ x, row))))
+    deviation = witness.deviation(witness.expected(Setting(0.5, 200.0)) * 1.02, Setting(0.5, 200.0))
+    assert deviation.standard_uncertainty == pytest.approx(of_prediction, rel=1e-6)
+    assert deviation.logarithm == pytest.approx(math.log(1.02))
+    p = 2.0 * stats.t.sf(abs(deviation.logarithm) / of_prediction, 15)
+    assert deviation.score == pytest.approx(stats.norm.isf(p / 2.0), rel=1e-6)
+
+
+def test_slope_in_theta_is_the_derivative() -> None:
+    witness = calibrated(np.random.default_rng(2)).witness(WitnessName.FRICTION_TORQUE)
+    assert isinstance(witness, Witness)
+    theta, step = 300.0 ** (-1.0 / 3.0), 1e-6
+    at = [witness.expected(Setting(0.4, t**-3.0)) for t in (theta - step, theta + step)]
+    assert witness.slope_in_theta(Setting(0.4, 300.0)) == pytest.approx((at[1] - at[0]) / (2.0 * step), rel=1e-5)
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_too_few_readings_teach_nothing(count: int) -> None:
+    settings = [Setting(0.1 * i, 300.0) for i in range(count)]
+    assert fit_witness(WitnessName.RESIDUE, [1.0] * count, settings) is None
+
+
+def test_values_that_no_logarithm_has_teach_nothing() -> None:
+    settings = [Setting(0.1 * i, 300.0) for i in range(20)]
+    assert fit_witness(WitnessName.RESIDUE, [1.0] * 19 + [0.0], settings) is None
+
+
+def test_coefficient_of_friction_is_found_where_friction_varies() -> None:
+    found = [calibrated(np.random.default_rng(seed), spread=0.15).friction for seed in range(20)]
+    scores = [(k.value - FRICTION) / k.standard_uncertainty for k in found if k is not None]
+    assert len(scores) == 20
+    assert np.std(scores) < 1.6
+    assert abs(np.mean(scores)) < 0.7
+    assert np.mean([k.standard_uncertainty for k in found if k is not None]) < 0.3 * abs(FRICTION)
+
+
+def test_coefficient_of_friction_is_the_declared_one_where_it_never_varies() -> None:
+    readings = [reading(x, p, np.random.default_rng(3), noise=0.0) for x in POSITIONS for p in PRELOADS]
+    calibration = calibrate(readings, weighting="none", excitation_source=None)
+    mean = np.mean([r.frequency**-2.0 for r in readings]) / np.mean([usual_friction(p) for p in PRELOADS])
+    assert calibration.friction is not None
+    assert calibration.friction.value == pytest.approx(-USUAL_FRICTION_SHARE * mean, rel=1e-3)
+    assert calibration.friction.standard_uncertainty == pytest.approx(USUAL_FRICTION_SHARE * mean, rel=1e-3)
+
+
+@pytest.mark.parametrize("friction", [0.6, 1.4])
+def test_friction_no_longer_looks_like_preload(friction: float) -> None:
+    rng = np.random.default_rng(4)
+    calibration = calibrated(rng, spread=0.15)
+    made = [reading(0.4, 300.0, rng, friction=friction) for _ in range(20)]
+    corrected = [judged(calibration, r) for r in made]
+    plain = [
+        judged(calibration, replace(r, witnesses={k: v for k, v in r.witnesses.items() if "friction" not in k}))
+        for r in made
+    ]
+    error, without = (
+        np.mean([abs(a.preload - 300.0) for a in answers if isinstance(a, PreloadEstimate)])
+        for answers in (corrected, plain)
+    )
+    assert error < 0.5 * without
+    assert all(isinstance(a, PreloadEstimate) and a.interval.covers(300.0) for a in corrected)
+    assert all(isinstance(a, PreloadEstimate) and a.shares.friction > 0.1 for a in corrected)
+
+
+def test_healthy_readings_are_hardly_ever_doubted() -> None:
+    rng = np.random.default_rng(5)
+    doubted = [
+        not isinstance(answer, PreloadEstimate) or bool(answer.doubts)
+        for _ in range(10)
+        for calibration in (calibrated(rng),)
+        for answer in (judged(calibration, reading(0.4, 300.0, rng)) for _ in range(40))
+    ]
+    assert np.mean(doubted) < 0.03
+
+
+Made = Callable[[np.random.Generator], ModalReading]
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda rng: reading(0.4, 300.0, rng, heavier=0.5), DoubtReason.MASS_OR_MOUNTING_CHANGED),
+        (lambda rng: reading(0.4, 300.0, rng, heavier=3.0), RejectionReason.MOVED_MASS_MISMATCH),
+        (lambda rng: reading(0.4, 300.0, rng, damping=0.0135), DoubtReason.DAMPING_CHANGED),
+        (lambda rng: reading(0.4, 300.0, rng, damping=0.024), RejectionReason.DAMPING_MISMATCH),
+        (lambda rng: reading(0.4, 300.0, rng, damping=0.004), RejectionReason.DAMPING_MISMATCH),
+        (lambda rng: reading(0.4, 300.0, rng, friction=1.9), DoubtReason.FRICTION_CHANGED),
+    ],
+    ids=["0.5 kg", "3 kg", "damping + 12 %", "damping doubled", "damping a third", "friction × 1.9"],
+)
+def test_what_has_changed_is_said(made: Made, said: DoubtReason | RejectionReason) -> None:
+    rng = np.random.default_rng(6)
+    answer = judged(calibrated(rng), made(rng))
+    if isinstance(answer, Rejection):
+        assert answer.reason is said
+    else:
+        assert said in [doubt.reason for doubt in answer.doubts]
+
+
+def test_payload_that_nobody_states_widens_by_what_the_residue_shows() -> None:
+    rng = np.random.default_rng(7)
+    calibration = calibrated(rng)
+    for heavier in (0.0, 1.0):
+        answer = judged(calibration, reading(0.4, 300.0, rng, heavier=heavier), payload_mass=None)
+        assert isinstance(answer, PreloadEstimate)
+        assert answer.interval.covers(300.0)
+        assert answer.shares.payload > 0.5
+        assert any("payload not stated" in assumption for assumption in answer.assumptions)
+
+
+def test_small_differences_of_a_whole_session_are_seen_together() -> None:
+    rng = np.random.default_rng(8)
+    calibration = calibrated(rng)
+    slightly = [judged(calibration, reading(x, 300.0, rng, heavier=0.2)) for x in POSITIONS for _ in range(3)]
+    estimates = [a for a in slightly if isinstance(a, PreloadEstimate)]
+    assert np.mean([bool(a.doubts) for a in estimates]) < 0.5
+    together = of_whole_session([a.deviations for a in estimates], calibration)
+    assert [doubt.reason for doubt in together] == [DoubtReason.MASS_OR_MOUNTING_CHANGED]
+    assert "over 15 measurements" in together[0].detail
+
+
+def test_places_disagree_about_once_in_a_thousand_healthy_sessions() -> None:
+    rng = np.random.default_rng(9)
+    n = sum(
+        places_disagree([PlaceReading(x, math.log(300.0) + 0.01 * rng.standard_normal(), 0.01) for x in POSITIONS])
+        is not None
+        for _ in range(5000)
+    )
+    assert stats.binom.cdf(n, 5000, 1e-3) > 1e-4
+    assert stats.binom.sf(n - 1, 5000, 1e-3) > 1e-4
+
+
+def test_places_that_contradict_each_other_are_said_and_one_place_says_nothing() -> None:
+    off = [PlaceReading(x, math.log(300.0) + 0.2 * (x - 0.4), 0.01) for x in POSITIONS]
+    doubt = places_disagree(off)
+    assert doubt is not None
+    assert doubt.reason is DoubtReason.PLACES_DISAGREE
+    assert "285 to 322 N" in doubt.detail
+    assert places_disagree(off[:1]) is None
+    assert places_disagree([replace(reading, position=0.4) for reading in off]) is None
+
+
+def test_declared_parts_widen_and_are_listed() -> None:
+    rng = np.random.default_rng(10)
+    one_session, many = calibrated(rng), calibrated(np.random.default_rng(10), between_sessions=0.0)
+    made = reading(0.4, 300.0, rng)
+    wide, narrow = judged(one_session, made), judged(many, made)
+    assert isinstance(wide, PreloadEstimate)
+    assert isinstance(narrow, PreloadEstimate)
+    assert narrow.shares.between_session == 0.0
+    assert wide.shares.between_session > 0.3
+    assert wide.interval.upper - wide.interval.lower > 1.3 * (narrow.interval.upper - narrow.interval.lower)
+    assert sum(getattr(wide.shares, name) for name in wide.shares.__slots__) == pytest.approx(1.0)
+
+
+def test_structure_that_lags_behind_its_thermometer_widens() -> None:
+    rng = np.random.default_rng(11)
+    readings = [
+        replace(r, conditions=replace(r.conditions, temperature=20.0 + 10.0 * rng.uniform()))
+        for r in (reading(x, p, rng) for x in POSITIONS for p in PRELOADS)
+    ]
+    calibration = calibrate(
+        readings,
+        weighting="none",
+        excitation_source=None,
+        temperature_coefficient=Estimate(1e-8, 1e-9),
+        between_sessions=3e-4,
+    )
+    coefficient = calibration.parameter("temperature_coefficient")
+    assert coefficient is not None
+    made = reading(0.4, 300.0, rng)
+    near, far = (judged(calibration, made, temperature=t) for t in (25.0, 35.0))
+    assert isinstance(near, PreloadEstimate)
+    assert isinstance(far, PreloadEstimate)
+    grown = far.shares.temperature * far.feature.standard_uncertainty**2
+    excess = 35.0 - (calibration.reference_temperature or 0.0)
+    assert grown >= 0.9 * (TEMPERATURE_LAG * coefficient.value * excess) ** 2
+    assert far.shares.temperature > near.shares.temperature
+
+
+def test_every_witness_has_a_tolerance() -> None:
+    assert set(TOLERANCES) == set(WitnessName)
