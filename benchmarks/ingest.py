@@ -8,8 +8,10 @@ bare core gates and judges the same windows in this process (``check_window``, `
 Each axis has a history (``--history 10000`` measurements). Then eight senders post one by one, each to an axis of its
 own, and sixteen beside one.
 
-One by one, what a request costs whatever is done with it weighs most. So a service that does nothing but receive, store
-and acknowledge (``benchmarks.least_service``) is timed as well: what it leaves for the core, one after the other.
+One by one, what a request costs whatever is done with it weighs most. So two services are timed as well that do less
+(``benchmarks.least_service``): one does nothing but receive, store and acknowledge, and leaves the rest for the core,
+one after the other; one gates, judges, hashes, compresses and commits besides, and does nothing else. What that one
+reaches is what a service of this framework in one process can reach here.
 """
 
 import argparse
@@ -321,6 +323,29 @@ def highest_ratio(turns: int) -> list[tuple[float, float, float]]:
     return figures[1:]  # the first warms up
 
 
+def least_judging(turns: int) -> dict[str, list[float]]:
+    """Return the ratios of a service that does only what an answer needs to the bare core, turn by turn."""
+    samples = measurement(np.random.default_rng(4))
+    configuration, in_force = AxisConfiguration.model_validate(CONFIGURATION), calibration()
+    whole = next(way for way in WAYS if way.windows_per_request == N_WINDOWS)
+    ratios: dict[str, list[float]] = {"measurement a request": [], "one by one": [], "one by one, eight senders": []}
+    with tempfile.TemporaryDirectory() as folder, running(Path(folder), *LEAST_SERVICE, "--judging") as service:
+        for turn in range(turns):
+            first = 1000 + 64 * turn
+            core = core_rate([samples] * IN_A_ROW, configuration, in_force)
+            requests = [
+                request for i in range(IN_A_ROW) for request in whole.requests("axis", renamed(samples, first + i))
+            ]
+            started = time.perf_counter()
+            for request in requests:
+                service.send(request)
+            ratios["measurement a request"].append(len(requests) * N_WINDOWS / (time.perf_counter() - started) / core)
+            ratios["one by one"].append(from_many(service, 1, range(first, first + 8), samples) / core)
+            eight = from_many(service, 8, range(first + 8, first + 24), samples)
+            ratios["one by one, eight senders"].append(eight / core)
+    return {name: of_way[1:] for name, of_way in ratios.items()}
+
+
 def memory(service: Service, n_windows: int) -> list[tuple[int, float]]:
     """Return the memory of the service while it takes windows: (windows so far, MiB)."""
     windows = measurement(np.random.default_rng(3))
@@ -350,6 +375,9 @@ def main() -> None:
         f"one by one, a service that only receives and stores takes {np.median(least):.2f} ms a window, the bare core "
         f"{np.median(core):.2f} ms: one after the other the ratio would be {middle:.3f} ({low:.3f}–{high:.3f})"
     )
+    for name, ratios in least_judging(options.turns).items():
+        tenth, middle = np.quantile(ratios, [0.1, 0.5])
+        print(f"a service that only does what an answer needs, {name}: {middle:.3f}, nine of ten at least {tenth:.3f}")
 
 
 def report(folder: Path, turns: int, memory_windows: int) -> None:
