@@ -250,8 +250,15 @@ def advance(
     """
     if isinstance(outcome.preload, Rejection) or isinstance(outcome.modal, Rejection):
         return state
+    drag = outcome.drag_torque.drag.value if isinstance(outcome.drag_torque, DragTorque) else None
     return advance_estimate(
-        state, outcome.preload, outcome.modal.conditions, at, calibration=calibration, design=design
+        state,
+        outcome.preload,
+        outcome.modal.conditions,
+        at,
+        drag_torque=drag,
+        calibration=calibration,
+        design=design,
     )
 
 
@@ -261,29 +268,41 @@ def advance_estimate(
     conditions: Conditions,
     at: datetime,
     *,
+    drag_torque: float | None = None,
     calibration: Calibration,
     design: DetectorDesign,
 ) -> AxisState:
     """Carry the state over one estimate, however its frequency was obtained."""
     # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
     feature = Estimate(estimate.feature.value, estimate.feature_own_uncertainty)
-    return advance_feature(state, feature, conditions, at, calibration=calibration, design=design)
+    charted = ChartedFeature(at, feature, conditions, drag_torque, in_doubt=bool(estimate.doubts))
+    return advance_feature(state, charted, calibration=calibration, design=design)
+
+
+@dataclass(frozen=True, slots=True)
+class ChartedFeature:
+    """A preload feature for the charts, as measured or as stored."""
+
+    at: datetime
+    feature: Estimate  # with its own standard uncertainty [s²]
+    conditions: Conditions
+    drag_torque: float | None = None  # [N·m]
+    in_doubt: bool = False
+
+
+#: Conditions of the baseline that are remembered: more places are hardly visited by one axis.
+MOST_CONDITIONS = 40
 
 
 def advance_feature(
-    state: AxisState,
-    feature: Estimate,
-    conditions: Conditions,
-    at: datetime,
-    *,
-    calibration: Calibration,
-    design: DetectorDesign,
+    state: AxisState, charted: ChartedFeature, *, calibration: Calibration, design: DetectorDesign
 ) -> AxisState:
-    """Carry the state over one preload feature with its own standard uncertainty, as measured or as stored.
+    """Carry the state of an axis over one preload feature.
 
     A state is the fold of this function over the measurements in the order of their time: what arrives late is put in
     by folding again from there.
     """
+    conditions, feature = charted.conditions, charted.feature
     if conditions.preload is not None:
         return state
     learning = state.detector.baseline is None
@@ -292,10 +311,19 @@ def advance_feature(
         if learning
         else systematic_uncertainty_between(feature.value, conditions, state.baseline_conditions, calibration)
     )
-    observation = Observation(at, feature.value, feature.standard_uncertainty, systematic)
+    observation = Observation(
+        charted.at,
+        feature.value,
+        feature.standard_uncertainty,
+        systematic,
+        temperature=conditions.temperature,
+        drag_torque=charted.drag_torque,
+        in_doubt=charted.in_doubt,
+    )
+    remembered = (*state.baseline_conditions, conditions)[-MOST_CONDITIONS:]
     return AxisState(
         detector=step(state.detector, observation, design),
-        baseline_conditions=(*state.baseline_conditions, conditions) if learning else state.baseline_conditions,
+        baseline_conditions=remembered if learning else state.baseline_conditions,
     )
 
 

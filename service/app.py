@@ -29,8 +29,10 @@ from service.operations.identification.identification_job import IDENTIFICATION
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
+from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.settings import Settings
@@ -117,6 +119,7 @@ def open_database(settings: Settings) -> Database:
 
 def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = open_database(settings)
+    renew_charts(database)
     waveforms = WaveformStore(settings.data_dir)
     lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
@@ -140,6 +143,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         axes=Axes(database, lanes),
         ingest=ingest,
         trend=Trend(database),
+        history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
         alarms=Alarms(database, lanes),
         replays=replays,

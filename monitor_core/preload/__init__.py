@@ -21,6 +21,7 @@ from monitor_core.preload.feature import (
 )
 from monitor_core.preload.fit import calibrate
 from monitor_core.preload.influence import InfluenceCoefficients
+from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
 from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
 
 __all__ = [
@@ -46,4 +47,6 @@ __all__ = [
     "preload_sensitivity",
     "prior_from_calibration",
     "systematic_uncertainty_between",
+    "unexplained_scatter",
+    "widened",
 ]

@@ -49,6 +49,13 @@ class PreloadEstimate:
         return replace(self, doubts=tuple(reversed(known.values())))
 
     @property
+    def feature_scatter(self) -> float:
+        """Standard uncertainty of the feature by what is new in each session [s²]."""
+        shares = self.shares
+        new = shares.frequency + shares.reproducibility + shares.friction + shares.temperature + shares.between_session
+        return self.feature.standard_uncertainty * math.sqrt(max(new, 0.0))
+
+    @property
     def extrapolated(self) -> bool:
         """Whether anything lies outside the range that the calibration has seen."""
         return bool(self.outside)

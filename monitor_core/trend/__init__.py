@@ -1,8 +1,10 @@
 """Judge the trend and state of an axis: baseline, intervals, charts, detector (ISO 13374: SD)."""
 
-from monitor_core.trend.baseline import Baseline, Observation, learn_baseline
+from monitor_core.trend.baseline import Baseline, learn_baseline
+from monitor_core.trend.belief import Belief, Prior
+from monitor_core.trend.bootstrap import FEWEST_SESSIONS, FoundRate, found_rate, healthy_sessions
 from monitor_core.trend.design import DetectorDesign, DetectorSettings, LossDirection, design_detector
-from monitor_core.trend.detector import reset, step
+from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.intervals import (
     PaperRule,
     confidence_interval_of_mean,
@@ -10,27 +12,43 @@ from monitor_core.trend.intervals import (
     prediction_interval_of_next,
     tolerance_interval_of_population,
 )
-from monitor_core.trend.state import Chart, DetectorState, Evidence, Run, TrendStatus, state_at
+from monitor_core.trend.line import TrendLine, trend_line
+from monitor_core.trend.observation import Observation, Session
+from monitor_core.trend.sisters import prior_from
+from monitor_core.trend.state import Chart, Charts, DetectorState, Evidence, Run, TrendStatus, state_at
 
 __all__ = [
+    "FEWEST_SESSIONS",
     "Baseline",
+    "Belief",
     "Chart",
+    "Charts",
+    "ClosedSession",
     "DetectorDesign",
     "DetectorSettings",
     "DetectorState",
     "Evidence",
+    "FoundRate",
     "LossDirection",
     "Observation",
     "PaperRule",
+    "Prior",
     "Run",
+    "Session",
+    "TrendLine",
     "TrendStatus",
+    "closed_session",
     "confidence_interval_of_mean",
     "design_detector",
+    "found_rate",
+    "healthy_sessions",
     "learn_baseline",
     "paper_rule",
     "prediction_interval_of_next",
+    "prior_from",
     "reset",
     "state_at",
     "step",
     "tolerance_interval_of_population",
+    "trend_line",
 ]

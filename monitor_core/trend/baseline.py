@@ -1,128 +1,118 @@
-"""Learn the baseline of a healthy axis, against which later measurements are judged."""
+"""Say of a healthy axis what people want to know: its level, its scatter, and what the baseline has not seen."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
+from scipy import special
 
-from monitor_core.arrays import FloatArray
-from monitor_core.errors import OutsideValidityError
-from monitor_core.trend.intervals import prediction_interval
-from monitor_core.uncertainty import Interval
+from monitor_core.trend.belief import STRUCTURES, Belief, Prior, bank_of, begin, healthy_value, learnt_from, reopened
+from monitor_core.trend.observation import Session
+from monitor_core.uncertainty import Interval, IntervalKind
 
-#: Critical value for the lag-1 autocorrelation, in units of 1/√m. So high (1 %) that baselines of independent
-#: measurements are hardly ever widened: the stated false-alarm rate stays what it is.
-_SIGNIFICANT = 2.33
-#: A baseline whose measurements depend on each other more than this is a drift; its factor would have no bound.
-_LARGEST_AUTOCORRELATION = 0.9
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """One accepted measurement of a trended quantity, whatever its unit.
-
-    ``standard_uncertainty`` is the random part of its uncertainty, new in every measurement. ``systematic_uncertainty``
-    is what the corrections for payload, temperature and position do not know of its difference from the baseline; 0
-    under the conditions of the baseline. It is common to many later measurements, so it does not average out, and a
-    change that it could explain is no evidence.
-    """
-
-    at: datetime
-    value: float
-    standard_uncertainty: float = 0.0
-    systematic_uncertainty: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.at.tzinfo is None:
-            raise OutsideValidityError(f"at must carry a time zone; got {self.at.isoformat()}")
-        if not math.isfinite(self.value):
-            raise OutsideValidityError(f"value must be finite; got {self.value}")
-        for name in ("standard_uncertainty", "systematic_uncertainty"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise OutsideValidityError(f"{name} must be finite and not negative; got {getattr(self, name)}")
+_CORRELATION = np.array([structure.correlation for structure in STRUCTURES])
+_SHARE = np.array([structure.share for structure in STRUCTURES])
+#: A baseline of a year has seen every season.
+ALL_SEASONS = timedelta(days=330)
 
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Mean and scatter of the first accepted measurements of an axis."""
+    """What is normal for an axis, as far as it was learnt."""
 
-    mean: float
-    scatter: float  # standard deviation from one measurement to the next, same unit as the mean
-    size: int
-    degrees_of_freedom: int
-    autocorrelation: float  # lag 1
-    dependence: float  # widens the scatter when the autocorrelation is significant; 1 for independent measurements
+    mean: float  # under mean conditions, at the time of the last session
+    standard_uncertainty: float  # of the mean
+    scatter: float  # standard deviation from one session to the next, same unit as the mean
+    size: int  # sessions
+    n_observations: int
+    degrees_of_freedom: float
+    autocorrelation: float  # of sessions a day apart
+    dependence: float  # how much wider a long mean scatters than that of independent sessions; 1 for those
     started_at: datetime
     ended_at: datetime
+    weights: tuple[float, ...] = ()  # of the structures of dependence
+    temperatures: tuple[float, float] | None = None  # lowest and highest that were seen [°C]
 
-    def __post_init__(self) -> None:
-        if not self.scatter > 0.0:
-            raise OutsideValidityError(f"scatter must be positive; got {self.scatter}")
+    def scatter_of_mean(self, count: int) -> float:
+        r"""Return the standard deviation of the mean of so many sessions in a row, a day apart.
 
-    def standardise(self, observation: Observation) -> float:
-        r"""Return the residual of a later measurement in standard deviations, with its dead zone.
-
-        .. math::
-
-            z = \operatorname{sign}(r) \, \frac{\max(|r| - 1.96\,u_\mathrm{sys},\, 0)}
-                {d\,\sqrt{\max(s, u)^2 + s^2/m}}
-
-        with r the difference from the mean of m baseline measurements: the new measurement scatters, and so does
-        the mean it is compared with. A measurement that says itself to be worse than the scatter is believed. The
-        factor d is ``dependence``.
+        .. math:: \sigma^2 \left[\frac{1 - s}{n}
+            + s\,\frac{n (1 - \varphi^2) - 2 \varphi (1 - \varphi^n)}{n^2 (1 - \varphi)^2}\right]
         """
-        difference = observation.value - self.mean
-        evidence = max(abs(difference) - 1.96 * observation.systematic_uncertainty, 0.0)
-        random = max(self.scatter, observation.standard_uncertainty)
-        scatter_of_difference = self.dependence * math.sqrt(random**2 + self.scatter**2 / self.size)
-        return math.copysign(evidence / scatter_of_difference, difference)
+        rho, share = _CORRELATION, _SHARE
+        together = (count * (1.0 - rho**2) - 2.0 * rho * (1.0 - rho**count)) / (count * (1.0 - rho)) ** 2
+        return self.scatter * math.sqrt(float(np.array(self.weights) @ ((1.0 - share) / count + share * together)))
 
     def prediction_interval(self, level: float = 0.95) -> Interval:
-        r"""Predict where one more healthy measurement will lie, :math:`\bar x \pm t^* s \sqrt{1 + 1/m}`.
+        r"""Predict where one more healthy session will lie, :math:`\bar x \pm t^* \sqrt{s^2 + u^2(\bar x)}`.
 
         For people to look at: alarms come from the charts, whose false-alarm rate is stated.
         """
-        return prediction_interval(self.mean, self.scatter, self.size, level)
+        quantile = float(special.stdtrit(self.degrees_of_freedom, 0.5 * (1.0 + level)))
+        half = quantile * math.hypot(self.scatter, self.standard_uncertainty)
+        return Interval(self.mean - half, self.mean + half, IntervalKind.PREDICTION, level)
+
+    @property
+    def not_seen(self) -> tuple[str, ...]:
+        """What the baseline knows nothing of, in words: later differences may come from there."""
+        missing = []
+        span = self.ended_at - self.started_at
+        if span < ALL_SEASONS:
+            missing.append(f"other seasons than those {max(span.days, 1)} days")
+        if self.temperatures is None:
+            missing.append("any temperature: none was stated")
+        else:
+            low, high = self.temperatures
+            seen = (f"{low:.1f}", f"{high:.1f}")
+            other = f"other than {seen[0]}" if seen[0] == seen[1] else f"below {seen[0]} or above {seen[1]}"
+            missing.append(f"temperatures {other} °C")
+        return tuple(missing)
 
 
-def learn_baseline(observations: Sequence[Observation]) -> Baseline | None:
-    """Take mean and scatter of healthy measurements, in time order and any unit.
+def learn_baseline(sessions: Sequence[Session], prior: Prior | None = None) -> Belief | None:
+    """Learn the first sessions of an axis, in time order and any unit.
 
-    ``None`` as long as the scatter is not known: fewer than two measurements, or all of one value without any stated
-    uncertainty. The scatter is the standard deviation between measurements, but not less than the root mean square of
-    the stated uncertainties. The stated ones alone would not do: on real records it is up to 24 times larger.
+    ``None`` as long as the scatter is not known: fewer than two sessions, or all of one value without any stated
+    uncertainty.
     """
-    if len(observations) < 2:
+    if len(sessions) < 2:
         return None
-    values = np.array([o.value for o in observations])
-    stated = math.sqrt(sum(o.standard_uncertainty**2 for o in observations) / len(observations))
+    prior = prior or Prior()
+    values = np.array([session.value for session in sessions])
+    stated = float(np.mean([session.own_variance for session in sessions]))
     # values all alike may differ from their mean by a rounding error, which is no scatter
-    observed = float(values.std(ddof=1)) if np.ptp(values) > 0.0 else 0.0
-    scatter = max(observed, stated)
-    if scatter == 0.0:
+    observed = float(np.median(np.abs(values - np.median(values))) / special.ndtri(0.75)) ** 2
+    if np.ptp(values) > 0.0 and observed == 0.0:
+        observed = float(values.var(ddof=1))
+    variance = max(observed, stated)
+    if variance == 0.0 and prior.variance is None:
         return None
-    autocorrelation = _lag_one(values)
+    return learnt_from(sessions, begin(sessions[0], prior, variance))
+
+
+def learn_level_again(belief: Belief, sessions: Sequence[Session]) -> Belief:
+    """Learn the level anew after an inspection, and go on from what was learnt of everything else."""
+    return learnt_from(sessions, reopened(belief))
+
+
+def baseline_of(belief: Belief) -> Baseline:
+    """Sum up a belief for people."""
+    bank = bank_of(belief)
+    mean, uncertainty = healthy_value(belief, belief.last_at)
+    long_run = float(bank.weight @ (1.0 + 2.0 * _SHARE * _CORRELATION / (1.0 - _CORRELATION)))
     return Baseline(
-        mean=float(values.mean()),
-        scatter=scatter,
-        size=values.size,
-        degrees_of_freedom=values.size - 1,
-        autocorrelation=autocorrelation,
-        dependence=_dependence(autocorrelation, values.size),
-        started_at=observations[0].at,
-        ended_at=observations[-1].at,
+        mean=mean,
+        standard_uncertainty=uncertainty,
+        scatter=math.sqrt(bank.variance),
+        size=belief.n_sessions,
+        n_observations=belief.n_observations,
+        degrees_of_freedom=float(bank.weight @ (2.0 * bank.shape)),
+        autocorrelation=float(bank.weight @ (_SHARE * _CORRELATION)),
+        dependence=math.sqrt(long_run),
+        started_at=belief.started_at,
+        ended_at=belief.ended_at,
+        weights=tuple(bank.weight.tolist()),
+        temperatures=None if belief.temperature is None else (belief.temperature.lowest, belief.temperature.highest),
     )
-
-
-def _lag_one(values: FloatArray) -> float:
-    deviation = values - values.mean()
-    power = float(deviation @ deviation)
-    return float(deviation[:-1] @ deviation[1:]) / power if power > 0.0 else 0.0
-
-
-def _dependence(autocorrelation: float, size: int) -> float:
-    rho = min(autocorrelation + 1.0 / size, _LARGEST_AUTOCORRELATION)
-    significant = rho > _SIGNIFICANT / math.sqrt(size)
-    return math.sqrt((1.0 + rho) / (1.0 - rho)) if significant else 1.0

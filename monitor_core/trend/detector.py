@@ -1,119 +1,217 @@
 """Step the state of an axis from measurement to measurement, from unknown to alarm (ISO 13374: SD).
 
-The detector is one pure function, :func:`step`. It never learns a new baseline by itself: a person does, with
-:func:`reset`, or by a new calibration, which starts from a new :class:`monitor_core.trend.state.DetectorState`.
+The detector is one pure function, :func:`step`. It learns what is healthy as long as nothing speaks against it; after
+an alarm a person says so with :func:`reset`, or with a new calibration, which starts from a new
+:class:`monitor_core.trend.state.DetectorState`.
 """
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.trend.baseline import Baseline, Observation, learn_baseline
+from monitor_core.trend.baseline import Baseline, baseline_of, learn_baseline, learn_level_again
+from monitor_core.trend.belief import Belief, learn, pass_over, predict
 from monitor_core.trend.design import EWMA_WEIGHT, SHEWHART_CONSECUTIVE, DetectorDesign, LossDirection
-from monitor_core.trend.state import Chart, DetectorState, Evidence, Run, TrendStatus, cusum_step, ewma_step, winsorise
+from monitor_core.trend.observation import Observation, Session, first_of
+from monitor_core.trend.state import (
+    Chart,
+    Charts,
+    DetectorState,
+    Evidence,
+    Run,
+    TrendStatus,
+    cusum_step,
+    ewma_step,
+    winsorise,
+)
 
 #: Hysteresis: an alarm or an alert ends when its chart was below this fraction of its limit ...
 RELEASE_FRACTION = 0.5
-#: ... for so many measurements in a row.
+#: ... for so many sessions in a row.
 RELEASE_COUNT = 3
 #: The CUSUM stops filling at so many limits, so that it can empty again once the cause is repaired.
 FULL_CHART = 2.0
+#: Sessions are learnt as long as the CUSUM is below this fraction of its limit; others wait until it is again.
+LEARNING_FRACTION = 0.3
+#: So many sessions tell the level again after an inspection.
+LEVEL_SIZE = 10
+#: The reference of the CUSUM grows by so many standard deviations of what the baseline may be wrong by, which is common
+#: to one session after another.
+BASELINE_ALLOWANCE = 0.5
+#: A session that the corrections of payload, temperature and position may shift by more of the scatter teaches nothing.
+LARGEST_SYSTEMATIC = 0.5
+#: A session of two measurements or more that lies so far towards loss alarms at once, not only when the next one does:
+#: on a healthy axis one day in three million does.
+SUDDEN_LIMIT = 5.0
+#: So much of an error that payload, temperature and position leave is no evidence [standard uncertainties].
+DEAD_ZONE = 1.96
 
 
 def step(state: DetectorState, observation: Observation, design: DetectorDesign) -> DetectorState:
     """Judge one more accepted measurement, later than all before it and in the same unit.
 
-    A life begins with ``DetectorState()``. On-delay: an alarm takes two measurements at least. One alone can fill half
-    of a CUSUM that was at rest, and the Shewhart rule waits for confirmation. Off-delay: see :data:`RELEASE_FRACTION`
-    and :data:`RELEASE_COUNT`. An observation that is not later than the last raises ``OutsideValidityError``.
+    A life begins with ``DetectorState()``, or one with a prior. On-delay: an alarm takes two sessions, or two
+    measurements of one that lies beyond :data:`SUDDEN_LIMIT`. One session can fill half of a CUSUM that was at rest,
+    and the Shewhart rule waits for confirmation. Off-delay: see :data:`RELEASE_FRACTION` and :data:`RELEASE_COUNT`. An
+    observation that is not later than the last raises ``OutsideValidityError``.
     """
     if state.last_at is not None and observation.at <= state.last_at:
         raise OutsideValidityError(
             f"observations must come in time order: expected one after {state.last_at.isoformat()}; "
             f"got {observation.at.isoformat()}"
         )
-    if state.baseline is None:
-        return _learn(state, observation, design.settings.baseline_size)
-    return _watch(state, state.baseline, observation, design)
+    if state.session is not None and state.session.takes(observation.at):
+        session = state.session.with_observation(observation)
+    else:
+        state, session = _closed(state, design), first_of(observation)
+    state = replace(state, session=session, last_at=observation.at)
+    if state.baseline is None or state.learnt is None:
+        return _learn(state, session, design)
+    return _watch(state, state.learnt, state.baseline, session, design)
 
 
 def reset(state: DetectorState) -> DetectorState:
-    """Learn a new baseline, because a person has looked at the axis and found it in order.
+    """Learn the level anew, because a person has looked at the axis and found it in order.
 
-    The stated false-alarm rate assumes that this is how a false alarm is cleared. Only the time of the last
-    observation is kept, so that an old one cannot come again.
+    The stated false-alarm rate assumes that this is how a false alarm is cleared. What was learnt of scatter,
+    dependence, season and covariates stays, as does the time of the last observation, so that an old one cannot come
+    again.
     """
-    return DetectorState(last_at=state.last_at)
+    return DetectorState(last_at=state.last_at, prior=state.prior, learnt=state.learnt)
 
 
-def _learn(state: DetectorState, observation: Observation, baseline_size: int) -> DetectorState:
-    collected = (*state.learning, observation)
-    # values all alike do not tell the scatter: then the baseline grows beyond its size until they do
-    baseline = learn_baseline(collected) if len(collected) >= baseline_size else None
-    status = TrendStatus.LEARNING if baseline is None else TrendStatus.NORMAL
+@dataclass(frozen=True, slots=True)
+class ClosedSession:
+    """A session that is over, and what the charts made of it."""
+
+    session: Session
+    residual: float | None  # in standard deviations, positive towards loss; None while the baseline was learnt
+    reference: float | None  # of the CUSUM
+    alarmed: bool  # whether an alarm stood after it
+
+
+def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession | None:
+    """Return the session that ended between two states of a life, the second by a later measurement or a reset."""
+    session = before.session
+    if session is None or (after.session is not None and after.session.started_at == session.started_at):
+        return None
+    if before.baseline is None:
+        return ClosedSession(session, None, None, alarmed=False)
+    charts = before.charts
+    return ClosedSession(session, charts.residual, charts.reference, alarmed=charts.alarm is not None)
+
+
+def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
+    """Close the session that was going on: learn it, or let it wait until nothing speaks against it any more."""
+    session = state.session
+    if session is None:
+        return state
+    if state.baseline is None or state.learnt is None or state.known is None:
+        return replace(state, learning=(*state.learning, session), session=None)
+    charts = state.charts
+    if charts.alarm is not None:
+        learnt = known = pass_over(state.learnt, predict(state.learnt, session), session)
+    elif session.in_doubt or session.systematic_uncertainty > LARGEST_SYSTEMATIC * state.baseline.scatter:
+        learnt = pass_over(state.learnt, predict(state.learnt, session), session)
+        known = pass_over(state.known, predict(state.known, session), session)
+    else:
+        known = learn(state.known, predict(state.known, session), session)
+        calm = charts.cusum <= LEARNING_FRACTION * design.cusum_limit and charts.alert is None
+        learnt = known if calm else pass_over(state.learnt, predict(state.learnt, session), session)
+    return replace(state, learnt=learnt, known=known, session=None, before=charts, baseline=baseline_of(learnt))
+
+
+def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> DetectorState:
+    collected = (*state.learning, session)
+    learnt = _learnt_baseline(state, collected, design)
+    status = TrendStatus.LEARNING if learnt is None else TrendStatus.NORMAL
+    since = state.since if state.status is status else session.last_at
+    if learnt is None:
+        return replace(state, status=status, since=since)
     return DetectorState(
+        status=status, since=since, last_at=session.last_at, prior=state.prior, learnt=learnt, known=learnt,
+        baseline=baseline_of(learnt),
+    )  # fmt: skip
+
+
+def _learnt_baseline(state: DetectorState, collected: tuple[Session, ...], design: DetectorDesign) -> Belief | None:
+    """Return what the sessions teach, once they are enough; as long as they do not tell the scatter, they are not."""
+    settings = design.settings
+    if state.learnt is not None:
+        return learn_level_again(state.learnt, collected) if len(collected) >= LEVEL_SIZE else None
+    span = collected[-1].started_at - collected[0].started_at
+    if len(collected) < settings.baseline_size or span < settings.baseline_span:
+        return None
+    return learn_baseline(collected, state.prior)
+
+
+def _watch(
+    state: DetectorState, learnt: Belief, baseline: Baseline, session: Session, design: DetectorDesign
+) -> DetectorState:
+    prediction = predict(learnt, session)
+    towards_loss = -1.0 if design.settings.loss is LossDirection.FALL else 1.0
+    difference = session.value - prediction.value
+    evidence = max(abs(difference) - DEAD_ZONE * session.systematic_uncertainty, 0.0)
+    residual = towards_loss * prediction.residual(prediction.value + math.copysign(evidence, difference))
+    reference = design.cusum_reference + BASELINE_ALLOWANCE * math.sqrt(prediction.unlearnt)
+    charts = _charted(replace(state.before, residual=residual, reference=reference), session, difference, design)
+    judged = _judge(charts, session, baseline, design)
+    status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL
+    return replace(
+        state,
         status=status,
-        since=state.since if state.status is status else observation.at,
-        last_at=observation.at,
-        learning=collected if baseline is None else (),
-        baseline=baseline,
+        since=state.since if status is state.status else session.last_at,
+        charts=judged,
     )
 
 
-def _watch(state: DetectorState, baseline: Baseline, observation: Observation, design: DetectorDesign) -> DetectorState:
-    towards_loss = -1.0 if design.settings.loss is LossDirection.FALL else 1.0
-    residual = towards_loss * baseline.standardise(observation)
-    difference = observation.value - baseline.mean
-
+def _charted(before: Charts, session: Session, difference: float, design: DetectorDesign) -> Charts:
+    """Carry the charts over a session whose residual and reference they have already."""
+    residual, at = before.residual, session.started_at
     cusum = min(
-        cusum_step(state.cusum, residual, design.cusum_reference, design.largest_increment),
+        cusum_step(before.cusum, residual, before.reference, design.largest_increment),
         FULL_CHART * design.cusum_limit,
     )
-    ewma = ewma_step(state.ewma, winsorise(residual, design.largest_residual), EWMA_WEIGHT)
-    after = replace(
-        state,
-        last_at=observation.at,
-        residual=residual,
+    ewma = ewma_step(before.ewma, winsorise(residual, design.largest_residual), EWMA_WEIGHT)
+    beyond = residual > design.shewhart_limit
+    return replace(
+        before,
         cusum=cusum,
         ewma=ewma,
-        cusum_run=_extend(state.cusum_run, observation.at, difference) if cusum > 0.0 else None,
-        shewhart_run=(
-            _extend(state.shewhart_run, observation.at, difference) if residual > design.shewhart_limit else None
-        ),
-        ewma_run=_extend(state.ewma_run if ewma * state.ewma > 0.0 else None, observation.at, difference),
+        cusum_run=_extend(before.cusum_run, at, difference) if cusum > 0.0 else None,
+        shewhart_run=_extend(before.shewhart_run, at, difference) if beyond else None,
+        ewma_run=_extend(before.ewma_run if ewma * before.ewma > 0.0 else None, at, difference),
     )
-    return _judge(after, observation.at, baseline, design)
 
 
 def _extend(run: Run | None, at: datetime, difference: float) -> Run:
     return Run(at, 1, difference) if run is None else Run(run.since, run.count + 1, run.total + difference)
 
 
-def _judge(state: DetectorState, at: datetime, baseline: Baseline, design: DetectorDesign) -> DetectorState:
+def _judge(charts: Charts, session: Session, baseline: Baseline, design: DetectorDesign) -> Charts:
     """Raise, keep or release alarm and alert from the charts as they are now."""
-    alarm, alert = state.alarm, state.alert
-    if alarm is None and state.shewhart_run is not None and state.shewhart_run.count >= SHEWHART_CONSECUTIVE:
-        change = state.shewhart_run.mean_change(baseline)
-        alarm = Evidence(Chart.SHEWHART, at, state.residual, design.shewhart_limit, state.shewhart_run.since, change)
-    if alarm is None and state.cusum_run is not None and state.cusum > design.cusum_limit:
-        change = state.cusum_run.mean_change(baseline)
-        alarm = Evidence(Chart.CUSUM, at, state.cusum, design.cusum_limit, state.cusum_run.since, change)
-    if alert is None and state.ewma_run is not None and abs(state.ewma) > design.ewma_limit:
-        change = state.ewma_run.mean_change(baseline)
-        alert = Evidence(Chart.EWMA, at, state.ewma, design.ewma_limit, state.ewma_run.since, change)
+    alarm, alert, at = charts.alarm, charts.alert, session.last_at
+    if alarm is None and charts.shewhart_run is not None and session.count > 1 and charts.residual > SUDDEN_LIMIT:
+        change = charts.shewhart_run.mean_change(baseline)
+        alarm = Evidence(Chart.SHEWHART, at, charts.residual, SUDDEN_LIMIT, charts.shewhart_run.since, change)
+    if alarm is None and charts.shewhart_run is not None and charts.shewhart_run.count >= SHEWHART_CONSECUTIVE:
+        change = charts.shewhart_run.mean_change(baseline)
+        alarm = Evidence(Chart.SHEWHART, at, charts.residual, design.shewhart_limit, charts.shewhart_run.since, change)
+    if alarm is None and charts.cusum_run is not None and charts.cusum > design.cusum_limit:
+        change = charts.cusum_run.mean_change(baseline)
+        alarm = Evidence(Chart.CUSUM, at, charts.cusum, design.cusum_limit, charts.cusum_run.since, change)
+    if alert is None and charts.ewma_run is not None and abs(charts.ewma) > design.ewma_limit:
+        change = charts.ewma_run.mean_change(baseline)
+        alert = Evidence(Chart.EWMA, at, charts.ewma, design.ewma_limit, charts.ewma_run.since, change)
 
-    alarm_charts_low = state.cusum < RELEASE_FRACTION * design.cusum_limit and state.shewhart_run is None
-    quiet_alarm = state.quiet_alarm + 1 if alarm_charts_low else 0
-    quiet_alert = state.quiet_alert + 1 if abs(state.ewma) < RELEASE_FRACTION * design.ewma_limit else 0
-    alarm = None if quiet_alarm >= RELEASE_COUNT else alarm
-    alert = None if quiet_alert >= RELEASE_COUNT else alert
-    status = TrendStatus.ALARM if alarm else TrendStatus.ALERT if alert else TrendStatus.NORMAL
+    alarm_charts_low = charts.cusum < RELEASE_FRACTION * design.cusum_limit and charts.shewhart_run is None
+    quiet_alarm = charts.quiet_alarm + 1 if alarm_charts_low else 0
+    quiet_alert = charts.quiet_alert + 1 if abs(charts.ewma) < RELEASE_FRACTION * design.ewma_limit else 0
     return replace(
-        state,
-        status=status,
-        since=state.since if status is state.status else at,
-        alarm=alarm,
-        alert=alert,
+        charts,
+        alarm=None if quiet_alarm >= RELEASE_COUNT else alarm,
+        alert=None if quiet_alert >= RELEASE_COUNT else alert,
         quiet_alarm=quiet_alarm,
         quiet_alert=quiet_alert,
     )

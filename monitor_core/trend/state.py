@@ -2,7 +2,7 @@
 
 Step control charts as pure functions: EWMA, CUSUM, Shewhart.
 
-Every chart takes the standardised residual of one measurement, counted **positive towards loss**, and its own previous
+Every chart takes the standardised residual of one session, counted **positive towards loss**, and its own previous
 value, and gives its new value. Limits and run lengths are in :mod:`monitor_core.trend.run_length`.
 """
 
@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
 
-from monitor_core.trend.baseline import Baseline, Observation
+from monitor_core.trend.baseline import Baseline
+from monitor_core.trend.belief import Belief, Prior
+from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
 
 def cusum_step(previous: float, residual: float, reference: float, largest_increment: float = math.inf) -> float:
-    r"""Advance a one-sided cumulative sum, 0 at the start, by one measurement.
+    r"""Advance a one-sided cumulative sum, 0 at the start, by one session.
 
     .. math::
 
@@ -34,7 +36,7 @@ def cusum_step(previous: float, residual: float, reference: float, largest_incre
 
 
 def ewma_step(previous: float, residual: float, weight: float) -> float:
-    r"""Advance a two-sided exponentially weighted moving average, 0 at the start, by one measurement.
+    r"""Advance a two-sided exponentially weighted moving average, 0 at the start, by one session.
 
     .. math::
 
@@ -75,15 +77,15 @@ class Chart(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Measurements in a row that speak for a change: when they began, and what they sum up to."""
+    """Sessions in a row that speak for a change: when they began, and what they sum up to."""
 
     since: datetime
     count: int
-    total: float  # sum of the differences from the baseline's mean, in the unit of the observations
+    total: float  # sum of the differences from what was expected, in the unit of the observations
 
     def mean_change(self, baseline: Baseline) -> Estimate:
-        """Return the mean difference from the baseline, its standard uncertainty from the scatter of both."""
-        uncertainty = baseline.scatter * math.sqrt(1.0 / self.count + 1.0 / baseline.size)
+        """Return the mean difference from what was expected, its standard uncertainty from the scatter of both."""
+        uncertainty = math.hypot(baseline.scatter_of_mean(self.count), baseline.standard_uncertainty)
         return Estimate(self.total / self.count, uncertainty, baseline.degrees_of_freedom)
 
 
@@ -96,22 +98,15 @@ class Evidence:
     value: float  # of the chart, in standard deviations, positive towards loss
     limit: float
     onset: datetime  # estimated begin of the change
-    change: Estimate  # mean difference from the baseline since the onset, in the unit of the observations
+    change: Estimate  # mean difference from what was expected since the onset, in the unit of the observations
 
 
 @dataclass(frozen=True, slots=True)
-class DetectorState:
-    """Everything the detector remembers. Plain values only: a caller stores it between measurements.
+class Charts:
+    """The charts after a session. Values and residuals are in standard deviations, positive towards loss."""
 
-    Chart values and residuals are in standard deviations, positive towards loss.
-    """
-
-    status: TrendStatus = TrendStatus.UNKNOWN
-    since: datetime | None = None  # when the status was entered
-    last_at: datetime | None = None  # latest observation
-    learning: tuple[Observation, ...] = ()  # the baseline as far as it is collected
-    baseline: Baseline | None = None
     residual: float = 0.0
+    reference: float = 0.0  # of the CUSUM at this session: a quarter, and what the baseline may be wrong by
     cusum: float = 0.0
     ewma: float = 0.0
     cusum_run: Run | None = None  # since the CUSUM left zero
@@ -119,8 +114,45 @@ class DetectorState:
     ewma_run: Run | None = None  # since the EWMA changed its sign
     alarm: Evidence | None = None
     alert: Evidence | None = None
-    quiet_alarm: int = 0  # measurements in a row with the alarm's charts under the release level
+    quiet_alarm: int = 0  # sessions in a row with the alarm's charts under the release level
     quiet_alert: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorState:
+    """Everything the detector remembers. Plain values only: a caller stores it between measurements.
+
+    A session is judged from its first measurement on and learnt when it is over: ``before`` are the charts before it,
+    ``charts`` with what it has so far. ``learnt`` is what is believed of the healthy axis; ``known`` has learnt the
+    sessions, too, that something speaks against, and takes its place when nothing does any more.
+    """
+
+    status: TrendStatus = TrendStatus.UNKNOWN
+    since: datetime | None = None  # when the status was entered
+    last_at: datetime | None = None  # latest observation
+    session: Session | None = None  # that is going on
+    learning: tuple[Session, ...] = ()  # the baseline as far as it is collected
+    prior: Prior | None = None  # what sisters lend
+    learnt: Belief | None = None
+    known: Belief | None = None
+    baseline: Baseline | None = None  # what is learnt, for people; None as long as no alarm can be raised
+    before: Charts = Charts()
+    charts: Charts = Charts()
+
+    @property
+    def alarm(self) -> Evidence | None:
+        """Evidence of the alarm that stands."""
+        return self.charts.alarm
+
+    @property
+    def alert(self) -> Evidence | None:
+        """Evidence of the alert that stands."""
+        return self.charts.alert
+
+    @property
+    def cusum(self) -> float:
+        """Sum of what exceeds chance, in standard deviations."""
+        return self.charts.cusum
 
 
 def state_at(state: DetectorState, at: datetime, maximum_age: timedelta) -> TrendStatus:

@@ -14,6 +14,7 @@ from service.operations.identification.identification_job import IdentificationI
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
@@ -31,6 +32,7 @@ class Services:
     axes: Axes
     ingest: Ingest
     trend: Trend
+    history: History
     calibrations: Calibrations
     alarms: Alarms
     replays: Replays

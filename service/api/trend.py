@@ -9,6 +9,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from service.api.services import Services, services
+from service.documents.measurement import interval_of
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
 from service.operations.monitoring.trend import thin_out
@@ -82,7 +83,7 @@ class TrendQuery(RequestModel):
 
 def point_out(point: TrendPoint) -> TrendPointOut:
     """Return a measurement as a point of the trend on the wire."""
-    interval = None if point.preload_n is None else (point.interval_lower_n, point.interval_upper_n)
+    interval = None if point.preload_n is None else interval_of(point)
     return TrendPointOut(
         measurement_id=point.measurement_id,
         measurement=point.name,
@@ -130,6 +131,26 @@ def _etag(query: TrendQuery, revision: int) -> str:
 
 def _etags(header: str) -> list[str]:
     return [item.strip().removeprefix("W/") for item in header.split(",")]
+
+
+class HistoryOut(BaseModel):
+    """What the sessions of an axis say together; what is measured on a day is one session."""
+
+    axis: str
+    baseline: Annotated[
+        JsonObject | None, Field(description="what is normal, and what was not seen yet; null while it is learnt")
+    ]
+    trend_line: Annotated[JsonObject | None, Field(description="line through the newest sessions, with its slope")]
+    false_alarms: Annotated[
+        JsonObject | None, Field(description="a year: as stated, and as the history of this axis gives by resampling")
+    ]
+
+
+@router.get("/axes/{axis}/history")
+def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> HistoryOut:
+    """Return what is normal for an axis, where its trend goes, and how often it alarms falsely."""
+    history = on.history.of(axis)
+    return HistoryOut(axis=axis, baseline=history.baseline, trend_line=history.line, false_alarms=history.false_alarms)
 
 
 @router.get("/axes/{axis}/measurements/{measurement}", response_model=MeasurementOut)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
@@ -12,10 +12,18 @@ from pydantic import TypeAdapter
 from monitor_core.arrays import FloatArray
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, MeasurementOutcome
-from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, preload_from_feature
+from monitor_core.preload import (
+    Calibration,
+    DragTorque,
+    PreloadEstimate,
+    preload_from_feature,
+    unexplained_scatter,
+    widened,
+)
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.trend import Chart
+from monitor_core.uncertainty import Interval, IntervalKind
 from service.clock import text_of
 from service.json_types import Json, JsonObject
 
@@ -125,9 +133,44 @@ def measurement_document(row: "MeasurementRecord", outcome: MeasurementOutcome) 
 
 
 def with_trend(document: JsonObject, point: "TrendPoint") -> JsonObject:
-    """Add what the measurement did to the charts, which later arrivals may change."""
-    baseline = {} if point.baseline_preload_n is None else {"baseline_preload_n": point.baseline_preload_n}
-    return document | {"state": point.state, "charted": charted(point), "uncharted": point.uncharted} | baseline
+    """Add what the measurement did to the charts, and what its axis had learnt, which later arrivals may change."""
+    added: JsonObject = {"state": point.state, "charted": charted(point), "uncharted": point.uncharted}
+    if point.baseline_preload_n is not None:
+        added["baseline_preload_n"] = point.baseline_preload_n
+    return document | added | _with_learnt_scatter(document, point)
+
+
+def _with_learnt_scatter(document: JsonObject, point: "TrendPoint") -> JsonObject:
+    """Return interval, uncertainty and shares with the scatter that the axis has shown from session to session."""
+    unexplained, shares = _unexplained(point), document.get("variance_shares")
+    own = document.get("preload_feature_standard_uncertainty_s2")
+    if unexplained == 0.0 or not isinstance(own, float) or not isinstance(shares, dict):
+        return {}
+    total = own**2 + unexplained**2
+    kept = {name: share * own**2 / total for name, share in shares.items() if isinstance(share, float)}
+    between = kept.get("between_session", 0.0) + unexplained**2 / total
+    rescaled: JsonObject = {**kept, "between_session": between}
+    return {
+        "interval_95_n": list(interval_of(point)),
+        "preload_feature_standard_uncertainty_s2": math.sqrt(total),
+        "variance_shares": rescaled,
+    }
+
+
+def _unexplained(point: "TrendPoint") -> float:
+    if point.learnt_scatter_s2 is None or point.feature_scatter_s2 is None:
+        return 0.0
+    return unexplained_scatter(point.learnt_scatter_s2, point.feature_scatter_s2)
+
+
+def interval_of(point: "TrendPoint") -> tuple[float | None, float | None]:
+    """Return the coverage interval of a preload with what its axis had learnt [N]; an open end is None."""
+    lower, upper = point.interval_lower_n, point.interval_upper_n
+    if point.preload_n is None or point.feature_s2 is None or lower is None:
+        return lower, upper
+    judged = Interval(lower, math.inf if upper is None else upper, IntervalKind.COVERAGE)
+    interval = widened(judged, point.preload_n, point.feature_s2, _unexplained(point))
+    return interval.lower, interval.upper if math.isfinite(interval.upper) else None
 
 
 def charted(point: "TrendPoint") -> bool:
@@ -158,7 +201,7 @@ def _numbers(values: FloatArray) -> list[float | None]:
 _CHART = {
     Chart.CUSUM: "the sum of what exceeds chance stands at {value:.1f} standard deviations, its limit is {limit:.1f}",
     Chart.SHEWHART: (
-        "each measurement since then is more than {limit:.1f} standard deviations off, the latest {value:.1f}"
+        "each session since then is more than {limit:.1f} standard deviations off, the latest {value:.1f}"
     ),
 }
 
@@ -174,7 +217,7 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
         "at": text_of(point.at),
         "measurement": point.name,
         "preload_n": point.preload_n,
-        "interval": [point.interval_lower_n, point.interval_upper_n],
+        "interval": list(interval_of(point)),
         "interval_kind": "95 % coverage",
         "baseline_preload_n": healthy,
         "preload_loss_n": healthy - point.preload_n,
@@ -183,7 +226,8 @@ def alarm_evidence(point: "TrendPoint", state: AxisState, calibration: Calibrati
         "chart_limit": alarm.limit,
         "onset": text_of(alarm.onset),
         "baseline_started_at": text_of(baseline.started_at),
-        "baseline_ended_at": text_of(baseline.ended_at),
+        # what was learnt before anybody could know is no reference for the change
+        "baseline_ended_at": text_of(min(baseline.ended_at, alarm.onset - timedelta(microseconds=1))),
         "mean_loss_since_onset_n": lost_since_onset,
         "sentence": (
             f"since {alarm.onset:%Y-%m-%d} the preload is on average {lost_since_onset:.0f} N below the baseline's "
@@ -214,21 +258,3 @@ _EVIDENCE = TypeAdapter(AlarmEvidence)
 def read_evidence(document: JsonObject) -> AlarmEvidence:
     """Return the stored evidence of an alarm."""
     return _EVIDENCE.validate_python(document)
-
-
-def baseline_document(state: AxisState, calibration: Calibration) -> JsonObject | None:
-    """Lay out what is normal for the axis: mean, and the 95 % prediction interval of one more healthy measurement."""
-    baseline = state.detector.baseline
-    if baseline is None:
-        return None
-    interval = baseline.prediction_interval()
-    # the feature falls as the preload rises, so its upper end is the lower preload
-    lower, upper = (preload_from_feature(end, calibration.coefficients) for end in (interval.upper, interval.lower))
-    return {
-        "preload_n": preload_from_feature(baseline.mean, calibration.coefficients),
-        "prediction_interval_95_n": [lower, upper],
-        "size": baseline.size,
-        "autocorrelation": baseline.autocorrelation,
-        "started_at": text_of(baseline.started_at),
-        "ended_at": text_of(baseline.ended_at),
-    }

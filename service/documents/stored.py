@@ -33,6 +33,10 @@ class StoredRecord(Generic[Record]):
         """Return a record as a document."""
         return {VERSION: self.version, **self.adapter.dump_python(record, mode="json")}
 
+    def is_older(self, document: object) -> bool:
+        """Tell whether a document was written by an older version of the program."""
+        return isinstance(document, dict) and document.get(VERSION, FIRST_VERSION) < self.version
+
     def load(self, document: object) -> Record:
         """Return the record of a document.
 
@@ -51,7 +55,7 @@ class StoredRecord(Generic[Record]):
             raise self._refusal(f"at {'/'.join(map(str, first['loc'])) or 'its root'}: {first['msg']}") from error
         written = self.adapter.dump_python(record, mode="json")
         written = {name: value for name, value in written.items() if name in members or name not in self.added}
-        if _members(written) != _members(members):
+        if written != members and _members(written) != _members(members):  # alike, as a rule
             raise self._refusal(f"it has other members than version {self.version} has")
         return record
 

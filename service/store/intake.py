@@ -149,6 +149,17 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     return ChartsRecord(*row)
 
 
+def read_epoch_state(connection: Connection, axis: AxisRecord) -> JsonObject | None:
+    """Return how the charts of an axis stood when their epoch began."""
+    state: JsonObject | None = connection.execute(select(_AXES.c.epoch_state).where(_AXES.c.id == axis.id)).scalar()
+    return state
+
+
+def save_epoch_state(connection: Connection, axis: AxisRecord, state: JsonObject) -> None:
+    """Store how the charts of an axis stood when their epoch began."""
+    connection.execute(update(_AXES).where(_AXES.c.id == axis.id).values(epoch_state=state))
+
+
 def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:
     """Return the hashes of the stored windows of an axis that started at these moments, by their start."""
     if axis.newest_window_at is None or not starts or min(starts) > axis.newest_window_at:

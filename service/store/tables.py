@@ -104,6 +104,7 @@ class AxisRow(Base):
     epoch: Mapped[int]  # of the charts: each begins with a new baseline
     epoch_after: Mapped[datetime | None]  # what was measured until then moves no chart any more
     epoch_from: Mapped[datetime | None]  # its first measurement
+    epoch_state: Mapped[JsonObject | None] = mapped_column(deferred=True)  # of the charts when it began
     since_checkpoint: Mapped[int]  # measurements in the charts since the last row of chart_checkpoints
     # what every page shows, kept with each measurement: to count the history each time costs more each time
     state: Mapped[str] = mapped_column(String(16))  # of the charts; silence is not seen in it

@@ -69,11 +69,11 @@ def axis_page(axis: str, request: Request, on: Annotated[Services, Depends(servi
         "axis.html",
         {
             "axis": status,
-            "baseline": on.trend.baseline(axis),
+            "history": on.history.of(axis),
             "rule": on.trend.paper_rule(axis),
             "calibration": active,
             "latest_calibration": max((row.id for row in overview.calibrations), default=None),
-            "history": overview.activations,
+            "activations": overview.activations,
             "alarms": alarms,
             "discrepancies": finished_discrepancies(on.database, axis),
         },

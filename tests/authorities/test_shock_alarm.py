@@ -10,10 +10,12 @@ from monitor_core.trend import (
     DetectorState,
     LossDirection,
     Observation,
+    Prior,
     TrendStatus,
     design_detector,
     step,
 )
+from monitor_core.trend.belief import STRUCTURES
 from tests.authorities.real_records import BASELINE_SHOCKS, START, shock_frequency_track
 
 
@@ -21,8 +23,11 @@ from tests.authorities.real_records import BASELINE_SHOCKS, START, shock_frequen
 def test_the_fall_is_alarmed_between_shock_13_and_17(measured_data: Path) -> None:
     # others found 14 to 16 with EWMA and CUSUM on the same baseline of eight shocks and a plainer estimator
     track = shock_frequency_track(measured_data)
-    design = design_detector(DetectorSettings(baseline_size=BASELINE_SHOCKS, loss=LossDirection.FALL))
-    state, alarmed_at = DetectorState(), None
+    settings = DetectorSettings(baseline_size=BASELINE_SHOCKS, baseline_span=timedelta(0), loss=LossDirection.FALL)
+    design = design_detector(settings)
+    # one test on one bench, shock after shock: no days between them that could make them depend on each other
+    independent = Prior(weights=(1.0, *(1e-6,) * (len(STRUCTURES) - 1)))
+    state, alarmed_at = DetectorState(prior=independent), None
     for shock, frequency in zip(track.shock, track.frequency, strict=True):
         state = step(state, Observation(START + timedelta(days=shock), frequency), design)
         if alarmed_at is None and state.status is TrendStatus.ALARM:

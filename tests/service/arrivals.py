@@ -22,15 +22,16 @@ WINDOWS_OF_MEASUREMENT = 3
 BY_ARRIVAL = frozenset({"measurement_id", "id", "raised_at", "events", "created_at", "received_at", "judged_at"})
 
 
-def history(seed: int, n_measurements: int = 24, every: timedelta = timedelta(hours=8)) -> list[Window]:
-    """Return the windows of an axis that loses a fifth of its preload half way, in the order of their time.
+def history(seed: int, n_measurements: int = 24) -> list[Window]:
+    """Return the windows of an axis, two measurements a day, that loses a fifth of its preload half way, in order.
 
     One of them is dead, one stands elsewhere, every fifth measurement has one more than it needs, and one too few.
     """
     rng, windows = np.random.default_rng(seed), []
     for i in range(n_measurements):
         measured = simulated_measurement(
-            rng, f"m{i:03d}", preload=300.0 if i < n_measurements // 2 else 240.0, started_at=START + i * every,
+            rng, f"m{i:03d}", preload=300.0 if i < n_measurements // 2 else 240.0,
+            started_at=START + timedelta(days=i // 2, hours=8 * (i % 2)),
             n_windows=WINDOWS_OF_MEASUREMENT + (i % 5 == 0),
         )  # fmt: skip
         if i == 3:
@@ -45,7 +46,11 @@ def outcome_of(windows: Sequence[Window], folder: Path, rng: np.random.Generator
     """Send windows in this order to a new service, cut into requests of 1 to 12, and return everything it says then."""
     with running_service(folder) as api:
         api.register(
-            AXIS, windows_per_measurement=WINDOWS_OF_MEASUREMENT, minimum_averages=2, measurement_timeout_s=1e6
+            AXIS,
+            windows_per_measurement=WINDOWS_OF_MEASUREMENT,
+            minimum_averages=2,
+            measurement_timeout_s=1e6,
+            baseline_size=5,
         )
         api.calibrate(AXIS)
         shares = [windows[first::n_senders] for first in range(n_senders)]
@@ -72,6 +77,7 @@ def said_of(api: Api) -> dict[str, object]:
     }
     with closing(sqlite3.connect(api.data_dir / "preload.db")) as database:
         charts = database.execute("SELECT monitor_state, epoch, last_charted_at, refused_windows, uncharted FROM axes")
+        found["sessions"] = database.execute("SELECT * FROM sessions ORDER BY started_at").fetchall()
         found["charts"] = charts.fetchall()
         held = database.execute(
             "SELECT span_s, starts_at, n_measurements, n_refused, lowest_n, lowest_at, highest_n, highest_at "

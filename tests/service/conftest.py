@@ -32,7 +32,7 @@ DAMPING_RATIO = 0.015
 K1, K2, K3, K4 = -4872e-8, 5561e-8, 2097e-8, 1228e-8
 START = datetime(2026, 3, 2, 6, tzinfo=UTC)
 #: An axis whose windows are never old.
-CONFIGURATION = {"search_band_hz": [140, 230], "silent_after_hours": 1e6, "baseline_size": 8}
+CONFIGURATION = {"search_band_hz": [140, 230], "silent_after_hours": 1e6, "baseline_size": 8, "baseline_days": 4}
 
 
 def axial_frequency(preload: float, position: float) -> float:

@@ -35,7 +35,7 @@ def measurement(number: int) -> list:
         np.random.default_rng(number),
         f"m{number:03d}",
         preload=300.0 if number < 20 else 220.0,
-        started_at=START + timedelta(hours=8 * number),
+        started_at=START + timedelta(days=number),
         n_windows=N_WINDOWS,
     )
 

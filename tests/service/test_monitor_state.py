@@ -9,18 +9,18 @@ from hypothesis import strategies as st
 
 from monitor_core.pipeline import AxisState
 from monitor_core.recording import Conditions
-from monitor_core.trend import DetectorSettings, LossDirection, Observation, step
+from monitor_core.trend import DetectorSettings, LossDirection, Observation, Session, step
 from service.operations.monitoring.axis_configuration import AxisConfiguration, detector_design, detector_settings
-from service.operations.monitoring.intake.charts import dump_design, dump_state, load_design, load_state, state_now
+from service.operations.monitoring.intake.chart_state import dump_design, dump_state, load_design, load_state, state_now
 from service.store.tables import AxisRow
 
-SETTINGS = DetectorSettings(baseline_size=8, loss=LossDirection.RISE)
+SETTINGS = DetectorSettings(baseline_size=8, baseline_span=timedelta(days=2), loss=LossDirection.RISE)
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 moments = st.datetimes(datetime(1970, 1, 2), datetime(2200, 1, 1), timezones=st.just(UTC))  # noqa: DTZ001 - the zone is added
 uncertainties = st.floats(0.0, allow_infinity=False)
-observations = st.builds(Observation, moments, finite, uncertainties, uncertainties)
+sessions = st.builds(Session, moments, moments, st.integers(1, 9), finite, uncertainties, uncertainties, uncertainties)
 conditions = st.builds(
     Conditions,
     finite,
@@ -34,8 +34,8 @@ def through_json(document: dict[str, object]) -> dict[str, object]:
     return json.loads(json.dumps(document, allow_nan=False))
 
 
-@given(learning=st.lists(observations, max_size=5), known=st.lists(conditions, max_size=5))
-def test_learning_state_comes_back_as_it_was(learning: list[Observation], known: list[Conditions]) -> None:
+@given(learning=st.lists(sessions, max_size=5), known=st.lists(conditions, max_size=5))
+def test_learning_state_comes_back_as_it_was(learning: list[Session], known: list[Conditions]) -> None:
     state = AxisState()
     state = AxisState(type(state.detector)(learning=tuple(learning)), tuple(known))
     assert load_state(through_json(dump_state(state))) == state
@@ -49,7 +49,7 @@ def test_charts_go_on_from_json_as_they_would_have(seed: int, loss: float) -> No
     state = AxisState()
     for i in range(30):
         value = 4.4e-6 + 2e-8 * (rng.normal() + (loss if i > 15 else 0.0))
-        observation = Observation(START + timedelta(hours=8 * i, microseconds=i), value, 5e-9, 1e-9)
+        observation = Observation(START + timedelta(hours=13 * i, microseconds=i), value, 5e-9, 1e-9, 21.0 + i % 3)
         state = AxisState(step(state.detector, observation, design), (Conditions(0.5, 0.0, 21.5),))
         assert load_state(through_json(dump_state(state))) == state
 

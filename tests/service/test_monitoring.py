@@ -14,7 +14,7 @@ N_HEALTHY, N_LOST = 10, 6
 
 @pytest.fixture(scope="module")
 def worn(shared_api: Api) -> Iterator[Api]:
-    """Run an axis ``worn`` whose preload falls from 300 N to 200 N after ten measurements, eight hours apart."""
+    """Run an axis ``worn`` whose preload falls from 300 N to 200 N after ten measurements, a day apart."""
     shared_api.register("worn", windows_per_measurement=10)
     shared_api.calibrate("worn")
     rng = np.random.default_rng(1)
@@ -24,7 +24,7 @@ def worn(shared_api: Api) -> Iterator[Api]:
             f"m{i:02d}",
             preload=300.0 if i < N_HEALTHY else 200.0,
             position_mm=(400.0, 500.0, 600.0)[i % 3],
-            started_at=START + timedelta(hours=8 * i),
+            started_at=START + timedelta(days=i),
             n_windows=10,
         )
         shared_api.accept("worn", windows)
@@ -41,7 +41,7 @@ def test_loss_is_alarmed_with_evidence(worn: Api) -> None:
     # 10 windows and the calibration's scatter of 0.1 Hz: some ten newtons
     assert evidence["baseline_preload_n"] == pytest.approx(300.0, abs=20.0)
     assert evidence["preload_loss_n"] == pytest.approx(100.0, abs=30.0)
-    assert evidence["onset"] == "2026-03-05T14:00:00Z"  # the first measurement after the fall
+    assert evidence["onset"] == "2026-03-12T06:00:00Z"  # the first measurement after the fall
     assert worn.axis("worn")["open_alarms"] == 1
     assert 'preload_alarms_total{kind="preload-loss"} 1.0' in worn.http.get("/metrics").text
 
@@ -49,10 +49,10 @@ def test_loss_is_alarmed_with_evidence(worn: Api) -> None:
 def test_trend_by_range(worn: Api) -> None:
     everything = worn.trend("worn")
     assert len(everything) == N_HEALTHY + N_LOST
-    start, end = START + timedelta(hours=8), START + timedelta(hours=40)
+    start, end = START + timedelta(days=1), START + timedelta(days=5)
     part = worn.trend("worn", **{"from": start.isoformat(), "to": end.isoformat()})
     assert [point["measurement"] for point in part] == ["m01", "m02", "m03", "m04"]  # from is in it, to is not
-    elsewhere = {"from": "2026-03-02T15:00:00+01:00", "to": "2026-03-02T14:00:00.000001Z"}
+    elsewhere = {"from": "2026-03-03T07:00:00+01:00", "to": "2026-03-03T06:00:00.000001Z"}
     assert [point["measurement"] for point in worn.trend("worn", **elsewhere)] == ["m01"]
 
 

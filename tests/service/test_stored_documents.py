@@ -69,7 +69,7 @@ def test_axis_with_a_damaged_document_is_refused_and_others_go_on(shared_api: Ap
         assert COLUMNS[column] in detail
         assert "cannot be read" in detail
         if how == "newer":
-            assert "expected version 1; got 7" in detail
+            assert f"expected version {json.loads(whole)['version']}; got 7" in detail
         listed = api.http.get("/v1/axes").json()
         assert [axis["id"] for axis in listed["axes"] if axis["id"] == "well"] == ["well"]
         if column != "detector_design":  # only a measurement that is judged asks for the limits
@@ -93,17 +93,38 @@ def test_configuration_and_limits_are_healed_by_sending_them_again(api: Api) -> 
         assert stored(api.data_dir, column) == whole
 
 
-def test_documents_of_before_versions_were_stated_are_read(tmp_path: Path) -> None:
+def test_configuration_of_before_versions_were_stated_is_read(tmp_path: Path) -> None:
     with running_service(tmp_path) as api:
         api.register("broken")
-        api.calibrate("broken")
-        api.accept(*measured(api, "broken", 0))
         before = api.axis("broken")
-    for column in COLUMNS:
-        document = json.loads(stored(tmp_path, column))
-        assert document.pop("version") == 1
-        store(tmp_path, column, json.dumps(document))
+    document = json.loads(stored(tmp_path, "configuration"))
+    assert document.pop("version") == 1
+    del document["baseline_days"], document["axis_type"]  # that nobody was asked for then
+    store(tmp_path, "configuration", json.dumps(document))
     with running_service(tmp_path) as api:
-        assert api.axis("broken") == before
+        expected = before["configuration"] | {"baseline_days": 14.0}
+        assert api.axis("broken") == before | {"configuration": expected}
         api.accept(*measured(api, "broken", 1))
-    assert json.loads(stored(tmp_path, "monitor_state"))["version"] == 1
+
+
+@pytest.mark.slow
+def test_charts_of_an_older_version_are_folded_again_from_what_was_measured(tmp_path: Path) -> None:
+    def said(api: Api) -> dict[str, object]:
+        alarms = api.http.get("/v1/alarms", params={"axis": "broken"}).json()["alarms"]
+        return {"axis": api.axis("broken"), "trend": api.trend("broken"), "alarms": alarms}
+
+    rng = np.random.default_rng(4)
+    with running_service(tmp_path) as api:
+        api.register("broken", baseline_size=5)
+        api.calibrate("broken")
+        for day, preload in enumerate([300.0] * 6 + [200.0] * 3):
+            at = START + timedelta(days=day)
+            api.accept("broken", simulated_measurement(rng, f"m{day}", preload=preload, started_at=at))
+        before = said(api)
+        assert before["axis"]["state"] == "alarm"
+    state = stored(tmp_path, "monitor_state")
+    store(tmp_path, "monitor_state", json.dumps({"detector": {"status": "alarm"}}))  # as version 1 had it, or nearly
+    store(tmp_path, "detector_design", json.dumps({"cusum_limit": 7.0}))
+    with running_service(tmp_path) as api:
+        assert said(api) == before
+    assert json.loads(stored(tmp_path, "monitor_state"))["detector"] == json.loads(state)["detector"]

@@ -10,6 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 from scipy import stats
 
+from benchmarks.false_alarms import ROWS, alarms_of, delay_of, observations
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import (
     Chart,
@@ -18,18 +19,16 @@ from monitor_core.trend import (
     LossDirection,
     Observation,
     TrendStatus,
+    closed_session,
     design_detector,
     reset,
     state_at,
     step,
 )
-from monitor_core.trend.design import baseline_errors, expected_false_alarms
-from monitor_core.trend.run_length import cusum_run_length
+from monitor_core.trend.bootstrap import ChartedSession, charted_sessions, found_rate
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 DAY = timedelta(days=1)
-#: Their variance over mean is known to 6 to 9 %.
-N_AXES = 500
 
 
 @cache
@@ -63,173 +62,77 @@ def watching():
 # --- false alarms ----------------------------------------------------------------------------------------------------
 
 
-def false_alarms(rng, the_design, *, n_axes, clear=True):
-    """Count alarms of healthy axes in 365 measurements on learned baselines; each axis draws its own."""
-    counts = np.zeros(n_axes, dtype=int)
-    for axis in range(n_axes):
-        state, alarmed, n_watched, i = DetectorState(), False, 0, 0
-        while n_watched < 365:
-            n_watched += state.baseline is not None
-            state = step(state, Observation(START + i * DAY, rng.normal(300.0, 10.0)), the_design)
-            onset, alarmed = state.alarm is not None and not alarmed, state.alarm is not None
-            counts[axis] += onset
-            if onset and clear:
-                state, alarmed = reset(state), False
-            i += 1
-    return counts
-
-
-@cache
-def counts_of_axis_years(rate):
-    return false_alarms(np.random.default_rng(100), design(false_alarms_per_year=rate), n_axes=N_AXES)
+@pytest.mark.slow
+@pytest.mark.parametrize("row", ["independent", "AR(1) 0.5", "shop", "5 a day"])
+def test_healthy_axes_have_the_stated_rate_of_false_alarms_however_their_days_depend_on_each_other(row):
+    """The benchmark of this name draws 300 axes in each of its rows."""
+    found = [alarms_of(row, 11, axis) for axis in range(60)]
+    alarms, years = sum(n for n, _ in found), sum(y for _, y in found)
+    lower, upper = stats.poisson.interval(0.997, 0.7 * years)[0], stats.poisson.interval(0.997, 1.2 * years)[1]
+    assert lower <= alarms <= upper
 
 
 @pytest.mark.slow
-def test_false_alarms_in_100_axis_years_agree_with_the_stated_rate():
-    counts = counts_of_axis_years(1.0)[:100]
-    lower, upper = stats.poisson.interval(0.95, 100.0)
-    assert lower <= counts.sum() <= upper
+@pytest.mark.parametrize("row", ["independent", "AR(1) 0.5"])
+def test_residuals_of_a_healthy_axis_are_standard_normal_and_independent(row):
+    residuals = []
+    for axis in range(30):
+        days = ROWS[row](np.random.default_rng([5, axis]), 200)
+        residuals.append([s.residual for s in charted_sessions(observations(days), design(loss=LossDirection.RISE))])
+    z = np.concatenate([np.array(r)[-120:] for r in residuals])
+    lagged = np.concatenate([np.array(r)[-120:-1] * np.array(r)[-119:] for r in residuals])
+    # three standard errors of 3600 values, and 5 % for alarms that were cleared and levels learnt from few sessions
+    assert z.mean() == pytest.approx(0.0, abs=3.0 / 60.0 + 0.05)
+    assert z.std() == pytest.approx(1.0, abs=3.0 / math.sqrt(7200.0) + 0.05)
+    assert lagged.mean() == pytest.approx(0.0, abs=3.0 / 60.0 + 0.05)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rate", "dispersion"), [(1.0, 1.4), (4.0, 2.0)])
-def test_mean_number_of_false_alarms_over_500_axis_years(rate, dispersion):
-    counts = counts_of_axis_years(rate)
-    # variance over mean: 1 is Poisson, the rest comes from misjudged baselines
-    assert counts.var() / counts.mean() == pytest.approx(dispersion, rel=0.2)
-    assert counts.mean() == pytest.approx(rate, abs=3.0 * math.sqrt(dispersion * rate / N_AXES))
+def test_rate_found_on_the_history_of_an_axis_covers_the_stated_one():
+    the_design, covered = design(loss=LossDirection.RISE), 0
+    for axis in range(20):
+        days = ROWS["independent"](np.random.default_rng([6, axis]), 250)
+        found = found_rate(charted_sessions(observations(days), the_design), the_design, np.random.default_rng(1))
+        assert found.interval.lower <= found.rate <= found.interval.upper
+        covered += found.interval.lower <= 0.8 <= found.interval.upper  # what 300 such axes have
+    assert covered >= 16  # 90 % of 20 are 18; binomial, 5 %
 
 
-def false_alarms_at_once(rng, the_design, *, n_axes):
-    """Count as `false_alarms` does, all axes together, from the equations of the charts instead of the detector."""
-    m, h = the_design.settings.baseline_size, the_design.cusum_limit
-
-    def learn(n):
-        readings = rng.standard_normal((n, m))
-        return readings.mean(axis=1), readings.std(axis=1, ddof=1) * math.sqrt(1.0 + 1.0 / m)
-
-    mean, scatter = learn(n_axes)
-    cusum, beyond_before, counts = np.zeros(n_axes), np.zeros(n_axes, dtype=bool), np.zeros(n_axes)
-    for _ in range(round(the_design.settings.measurements_per_year)):
-        z = (mean - rng.standard_normal(n_axes)) / scatter
-        cusum = np.maximum(0.0, cusum + np.minimum(z - the_design.cusum_reference, 0.5 * h))
-        beyond = z > the_design.shewhart_limit
-        alarmed = (cusum > h) | (beyond & beyond_before)
-        counts += alarmed
-        mean[alarmed], scatter[alarmed] = learn(alarmed.sum())
-        cusum[alarmed], beyond_before = 0.0, beyond & ~alarmed
-    return counts
+def test_rate_of_a_short_history_is_not_said():
+    sessions = [ChartedSession(0.0, 0.25)] * 60
+    assert found_rate(sessions, design(), np.random.default_rng(1)) is None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"false_alarms_per_year": 4.0},
-        {"false_alarms_per_year": 0.2},
-        {"baseline_size": 5},
-        {"baseline_size": 50},
-        {"measurements_per_year": 52.0},
-    ],
-)
-def test_every_setting_gives_its_own_rate(settings):
-    the_design = design(**settings)
-    counts = false_alarms_at_once(np.random.default_rng(77), the_design, n_axes=8000)
-    # three standard errors, and 3 % for a hazard that is not quite constant in the first measurements after learning
-    rate = the_design.settings.false_alarms_per_year
-    assert counts.mean() == pytest.approx(rate, abs=3.0 * counts.std() / math.sqrt(8000) + 0.03 * rate)
+def test_dependence_that_no_structure_knows_is_found_on_the_history():
+    # residuals that stay for a week: seven times the sum of independent ones within it
+    weeks = np.repeat(np.random.default_rng(2).standard_normal(50), 7)
+    found = found_rate([ChartedSession(z, 0.25) for z in weeks], design(), np.random.default_rng(1))
+    assert found.rate > 5.0
 
 
-@pytest.mark.slow
-def test_false_alarms_left_standing_are_not_many_more():
-    counts = false_alarms(np.random.default_rng(7), design(), n_axes=300, clear=False)
-    # 1.2 times the stated rate; three standard errors at a dispersion of 1.7
-    assert counts.mean() == pytest.approx(1.2, abs=3.0 * math.sqrt(1.2 * 1.7 / 300))
-
-
-@pytest.mark.parametrize("size", [5, 20, 2000])
-def test_baseline_errors_have_the_moments_of_sampling_theory(size):
-    errors = baseline_errors(size)
-    widened = 1.0 + 1.0 / size
-    assert errors.weight.sum() == pytest.approx(1.0)
-    assert errors.weight @ (errors.shift / errors.scale) ** 2 == pytest.approx(1.0 / size)  # variance of a mean
-    assert errors.weight @ (1.0 / errors.scale**2) == pytest.approx(widened)  # E[s²] = σ²
-    # E[1/s²] is the variance of Student's t; heavy-tailed at m = 5, where 15 nodes give it to 1 %
-    assert errors.weight @ errors.scale**2 * widened == pytest.approx((size - 1) / (size - 3), rel=0.01)
-
-
-def test_baselines_that_alarm_are_replaced_until_they_do_not():
-    # one in five alarms at once, the others never: 1/4 = 1/5 + 1/25 + … alarms, and no more however long one watches
-    expected = expected_false_alarms(np.array([1e12, 1.0]), np.array([0.8, 0.2]), n_measurements=1000)
-    assert expected == pytest.approx(0.25)
-    assert expected_false_alarms(np.array([50.0]), np.ones(1), n_measurements=365) == pytest.approx(365 / 50)
-
-
-@pytest.mark.slow
 def test_rarer_false_alarms_cost_wider_limits():
-    limits = [design(false_alarms_per_year=r).cusum_limit for r in (4.0, 1.0)]
+    limits = [design(false_alarms_per_year=r).cusum_limit for r in (4.0, 1.0, 0.1)]
     assert limits == sorted(limits)
-    assert design(measurements_per_year=8766.0).cusum_limit > design().cusum_limit
-    rare = design(false_alarms_per_year=0.1)
-    assert rare.cusum_reference > design().cusum_reference
+    assert design(measurements_per_year=8766.0) != design()
+    assert design(measurements_per_year=8766.0).cusum_limit == design().cusum_limit  # sessions, not measurements
 
 
 # --- delays ----------------------------------------------------------------------------------------------------------
 
 
-LONGEST_DELAY = 500
+@pytest.mark.parametrize(("change", "after", "most"), [("2 σ step", 100, 6.0), ("wear 1/7 σ a day", 100, 14.0)])
+def test_changes_are_alarmed_soon(change, after, most):
+    delays = np.array([delay_of(change, after, 12, axis) for axis in range(20)])
+    assert np.nanmean(delays) < most
 
 
-def delay_after_learning(rng, loss, scatter):
-    """Return how many measurements after a loss the alarm comes, or one more than the longest delay."""
-    state = run(healthy(rng, 20, scatter))[-1]
-    assert state.status is TrendStatus.NORMAL
-    for delay in range(1, LONGEST_DELAY + 1):
-        state = run(healthy(rng, 1, scatter) - loss, state=state)[-1]
-        if state.status is TrendStatus.ALARM:
-            return delay
-    return LONGEST_DELAY + 1
-
-
-@pytest.mark.parametrize(
-    ("loss", "scatter"),
-    # 35 N is the paper's scatter of a single reading
-    [(20.0, 5.0), (50.0, 5.0), (100.0, 10.0), (20.0, 10.0), (50.0, 35.0), (100.0, 35.0)],
-)
-def test_delay_of_a_sudden_loss_is_that_of_the_chain(loss, scatter):
-    """Charts at rest on learned baselines: the mean over baselines of the run lengths that the tables have judged."""
-    rng = np.random.default_rng(50)
-    delays = np.array([delay_after_learning(rng, loss, scatter) for _ in range(300)])
-    assert np.all(delays <= LONGEST_DELAY)  # none is dropped, none cut short
-    errors = baseline_errors(design().settings.baseline_size)
-    chain = errors.weight @ cusum_run_length(
-        design().cusum_limit,
-        reference=design().cusum_reference,
-        shift=errors.shift + loss / scatter * errors.scale,
-        scale=errors.scale,
-        largest_increment=design().largest_increment,
-        confirmed_limit=design().shewhart_limit,
-    )
-    # A loss of ten standard deviations is always confirmed by the second measurement: there the error is rounding.
-    error = 3.0 * delays.std(ddof=1) / math.sqrt(delays.size)
-    assert delays.mean() == pytest.approx(float(chain), abs=max(error, 1e-6))
-
-
-def test_wear_of_1_newton_a_day_is_alarmed_after_11_newtons():
-    # 24 windows a day of 35 N scatter each, as in the comparison of rules: 7.1 N for their mean
-    rng = np.random.default_rng(51)
-    lost, n_dropped = [], 0
-    for _ in range(60):
-        values = healthy(rng, 25 + 60, 35.0 / math.sqrt(24.0))
-        values[25:] -= np.arange(1.0, 61.0)
-        status = [s.status for s in run(values)]
-        if TrendStatus.ALARM in status[:25]:
-            n_dropped += 1
-        else:
-            lost.append(status.index(TrendStatus.ALARM) - 24)
-    assert n_dropped <= 3  # false alarms in 5 measurements: 60 · 5/365 are 0.8
-    assert np.mean(lost) == pytest.approx(11.0, abs=2.0)  # standard error 0.5
+def test_slow_wear_is_not_learnt_away():
+    # 0.05 standard deviations a day; nothing but the level learns, and it waits while something speaks against it
+    rng = np.random.default_rng(53)
+    history = run(healthy(rng, 400) - 0.5 * np.maximum(np.arange(400) - 60.0, 0.0))
+    first = next(i for i, s in enumerate(history) if s.status is TrendStatus.ALARM)
+    assert first < 160
+    assert history[-1].status is TrendStatus.ALARM
 
 
 # --- laws of the states ----------------------------------------------------------------------------------------------
@@ -258,20 +161,84 @@ def test_no_single_measurement_alarms_on_a_chart_at_rest(watching):
     assert run([-1e6, -1e6], state=watching)[-1].alarm.chart is Chart.SHEWHART
 
 
+def test_a_sudden_loss_is_alarmed_within_its_session(watching):
+    morning = watching.last_at + DAY
+    first = step(watching, Observation(morning, 200.0), design())
+    assert first.alarm is None  # one measurement may be anything
+    second = step(first, Observation(morning + timedelta(hours=1), 201.0), design())
+    assert second.alarm.chart is Chart.SHEWHART
+    assert second.alarm.onset == morning
+    assert second.alarm.change.value == pytest.approx(-99.5, abs=2.5)  # the mean of twenty is known to 2.2
+
+
+def test_a_bad_day_alone_does_not_alarm(watching):
+    # four standard deviations, five times on one day; healthy before and after
+    state = watching
+    for hour in range(5):
+        state = step(state, Observation(watching.last_at + DAY + timedelta(hours=hour), 260.0), design())
+    assert state.alarm is None
+    assert run([300.0] * 4, state=state)[-1].status is not TrendStatus.ALARM
+
+
+def test_a_session_that_ends_is_told_with_what_the_charts_made_of_it(watching):
+    day = watching.last_at + DAY
+    first = step(watching, Observation(day, 290.0), design())
+    second = step(first, Observation(day + timedelta(hours=2), 294.0), design())
+    third = step(second, Observation(day + DAY, 300.0), design())
+    assert closed_session(watching, first) is None
+    assert closed_session(first, second) is None
+    closed = closed_session(second, third)
+    assert (closed.session.started_at, closed.session.count, closed.session.value) == (day, 2, 292.0)
+    assert closed.residual == second.charts.residual > 0.0
+    assert closed_session(third, reset(third)).session.value == 300.0
+
+
 def test_the_evidence_tells_chart_onset_and_loss(watching):
-    alarm = next(s.alarm for s in run([300.0] * 3 + [288.0] * 20, state=watching) if s.alarm)
+    steady = 300.0 + 5.0 * np.array([1.0, -1.0] * 10)
+    alarm = next(s.alarm for s in run([300.0] * 3 + list(steady - 24.0), state=watching) if s.alarm)
     assert alarm.chart is Chart.CUSUM
     assert alarm.value > alarm.limit == design().cusum_limit
     assert alarm.onset == START + 23 * DAY
-    assert alarm.change.value == pytest.approx(-12.0)
     n = (alarm.raised_at - alarm.onset) / DAY + 1
-    assert alarm.change.standard_uncertainty == pytest.approx(10.0 * math.sqrt(1.0 / n + 1.0 / 20.0))
+    # what is expected of each day is not the level to the digit: the days before are remembered
+    assert alarm.change.value == pytest.approx(-24.0, abs=4.0)
+    assert 10.0 * math.sqrt(1.0 / n + 1.0 / 20.0) < alarm.change.standard_uncertainty < 10.0
 
 
-def test_the_baseline_is_never_learned_again_by_itself(watching):
-    wear = run(300.0 - 0.1 * np.arange(1500), state=watching)
-    assert all(s.baseline == watching.baseline for s in wear)
-    assert wear[-1].status is TrendStatus.ALARM
+def test_nothing_is_learnt_while_an_alarm_stands(watching):
+    alarmed = run([200.0] * 5, state=watching)[-1]
+    assert alarmed.status is TrendStatus.ALARM
+    later = run([200.0] * 100, state=alarmed)[-1]
+    assert later.baseline.size == alarmed.baseline.size == 20
+    assert later.baseline.mean == pytest.approx(300.0, abs=2.0)
+    assert later.status is TrendStatus.ALARM
+
+
+def test_the_baseline_goes_on_learning_while_nothing_speaks_against_it(watching):
+    later = run(healthy(np.random.default_rng(8), 200), state=watching)[-1]
+    assert later.baseline.size > 100
+    assert later.baseline.ended_at > watching.baseline.ended_at + 190 * DAY
+
+
+def test_a_session_in_doubt_moves_the_charts_and_teaches_nothing(watching):
+    at = watching.last_at + DAY
+    doubted = step(watching, Observation(at, 285.0, in_doubt=True), design())
+    believed = step(watching, Observation(at, 285.0), design())
+    assert doubted.cusum == believed.cusum > 0.0
+    after = run([300.0], state=doubted)[-1]
+    assert after.baseline.size == 20
+    assert run([300.0], state=believed)[-1].baseline.size == 21
+
+
+def test_measurements_of_a_day_are_one(watching):
+    at = watching.last_at + DAY
+    state = watching
+    for hour in range(5):
+        state = step(state, Observation(at + timedelta(hours=2 * hour), 290.0 + hour), design())
+    assert state.session.count == 5
+    assert state.session.value == pytest.approx(292.0)
+    assert state.before == watching.charts  # the charts have moved once
+    assert state.charts.residual == pytest.approx(run([292.0], state=watching)[-1].charts.residual)
 
 
 def test_only_a_person_resets_and_old_measurements_do_not_come_again(watching):
@@ -281,17 +248,21 @@ def test_only_a_person_resets_and_old_measurements_do_not_come_again(watching):
     assert cleared.status is TrendStatus.UNKNOWN
     with pytest.raises(OutsideValidityError, match="time order"):
         step(cleared, Observation(alarmed.last_at, 200.0), design())
-    assert run([200.0], state=cleared)[0].status is TrendStatus.LEARNING
+    again = run(healthy(np.random.default_rng(9), 10) - 100.0, state=cleared)
+    assert [s.status for s in again] == [TrendStatus.LEARNING] * 9 + [TrendStatus.NORMAL]
+    assert again[-1].baseline.mean == pytest.approx(200.0, abs=10.0)  # the level is new, the scatter is remembered
+    assert again[-1].baseline.size == 30
 
 
 def test_an_alarm_ends_some_time_after_the_cause_is_repaired_and_not_before(watching):
     alarmed = run([200.0] * 200, state=watching)[-1]
     repaired = run([300.0] * 60, state=alarmed)
     status = [s.status for s in repaired]
-    # from twice the limit to half of it, by k a measurement, and three more
-    expected = math.ceil(1.5 * design().cusum_limit / design().cusum_reference) + 2
-    assert status.index(TrendStatus.NORMAL) == pytest.approx(expected, abs=1)
-    assert TrendStatus.ALARM not in status[expected + 1 :]
+    # from twice the limit to half of it, by k a session and what the baseline may be wrong by more, and three sessions
+    slowest = math.ceil(1.5 * design().cusum_limit / design().cusum_reference) + 2
+    normal = status.index(TrendStatus.NORMAL)
+    assert slowest / 3 < normal <= slowest + 1
+    assert TrendStatus.ALARM not in status[normal:]
 
 
 def test_a_chart_at_its_limit_does_not_chatter(watching):
@@ -306,7 +277,7 @@ def test_a_chart_at_its_limit_does_not_chatter(watching):
 def test_a_rise_alerts_and_never_alarms(watching):
     history = run([340.0] * 50, state=watching)
     assert {s.status for s in history[5:]} == {TrendStatus.ALERT}
-    assert history[-1].alert.change.value == pytest.approx(40.0)
+    assert history[-1].alert.change.value == pytest.approx(40.0, abs=5.0)
 
 
 def test_a_rising_feature_is_a_falling_preload():
@@ -329,7 +300,7 @@ def test_the_unit_does_not_matter(factor, zero):
 
 
 def test_what_the_payload_correction_could_explain_never_alarms(watching):
-    doubtful = run([270.0] * 500, state=watching, systematic_uncertainty=16.0)  # 30 N against 1.96 · 16 N
+    doubtful = run([270.0] * 200, state=watching, systematic_uncertainty=16.0)  # 30 N against 1.96 · 16 N
     assert {s.status for s in doubtful} == {TrendStatus.NORMAL}
     assert run([270.0] * 10, state=watching)[-1].status is TrendStatus.ALARM
 
@@ -360,7 +331,7 @@ def test_a_state_is_never_changed(watching):
     run([200.0] * 5, state=watching)
     assert watching == before
     with pytest.raises(FrozenInstanceError):
-        watching.cusum = 0.0
+        watching.status = TrendStatus.ALARM
 
 
 @pytest.mark.parametrize(

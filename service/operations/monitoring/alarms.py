@@ -12,7 +12,8 @@ from service.documents.change import not_examined_yet, read_cause
 from service.documents.measurement import alarm_evidence
 from service.errors import ConflictError
 from service.json_types import JsonObject
-from service.operations.monitoring.intake.charts import Folded, begin_epoch
+from service.operations.monitoring.intake.chart_state import begin_again
+from service.operations.monitoring.intake.charts import Folded
 from service.operations.monitoring.intake.known import Lanes
 from service.store import alarms
 from service.store.axes import get_axis
@@ -121,7 +122,7 @@ class Alarms:
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")
             _change(session, row, alarms.CLEARED, comment)
-            begin_epoch(get_axis(session, axis_id))
+            begin_again(session, get_axis(session, axis_id))
         return self.get(alarm_id)
 
 

@@ -12,7 +12,7 @@ from service.operations.monitoring.axis_configuration import (
     detector_settings,
     dump_configuration,
 )
-from service.operations.monitoring.intake.charts import dump_design, load_design
+from service.operations.monitoring.intake.chart_state import dump_design, load_design
 from service.operations.monitoring.intake.known import Lanes
 from service.store import axes
 from service.store.database import Database

@@ -3,6 +3,7 @@
 The drive model that the configuration of an axis may hold.
 """
 
+from datetime import timedelta
 from functools import lru_cache
 from typing import Annotated, Literal, Self
 
@@ -60,7 +61,13 @@ class AxisConfiguration(BaseModel):
     moving_mass_standard_uncertainty_kg: Positive | None = Field(default=None, description="goes with moving_mass_kg")
     measurements_per_year: Positive = Field(default=365.0, le=3.2e7)
     false_alarms_per_year: Positive = 1.0
-    baseline_size: int = Field(default=20, ge=5, le=1000, description="measurements that make the baseline")
+    baseline_size: int = Field(
+        default=20, ge=5, le=1000, description="sessions that make the baseline; what is measured on a day is one"
+    )
+    baseline_days: Positive = Field(default=14.0, le=1000, description="time that the baseline spans at least")
+    axis_type: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None, description="axes of one type lend a young one what it cannot know yet"
+    )
     silent_after_hours: Positive = Field(
         default=168.0, le=1e7, description="without an accepted measurement for so long the state is unknown"
     )
@@ -88,7 +95,7 @@ _STORED = StoredRecord(
     TypeAdapter(AxisConfiguration),
     version=1,
     remedy="send it again with PUT /v1/axes, or restore the backup",
-    added=frozenset({"measurement_timeout_s"}),
+    added=frozenset({"measurement_timeout_s", "baseline_days", "axis_type"}),
 )
 
 
@@ -121,6 +128,7 @@ def detector_settings(configuration: AxisConfiguration) -> DetectorSettings:
         false_alarms_per_year=configuration.false_alarms_per_year,
         measurements_per_year=configuration.measurements_per_year,
         baseline_size=configuration.baseline_size,
+        baseline_span=timedelta(days=configuration.baseline_days),
         loss=LossDirection.RISE,  # the preload feature rises as preload is lost
     )
 

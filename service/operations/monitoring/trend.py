@@ -13,12 +13,12 @@ from sqlalchemy import Connection
 
 from monitor_core.trend import paper_rule
 from service.clock import now, text_of
-from service.documents.measurement import baseline_document, with_trend
+from service.documents.measurement import with_trend
 from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
-from service.operations.monitoring.intake.charts import load_design, load_state, state_now
-from service.store import alarms, axes, calibrations, measurements
+from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
+from service.store import alarms, axes, measurements
 from service.store.database import Database
 from service.store.intake import outcomes_of
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
@@ -177,13 +177,6 @@ class Trend:
             except DocumentDamagedError as error:
                 damaged.append(DamagedAxis(row.id, row.name, str(error)))
         return Fleet(statuses, damaged)
-
-    def baseline(self, axis_id: str) -> JsonObject | None:
-        """Return the baseline in newtons, as soon as it is learnt."""
-        with self._database.read() as session:
-            row = axes.get_axis(session, axis_id)
-            calibration = calibrations.active_calibration(session, row)
-        return None if calibration is None else baseline_document(load_state(row.monitor_state), calibration)
 
     def paper_rule(self, axis_id: str) -> JsonObject | None:
         """Compare the first measurements since the charts began with the latest, as the paper does."""

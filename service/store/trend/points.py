@@ -81,6 +81,8 @@ class TrendPoint:
     state: str
     baseline_preload_n: float | None
     doubt: str | None = None
+    feature_scatter_s2: float | None = None
+    learnt_scatter_s2: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

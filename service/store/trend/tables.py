@@ -43,6 +43,8 @@ class TrendPointRow(Base):
     state: Mapped[str] = mapped_column(String(16))  # of the axis, after this measurement
     baseline_preload_n: Mapped[float | None]
     doubt: Mapped[str | None] = mapped_column(String(40))  # what speaks against its preload
+    feature_scatter_s2: Mapped[float | None]  # what its interval allows for, of what is new in each session
+    learnt_scatter_s2: Mapped[float | None]  # from session to session, as the axis had shown before
 
 
 class TrendRollupRow(Base):
@@ -61,6 +63,26 @@ class TrendRollupRow(Base):
     lowest_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)
     highest_n: Mapped[float | None]
     highest_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)
+
+
+class SessionRow(Base):
+    """A session that is over: its measurements summed up, and what the charts made of it."""
+
+    __tablename__ = "sessions"
+    __table_args__ = _CLUSTERED
+
+    axis_number: Mapped[int] = _key()
+    calibration_id: Mapped[int] = mapped_column(BigInteger, primary_key=True, autoincrement=False)
+    started_at: Mapped[datetime] = mapped_column(UtcMicroseconds, primary_key=True)
+    epoch: Mapped[int]
+    last_at: Mapped[datetime] = mapped_column(UtcMicroseconds)
+    n_measurements: Mapped[int]
+    feature_s2: Mapped[float]  # mean
+    temperature_c: Mapped[float | None]
+    drag_torque_nm: Mapped[float | None]
+    residual: Mapped[float | None]  # in standard deviations; none while the baseline was learnt
+    reference: Mapped[float | None]  # of the CUSUM
+    alarmed: Mapped[bool]
 
 
 class ChartCheckpointRow(Base):

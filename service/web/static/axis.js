@@ -24,6 +24,25 @@ const seconds = () => points.map(p => Date.parse(p.at) / 1000);
 const values = key => points.map(p => p[key]);
 const bound = i => points.map(p => (p.interval_95_n ? p.interval_95_n[i] : null));
 
+const line = holder.dataset.line ? holder.dataset.line.split(" ") : null;
+const MS_PER_YEAR = 365.25 * 86400e3;
+
+function drawLine(u) {
+  if (!line) return;
+  const [start, end] = line.slice(0, 2).map(Date.parse);
+  const [last, slope] = line.slice(2).map(Number);
+  const first = last - slope * (end - start) / MS_PER_YEAR;
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+  ctx.strokeStyle = "#7a4ea3"; ctx.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
+  ctx.beginPath();
+  ctx.moveTo(u.valToPos(start / 1000, "x", true), u.valToPos(first, "y", true));
+  ctx.lineTo(u.valToPos(end / 1000, "x", true), u.valToPos(last, "y", true));
+  ctx.stroke();
+  ctx.restore();
+}
+
 function drawBaseline(u) {
   if (!baseline) return;
   const [mean, lower, upper] = baseline.map(value => u.valToPos(value, "y", true));
@@ -69,7 +88,7 @@ function makeChart(id, label, series, seriesIndex, filled, height) {
     axes: [{}, { label, size: 70 }],
     series: [{ label: "time (UTC)" }, ...series],
     tzDate: seconds => uPlot.tzDate(new Date(seconds * 1e3), "Etc/UTC"),
-    hooks: { draw: [u => { if (filled) drawBaseline(u); drawMarks(u, seriesIndex, filled); }] },
+    hooks: { draw: [u => { if (filled) { drawBaseline(u); drawLine(u); } drawMarks(u, seriesIndex, filled); }] },
   }, [[], ...series.map(() => [])], element);
   charts.push({ chart, element, height });
   return chart;

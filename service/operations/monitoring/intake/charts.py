@@ -2,8 +2,6 @@
 
 The charts are a fold. What is newer than all before goes on from where they stand; what arrives late, or replaces what
 was there, folds them again from the last checkpoint before it, so that they stand as if it had come in time.
-
-The state of an axis as it is kept between measurements: the core's records, as JSON.
 """
 
 from collections.abc import Sequence
@@ -11,19 +9,17 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from enum import StrEnum
 
-from pydantic import TypeAdapter
 from sqlalchemy import Connection
 
-from monitor_core.pipeline import AxisState, advance_feature
+from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
 from monitor_core.preload import Calibration, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
-from monitor_core.trend import DetectorDesign, DetectorState, TrendStatus, reset, state_at
+from monitor_core.trend import DetectorDesign, closed_session
 from monitor_core.uncertainty import Estimate
-from service.documents.stored import StoredRecord
-from service.json_types import JsonObject
+from service.operations.monitoring.intake.chart_state import dump_state, load_design, load_state, session_record
+from service.store import intake
 from service.store.intake import AxisRecord, ChartsRecord
-from service.store.tables import AxisRow
 from service.store.trend.points import (
     TrendPoint,
     add_checkpoint,
@@ -36,65 +32,7 @@ from service.store.trend.points import (
     remove_point,
     replace_points,
 )
-
-_STATE = StoredRecord(
-    "state of the charts",
-    TypeAdapter(AxisState),
-    version=1,
-    remedy="restore the backup, or activate another calibration, which begins a new baseline",
-)
-_DESIGN = StoredRecord(
-    "limits of the charts",
-    TypeAdapter(DetectorDesign),
-    version=1,
-    remedy="restore the backup, or send the configuration of the axis again, which solves new ones",
-)
-
-
-def load_state(document: JsonObject | None) -> AxisState:
-    """Return the stored state, or that of an axis nothing is known about.
-
-    Raises DocumentDamagedError, here and below, if what is stored cannot be read.
-    """
-    return AxisState() if document is None else _STATE.load(document)
-
-
-def dump_state(state: AxisState) -> JsonObject:
-    """Return the state as a JSON document."""
-    return _STATE.dump(state)
-
-
-def load_design(document: JsonObject) -> DetectorDesign:
-    """Return the stored limits of the charts."""
-    return _DESIGN.load(document)
-
-
-def dump_design(design: DetectorDesign) -> JsonObject:
-    """Return the limits of the charts as a JSON document."""
-    return _DESIGN.dump(design)
-
-
-def begin_epoch(axis: AxisRow) -> None:
-    """Begin a new baseline: the charts watch another number now, or somebody inspected the axis and found it in order.
-
-    A person decides that, never the detector. What was measured until now moves no chart any more.
-    """
-    state = AxisState(reset(DetectorState(last_at=axis.last_charted_at)))
-    axis.epoch += 1
-    axis.epoch_after, axis.epoch_from = axis.last_charted_at, None
-    axis.since_checkpoint = 0
-    axis.monitor_state = dump_state(state)
-    axis.state, axis.state_since = str(state.detector.status), None
-
-
-def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
-    """Tell how an axis stands now, and since when; silence is ``unknown``."""
-    status, silence = TrendStatus(axis.state), timedelta(hours=silent_after_hours)
-    state = state_at(DetectorState(status=status, last_at=axis.last_charted_at), at, silence)
-    if state is not status and axis.last_charted_at is not None:
-        return str(state), axis.last_charted_at + silence
-    return str(state), axis.state_since if state is not TrendStatus.UNKNOWN else axis.last_charted_at
-
+from service.store.trend.sessions import SessionRecord, add_sessions, forget_sessions
 
 #: A checkpoint is kept after so many measurements in the charts ...
 CHECKPOINT_EVERY = 50
@@ -157,104 +95,140 @@ def put_in(
     touched = [point.at for point in put] + [point.at for point in replaced if not too_late(charts, point.at)]
     if not touched:
         return Folded(charts, aside, (), None)
+    fold = _Fold(connection, axis, charts, calibration)
     again = bool(replaced) or (charts.last_measured_at is not None and min(touched) <= charts.last_measured_at)
     if again:
-        fold, old = _again(connection, axis, charts, min(touched))
-    else:
-        fold, old = _Fold(charts, load_state(charts.monitor_state), None), []
-    fold.begin(min(touched))
-    known = {point.measurement_id: point for point in old}
-    for point in sorted([*old, *put], key=_in_time):
-        fold.over(connection, axis, point, calibration)
-    changed = [point for point in fold.points if known.get(point.measurement_id, point) != point]
-    replace_points(connection, changed)
-    for point in fold.points:
-        if point.measurement_id not in known:
-            add_point(connection, point)
-    added = {point.measurement_id: point for point in put}
-    after = {point.measurement_id: point for point in fold.points if point.measurement_id in added}
-    charts = fold.charts_now()
-    if again and (newest := newest_point(connection, axis.number)) is not None:
-        charts = replace(charts, last_measurement_id=newest.measurement_id, last_measured_at=newest.at)
-    return Folded(charts, aside | after, tuple(fold.raised), fold.begun_after, again)
+        fold.go_back(min(touched))
+    folded = fold.over(min(touched), put)
+    return replace(folded, points=aside | folded.points)
+
+
+def fold_epoch(
+    connection: Connection, axis: AxisRecord, charts: ChartsRecord, calibration: Calibration | None
+) -> Folded:
+    """Fold the charts over everything that was measured since their epoch began."""
+    if charts.epoch_from is None:
+        return Folded(charts, {}, (), None)
+    fold = _Fold(connection, axis, charts, calibration)
+    fold.go_back(charts.epoch_from)
+    return fold.over(charts.epoch_from, [])
 
 
 class _Fold:
     """Charts on their way over measurements."""
 
-    def __init__(self, charts: ChartsRecord, state: AxisState, begun_after: datetime | None) -> None:
-        self.begun_after = begun_after
-        self.points: list[TrendPoint] = []
-        self.raised: list[Raised] = []
+    def __init__(
+        self, connection: Connection, axis: AxisRecord, charts: ChartsRecord, calibration: Calibration | None
+    ) -> None:
+        self._connection, self._axis, self._calibration = connection, axis, calibration
         self._charts = charts
-        self._state = state
+        self._state = load_state(charts.monitor_state)
         self._design: DetectorDesign = load_design(charts.detector_design)
+        self._old: list[TrendPoint] = []  # that are folded again
+        self._again = False
+        self._begun_after: datetime | None = None
+        self._raised: list[Raised] = []
+        self._sessions: list[SessionRecord] = []
 
-    def begin(self, first: datetime) -> None:
-        """Note when the first measurement of the epoch was made, as far as is known now."""
+    def go_back(self, first: datetime) -> None:
+        """Return to the charts as they stood before a moment: what was measured since is to be folded again."""
+        connection, number, epoch = self._connection, self._axis.number, self._charts.epoch
+        found = checkpoint_before(connection, number, epoch, first)
+        if found is not None:
+            at: datetime | None = found[0]
+            self._state = load_state(found[1])
+        else:
+            at = self._charts.epoch_after
+            self._state = load_state(intake.read_epoch_state(connection, self._axis))
+        forget_checkpoints(connection, number, epoch, at)
+        if self._axis.active_calibration_id is not None:
+            going_on = self._state.detector.session
+            since = at if going_on is None else going_on.started_at
+            forget_sessions(connection, number, self._axis.active_calibration_id, epoch, since)
+        self._charts = replace(self._charts, since_checkpoint=0)
+        self._old = points_after(connection, number, epoch, at, self._charts.epoch_from)
+        self._again, self._begun_after = True, at
+
+    def over(self, first: datetime, put: Sequence[TrendPoint]) -> Folded:
+        """Carry the charts over new points, and over those to be folded again; store what became of them."""
         begun = self._charts.epoch_from
         self._charts = replace(self._charts, epoch_from=first if begun is None else min(begun, first))
+        known = {point.measurement_id: point for point in self._old}
+        points = [self._step(point) for point in sorted([*self._old, *put], key=_in_time)]
+        replace_points(self._connection, [p for p in points if known.get(p.measurement_id, p) != p])
+        for point in points:
+            if point.measurement_id not in known:
+                add_point(self._connection, point)
+        add_sessions(self._connection, self._sessions)
+        added = {point.measurement_id for point in put}
+        after = {point.measurement_id: point for point in points if point.measurement_id in added}
+        return Folded(self._charts_now(), after, tuple(self._raised), self._begun_after, self._again)
 
-    def over(
-        self, connection: Connection, axis: AxisRecord, point: TrendPoint, calibration: Calibration | None
-    ) -> None:
+    def _step(self, point: TrendPoint) -> TrendPoint:
         """Carry the charts over the next measurement; a refused one, or one with its preload set, changes nothing."""
-        before = self._state
+        before, calibration = self._state, self._calibration
         charted = point.uncharted is None and point.feature_s2 is not None and calibration is not None
         if charted and calibration is not None:
             self._state = _advanced(before, point, calibration, self._design)
-        detector = self._state.detector
+        detector, learnt = self._state.detector, before.detector.baseline
         baseline = None
         if detector.baseline is not None and calibration is not None:
             baseline = preload_from_feature(detector.baseline.mean, calibration.coefficients)
-        point = replace(point, state=str(detector.status), baseline_preload_n=baseline)
-        self.points.append(point)
+        point = replace(
+            point,
+            state=str(detector.status),
+            baseline_preload_n=baseline,
+            # what was learnt before: a measurement does not judge itself
+            learnt_scatter_s2=None if learnt is None or point.feature_s2 is None else learnt.scatter,
+        )
         if detector.alarm is not None and before.detector.alarm is None:
-            self.raised.append(Raised(point, self._state))
+            self._raised.append(Raised(point, self._state))
+        self._keep_session(before)
         self._charts = replace(
             self._charts, last_measurement_id=point.measurement_id, last_measured_at=point.at,
             since_checkpoint=self._charts.since_checkpoint + charted,
         )  # fmt: skip
         if self._charts.since_checkpoint >= CHECKPOINT_EVERY:
-            oldest = add_checkpoint(
-                connection, axis.number, self._charts.epoch, point.at, dump_state(self._state), most=MOST_CHECKPOINTS
-            )
-            self._charts = replace(self._charts, since_checkpoint=0, epoch_after=oldest or self._charts.epoch_after)
+            self._keep_checkpoint(point.at)
+        return point
 
-    def charts_now(self) -> ChartsRecord:
-        """Return the charts after the last measurement."""
+    def _keep_session(self, before: AxisState) -> None:
+        over = closed_session(before.detector, self._state.detector)
+        if over is not None and self._axis.active_calibration_id is not None:
+            calibration_id = self._axis.active_calibration_id
+            self._sessions.append(session_record(self._axis.number, calibration_id, self._charts.epoch, over))
+
+    def _keep_checkpoint(self, at: datetime) -> None:
+        state = dump_state(self._state)
+        oldest = add_checkpoint(
+            self._connection, self._axis.number, self._charts.epoch, at, state, most=MOST_CHECKPOINTS
+        )
+        self._charts = replace(self._charts, since_checkpoint=0, epoch_after=oldest or self._charts.epoch_after)
+
+    def _charts_now(self) -> ChartsRecord:
+        """Return the charts after the last measurement, of all that the axis has."""
         detector = self._state.detector
-        return replace(
+        charts = replace(
             self._charts, monitor_state=dump_state(self._state), last_charted_at=detector.last_at,
             state=str(detector.status), state_since=detector.since,
         )  # fmt: skip
-
-
-def _again(
-    connection: Connection, axis: AxisRecord, charts: ChartsRecord, first: datetime
-) -> tuple[_Fold, list[TrendPoint]]:
-    """Return the charts as they stood before a moment, and what was measured since."""
-    found = checkpoint_before(connection, axis.number, charts.epoch, first)
-    at, state = charts.epoch_after, AxisState(DetectorState(last_at=charts.epoch_after))
-    if found is not None:
-        at, document = found
-        state = load_state(document)
-    forget_checkpoints(connection, axis.number, charts.epoch, at)
-    begun = replace(charts, since_checkpoint=0)
-    return _Fold(begun, state, at), points_after(connection, axis.number, charts.epoch, at, charts.epoch_from)
+        newest = newest_point(self._connection, self._axis.number) if self._again else None
+        if newest is None:
+            return charts
+        return replace(charts, last_measurement_id=newest.measurement_id, last_measured_at=newest.at)
 
 
 def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, design: DetectorDesign) -> AxisState:
     if point.feature_s2 is None or point.feature_uncertainty_s2 is None:
         return state
-    return advance_feature(
-        state,
+    charted = ChartedFeature(
+        point.at,
         Estimate(point.feature_s2, point.feature_uncertainty_s2),
         Conditions(metres(point.position_mm), point.payload_kg, point.temperature_c),
-        point.at,
-        calibration=calibration,
-        design=design,
+        point.drag_torque_nm,
+        in_doubt=point.doubt is not None,
     )
+    return advance_feature(state, charted, calibration=calibration, design=design)
 
 
 def _set_aside(connection: Connection, point: TrendPoint) -> TrendPoint:

@@ -163,6 +163,7 @@ def _point(axis: AxisRecord, row: MeasurementRecord, outcome: MeasurementOutcome
         state=str(TrendStatus.UNKNOWN),
         baseline_preload_n=None,
         doubt=None if estimate is None or not estimate.doubts else str(estimate.doubts[0].reason),
+        feature_scatter_s2=None if estimate is None else estimate.feature_scatter,
     )
 
 

@@ -1,0 +1,240 @@
+"""How often a healthy axis is alarmed, and how soon a loss is found, on axes whose days depend on each other.
+
+``python -m benchmarks.false_alarms [axes [seed [row …]]]``: so many axes for a year on a learnt baseline in each row,
+each false alarm cleared; then how long changes take; then how often the rate that is found on the history of an axis
+(``OWN_RATE``) covers the true one, which is that of the year after. The stated rate is one a year. Values are in
+standard deviations of a session; losses are positive.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import cache, partial
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.trend import (
+    DetectorDesign,
+    DetectorSettings,
+    DetectorState,
+    LossDirection,
+    Observation,
+    design_detector,
+    found_rate,
+    reset,
+    step,
+)
+from monitor_core.trend.bootstrap import charted_sessions
+
+START = datetime(2026, 1, 5, 6, tzinfo=UTC)
+DAYS = 365
+YEAR = 365.25
+
+
+@dataclass(frozen=True, slots=True)
+class Day:
+    """What is measured on a day."""
+
+    values: tuple[float, ...]
+    temperature: float | None = None
+    drag_torque: float | None = None
+
+
+History = Callable[[np.random.Generator, int], list[Day]]
+
+
+def autoregression(rng: np.random.Generator, days: int, rho: float) -> FloatArray:
+    """Return standard normal values of which each remembers the one before."""
+    values = rng.standard_normal(days)
+    for day in range(1, days):
+        values[day] = rho * values[day - 1] + math.sqrt(1.0 - rho**2) * values[day]
+    return values
+
+
+def season(rng: np.random.Generator, days: int) -> FloatArray:
+    """Return a sine of a year that begins anywhere."""
+    return np.sin(2.0 * np.pi * (np.arange(days) / YEAR + rng.random()))
+
+
+def saw_tooth(rng: np.random.Generator, days: int, period: int = 90) -> FloatArray:
+    """Return what grows from 0 to 1 between lubrications."""
+    return ((np.arange(days) + rng.integers(period)) % period) / period
+
+
+def single(values: FloatArray) -> list[Day]:
+    """One measurement a day."""
+    return [Day((float(value),)) for value in values]
+
+
+def repeated(rng: np.random.Generator, days: int, count: int, within: float) -> list[Day]:
+    """Several measurements of a day share it."""
+    shared = rng.standard_normal(days)
+    return [Day(tuple((day + within * rng.standard_normal(count)).tolist())) for day in shared]
+
+
+def shop(rng: np.random.Generator, days: int) -> list[Day]:
+    """Draw what follows the day before, the season and the lubrication, with white noise; nothing of it is stated."""
+    return single(
+        0.6 * autoregression(rng, days, 0.5) + 0.8 * season(rng, days)
+        + saw_tooth(rng, days) + 0.5 * rng.standard_normal(days)
+    )  # fmt: skip
+
+
+def stated_shop(rng: np.random.Generator, days: int) -> list[Day]:
+    """Draw twice the season and a lubrication that jumps towards loss, with temperature and drag torque stated."""
+    air, friction = season(rng, days), saw_tooth(rng, days)
+    values = (
+        0.6 * autoregression(rng, days, 0.5) + 1.6 * air - 2.0 * friction + 0.5 * rng.standard_normal(days)
+    )  # fmt: skip
+    temperature = 22.0 + 8.0 * air + 0.5 * rng.standard_normal(days)
+    drag = (0.1 + 0.025 * friction) * (1.0 + 0.02 * rng.standard_normal(days))
+    return [Day((float(v),), float(t), float(d)) for v, t, d in zip(values, temperature, drag, strict=True)]
+
+
+ROWS: dict[str, History] = {
+    "independent": lambda rng, days: single(rng.standard_normal(days)),
+    "Student t3": lambda rng, days: single(rng.standard_t(3, days)),
+    "2 % outliers": lambda rng, days: single(rng.standard_normal(days) * np.where(rng.random(days) < 0.02, 8.0, 1.0)),
+    "AR(1) 0.1": lambda rng, days: single(autoregression(rng, days, 0.1)),
+    "AR(1) 0.3": lambda rng, days: single(autoregression(rng, days, 0.3)),
+    "AR(1) 0.5": lambda rng, days: single(autoregression(rng, days, 0.5)),
+    "AR(1) 0.7": lambda rng, days: single(autoregression(rng, days, 0.7)),
+    "season ± 2": lambda rng, days: single(rng.standard_normal(days) + 2.0 * season(rng, days)),
+    "lubrication, 1 up": lambda rng, days: single(rng.standard_normal(days) + saw_tooth(rng, days)),
+    "lubrication, 2 up": lambda rng, days: single(rng.standard_normal(days) + 2.0 * saw_tooth(rng, days)),
+    "lubrication, 1 down": lambda rng, days: single(rng.standard_normal(days) - saw_tooth(rng, days)),
+    "shop": shop,
+    "shop, conditions stated": stated_shop,
+    "5 a day": lambda rng, days: repeated(rng, days, 5, 1.0),
+    "24 a day": lambda rng, days: repeated(rng, days, 24, 1.0),
+}
+#: Asks for the last table.
+OWN_RATE = "own rate"
+CHANGES: dict[str, tuple[str, Callable[[FloatArray], FloatArray]]] = {
+    "1 σ step": ("independent", lambda day: 1.0 * (day >= 0)),
+    "2 σ step": ("independent", lambda day: 2.0 * (day >= 0)),
+    "4 σ step": ("independent", lambda day: 4.0 * (day >= 0)),
+    "wear 1/7 σ a day": ("independent", lambda day: np.maximum(day + 1.0, 0.0) / 7.0),
+    "2 σ step in the shop": ("shop", lambda day: 2.0 * (day >= 0)),
+    "wear 0.15 σ a day in the shop": ("shop", lambda day: 0.15 * np.maximum(day + 1.0, 0.0)),
+}
+
+
+def design(name: str) -> DetectorSettings:
+    """Return the default settings for so many measurements a day."""
+    per_day = {"5 a day": 5, "24 a day": 24}.get(name, 1)
+    return DetectorSettings(measurements_per_year=per_day * 365.0, loss=LossDirection.RISE)
+
+
+@cache
+def limits(row: str) -> DetectorDesign:
+    """Solve the limits for a row."""
+    return design_detector(design(row))
+
+
+def observations(days: list[Day]) -> list[Observation]:
+    """Return the measurements of the days with their times: evenly over ten hours, or over the day."""
+    found = []
+    for number, day in enumerate(days):
+        count = len(day.values)
+        apart = timedelta(hours=min(24.0 / count, 2.5))
+        for i, value in enumerate(day.values):
+            at = START + timedelta(days=number) + i * apart
+            found.append(Observation(at, value, temperature=day.temperature, drag_torque=day.drag_torque))
+    return found
+
+
+def alarms_of(row: str, seed: int, axis: int) -> tuple[int, float]:
+    """Return the false alarms of an axis, and the years in which it was watched."""
+    rng = np.random.default_rng([2028, seed, list(ROWS).index(row), axis])
+    solved, days = limits(row), DAYS + 20
+    state, alarms, watched = DetectorState(), 0, set()
+    for observation in observations(ROWS[row](rng, days)):
+        state = step(state, observation, solved)
+        if state.baseline is not None:
+            watched.add((observation.at - START).days)
+        if state.alarm is not None:
+            alarms += 1
+            state = reset(state)
+    return alarms, len(watched) / 365.0
+
+
+def found_on_history(row: str, seed: int, axis: int) -> tuple[float, float, float, int]:
+    """Return the rate that is found on a year of an axis with its interval, and its alarms in the year after."""
+    rng, solved = np.random.default_rng([2030, seed, list(ROWS).index(row), axis]), limits(row)
+    measured = observations(ROWS[row](rng, 2 * DAYS + 20))
+    end_of_first = START + timedelta(days=DAYS + 20)
+    first = [observation for observation in measured if observation.at < end_of_first]
+    found = found_rate(charted_sessions(first, solved), solved, np.random.default_rng(axis))
+    assert found is not None
+    state, alarms = DetectorState(), 0
+    for observation in measured:
+        state = step(state, observation, solved)
+        if state.alarm is not None:
+            alarms += observation.at >= end_of_first
+            state = reset(state)
+    return found.rate, found.interval.lower, found.interval.upper, alarms
+
+
+def delay_of(change: str, after: int, seed: int, axis: int) -> float:
+    """Return how many days after a change the alarm comes; infinite if not within 200, NaN if it was not watched."""
+    row, shape = CHANGES[change]
+    rng = np.random.default_rng([2029, seed, list(CHANGES).index(change), after, axis])
+    days = ROWS[row](rng, after + 200)
+    lost = shape(np.arange(after + 200.0) - after)
+    changed = [Day((day.values[0] + float(lost[i]),)) for i, day in enumerate(days)]
+    state, solved = DetectorState(), limits(row)
+    for number, observation in enumerate(observations(changed)):
+        if number == after and state.baseline is None:
+            return math.nan
+        state = step(state, observation, solved)
+        if state.alarm is not None:
+            if number >= after:
+                return number - after + 1.0
+            state = reset(state)
+    return math.inf
+
+
+def main(arguments: list[str]) -> None:
+    """Print both tables."""
+    n_axes, seed = (int(a) for a in (arguments + ["300", "500"][len(arguments) :])[:2])
+    wanted = arguments[2:] or [*ROWS, *CHANGES, OWN_RATE]
+    with ProcessPoolExecutor(2) as pool:
+        print("healthy axis                false alarms a year, stated 1: found, 95 % interval; axis-years")
+        for row in ROWS:
+            if row in wanted:
+                found = list(pool.map(partial(alarms_of, row, seed), range(n_axes), chunksize=10))
+                count, years = sum(n for n, _ in found), sum(y for _, y in found)
+                spread = np.var([n for n, _ in found]) / max(count / n_axes, 1e-9)
+                half = 1.96 * math.sqrt(max(count, 1) * max(spread, 1.0)) / years
+                print(f"{row:28s}{count / years:5.2f} ± {half:.2f}  {years:.0f}", flush=True)
+        print("\nchange after a baseline of  days: median, mean, nine of ten; not within 200 days")
+        for change in CHANGES:
+            for after in (20, 100):
+                if change in wanted:
+                    delays = np.array(
+                        list(pool.map(partial(delay_of, change, after, seed), range(n_axes), chunksize=10))
+                    )
+                    seen = delays[~np.isnan(delays)]
+                    alarmed = seen[np.isfinite(seen)]
+                    late = float(np.quantile(seen, 0.9, method="higher"))
+                    print(
+                        f"{change:30s}{after:4d} d  {np.median(seen):5.0f} {alarmed.mean():6.1f} "
+                        f"{late:5.0f}  {np.mean(np.isinf(seen)):6.1%}",
+                        flush=True,
+                    )
+        if OWN_RATE in wanted:
+            print("\nfound on the history of each axis: median, covers the rate of the year after")
+            for row in [row for row in ROWS if row in wanted or wanted == [OWN_RATE]]:
+                own = np.array(list(pool.map(partial(found_on_history, row, seed), range(n_axes), chunksize=5)))
+                truth = own[:, 3].mean()
+                covered = np.mean((own[:, 1] <= truth) & (truth <= own[:, 2]))
+                print(f"{row:28s}{np.median(own[:, 0]):5.2f}  {truth:5.2f}  {covered:6.1%}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,114 @@
+"""Draw a line through the trend: how much is lost a year, with the interval of that slope.
+
+The charts find changes soon; the line shows what goes on for years, however slow, and nothing is learnt away in it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from scipy import linalg, special
+
+from monitor_core.arrays import FloatArray
+from monitor_core.trend.belief import DAY, DRAG_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure
+from monitor_core.trend.observation import Session
+from monitor_core.uncertainty import Estimate
+
+#: Of fewer sessions, or a shorter time, no line is drawn.
+FEWEST, SHORTEST = 10, 7 * DAY
+#: So many sessions are drawn on at most, the newest.
+MOST = 400
+#: Standard deviation, in units of the scatter, of what nothing is known about.
+_OPEN = 1e4
+
+
+@dataclass(frozen=True, slots=True)
+class TrendLine:
+    """A straight line through sessions, season and covariates taken out."""
+
+    started_at: datetime
+    ended_at: datetime
+    at_end: Estimate  # value on the line at the last session, in the unit of the observations
+    slope: Estimate  # a year
+    n_sessions: int
+
+
+def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> TrendLine | None:
+    r"""Fit the line by generalised least squares, the dependence of the sessions averaged over the structures.
+
+    .. math:: y = \alpha + \beta t + x^\mathsf{T}\gamma + e, \qquad
+        \operatorname{cov}(e_i, e_j) = \sigma^2\,(s\,\varphi^{|t_i - t_j|} + (1 - s)\,\delta_{ij})
+
+    with season and covariates x as in :mod:`monitor_core.trend.belief`, their prior included: a slope that the season
+    may explain has an interval that says so. ``None`` if there are too few sessions, or all are of one value.
+    """
+    chosen = sessions[-MOST:]
+    if len(chosen) < FEWEST or chosen[-1].started_at - chosen[0].started_at < SHORTEST:
+        return None
+    prior = prior or Prior()
+    first, last = chosen[0].started_at, chosen[-1].started_at
+    days = np.array([(session.started_at - last) / DAY for session in chosen])
+    values = np.array([session.value for session in chosen])
+    if np.ptp(values) == 0.0:
+        return None
+    zero, unit = float(values.mean()), float(values.std())
+    angle = 2.0 * math.pi * days * (DAY / YEAR)
+    design = np.column_stack([
+        np.ones(days.size), days * (DAY / YEAR), 1.0 - np.cos(angle), np.sin(angle),
+        _covariate([session.temperature for session in chosen], KELVIN),
+        _covariate([session.drag_torque for session in chosen], None),
+    ])  # fmt: skip
+    known = np.array([_OPEN, _OPEN, *prior.deviations]) ** -2.0
+    lent = design[:, 2:] @ np.array(prior.coefficients)
+    fits = [_fit((values - zero - lent) / unit, design, known, days, structure) for structure in STRUCTURES]
+    weight = np.array(prior.weights)
+    evidence = np.array([fit.log_evidence for fit in fits])
+    weight = weight * np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+
+    def averaged(coefficient: int) -> Estimate:
+        means = np.array([fit.mean[coefficient] for fit in fits])
+        variances = np.array([fit.variance[coefficient] for fit in fits])
+        mean = float(weight @ means)
+        variance = float(weight @ (variances + (means - mean) ** 2))
+        offset = zero if coefficient == 0 else 0.0
+        return Estimate(offset + unit * mean, unit * math.sqrt(variance), float(days.size - 2))
+
+    return TrendLine(first, last, averaged(0), averaged(1), len(chosen))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    mean: FloatArray
+    variance: FloatArray
+    log_evidence: float
+
+
+def _fit(values: FloatArray, design: FloatArray, known: FloatArray, days: FloatArray, structure: Structure) -> _Fit:
+    """Return the posterior of a structure, in the normal–inverse-gamma family with nothing known of σ²."""
+    apart = np.abs(days[:, None] - days[None, :])
+    covariance = structure.share * structure.correlation**apart
+    covariance[np.diag_indices(days.size)] = 1.0
+    factor = linalg.cholesky(covariance, lower=True)
+    white = linalg.solve_triangular(factor, np.column_stack([values, design]), lower=True)
+    y, x = white[:, 0], white[:, 1:]
+    precision = x.T @ x + np.diag(known)
+    inverse = linalg.inv(precision)
+    mean = inverse @ (x.T @ y)
+    squares = float(y @ y - mean @ precision @ mean)
+    half = 0.5 * (values.size - 2)
+    log_determinants = 2.0 * float(np.log(np.diag(factor)).sum()) + float(np.linalg.slogdet(precision)[1])
+    evidence = -0.5 * log_determinants - half * math.log(squares) + float(special.gammaln(half))
+    return _Fit(mean, np.diag(inverse) * squares / (2.0 * half), evidence)
+
+
+def _covariate(stated: Sequence[float | None], unit: float | None) -> FloatArray:
+    """Return a covariate about its mean, in its unit or as a share of itself; 0 where it was not stated."""
+    known = [value for value in stated if value is not None]
+    mean = float(np.mean(known)) if known else 0.0
+    unit = DRAG_SHARE * abs(mean) if unit is None else unit
+    if unit == 0.0:
+        return np.zeros(len(stated))
+    return np.array([0.0 if value is None else (value - mean) / unit for value in stated])

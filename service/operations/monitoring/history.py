@@ -1,0 +1,93 @@
+"""Tell what the history of an axis says: what is normal, where the trend goes, how often it alarms falsely."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.preload import Calibration
+from monitor_core.trend import (
+    FEWEST_SESSIONS,
+    ClosedSession,
+    DetectorDesign,
+    Prior,
+    Session,
+    found_rate,
+    healthy_sessions,
+    trend_line,
+)
+from service.documents.history import RateOfFalseAlarms, baseline_document, false_alarms_document, line_document
+from service.json_types import JsonObject
+from service.operations.monitoring.intake.chart_state import load_design, load_state
+from service.store import axes, calibrations
+from service.store.database import Database
+from service.store.trend.sessions import SessionRecord, newest_sessions
+
+#: The newest sessions are looked at: a year of them, at one a day.
+MOST_SESSIONS = 400
+#: Axes whose answer is remembered until their next session is over.
+_MOST_REMEMBERED = 5000
+#: Where the resampling begins: the same history gives the same answer.
+_SEED = 20180301
+
+
+@dataclass(frozen=True, slots=True)
+class AxisHistory:
+    """What the history of an axis says; None where it says nothing yet."""
+
+    baseline: JsonObject | None
+    line: JsonObject | None
+    false_alarms: JsonObject | None
+
+
+class History:
+    """Answers what the sessions of an axis say together."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._said: dict[str, tuple[object, tuple[JsonObject | None, JsonObject]]] = {}
+
+    def of(self, axis_id: str) -> AxisHistory:
+        """Return what is normal for an axis, the line through its trend, and its rate of false alarms."""
+        with self._database.read() as session:
+            row = axes.get_axis(session, axis_id)
+            calibration = calibrations.active_calibration(session, row)
+            if calibration is None or row.active_calibration_id is None:
+                return AxisHistory(None, None, None)
+            sessions = newest_sessions(session.connection(), row.number, row.active_calibration_id, MOST_SESSIONS)
+        state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
+        newest = sessions[-1].started_at if sessions else None
+        key = (row.active_calibration_id, row.epoch, newest, len(sessions), row.detector_design)
+        known = self._said.get(axis_id)
+        if known is None or known[0] != key:
+            if len(self._said) >= _MOST_REMEMBERED:
+                self._said.clear()
+            known = key, _long_run(sessions, calibration, design, state.prior, row.epoch)
+            self._said[axis_id] = known
+        line, false_alarms = known[1]
+        return AxisHistory(baseline_document(state, calibration), line, false_alarms)
+
+
+def _long_run(
+    sessions: list[SessionRecord], calibration: Calibration, design: DetectorDesign, prior: Prior | None, epoch: int
+) -> tuple[JsonObject | None, JsonObject]:
+    line = trend_line([_session(record) for record in sessions], prior)
+    # an alarm that was cleared was false; of one that stands nobody has said so yet
+    healthy = healthy_sessions(
+        ClosedSession(_session(record), record.residual, record.reference, record.alarmed)
+        for record in sessions
+        if not (record.alarmed and record.epoch == epoch)
+    )
+    found = found_rate(healthy, design, np.random.default_rng(_SEED))
+    rate = RateOfFalseAlarms(design.settings.false_alarms_per_year, found, len(healthy), FEWEST_SESSIONS)
+    return None if line is None else line_document(line, calibration), false_alarms_document(rate)
+
+
+def _session(record: SessionRecord) -> Session:
+    return Session(
+        record.started_at,
+        record.last_at,
+        record.n_measurements,
+        record.feature_s2,
+        temperature=record.temperature_c,
+        drag_torque=record.drag_torque_nm,
+    )

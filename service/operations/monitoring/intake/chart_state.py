@@ -1,0 +1,156 @@
+"""The state of the charts of an axis as it is kept between measurements, and how an epoch of it begins.
+
+What is believed of an axis are some two hundred numbers. They are stored as base64 of little-endian doubles: a fleet is
+read with every look at it, and lists of numbers take four times as long to read.
+"""
+
+import base64
+from contextlib import suppress
+from datetime import datetime, timedelta
+
+import numpy as np
+from pydantic import TypeAdapter
+from sqlalchemy.orm import Session
+
+from monitor_core.pipeline import AxisState
+from monitor_core.trend import (
+    ClosedSession,
+    DetectorDesign,
+    DetectorState,
+    Prior,
+    TrendStatus,
+    closed_session,
+    reset,
+    state_at,
+)
+from service.documents.stored import StoredRecord
+from service.json_types import Json, JsonObject
+from service.store.intake import ChartsRecord
+from service.store.tables import AxisRow
+from service.store.trend.sessions import SessionRecord, add_sessions
+
+#: Written where both beliefs are one.
+_AS_LEARNT = "as learnt"
+_BELIEFS = ("learnt", "known")
+_STATE = StoredRecord(
+    "state of the charts",
+    TypeAdapter(AxisState),
+    version=2,  # sessions, and what is learnt of them
+    remedy="restore the backup, or activate another calibration, which begins a new baseline",
+)
+_DESIGN = StoredRecord(
+    "limits of the charts",
+    TypeAdapter(DetectorDesign),
+    version=2,  # a baseline spans some days
+    remedy="restore the backup, or send the configuration of the axis again, which solves new ones",
+)
+
+
+def load_state(document: JsonObject | None) -> AxisState:
+    """Return the stored state, or that of an axis nothing is known about.
+
+    Raises DocumentDamagedError, here and below, if what is stored cannot be read.
+    """
+    return AxisState() if document is None else _STATE.load(_unpacked(document))
+
+
+def dump_state(state: AxisState) -> JsonObject:
+    """Return the state as a JSON document."""
+    document = _STATE.dump(state)
+    detector = document["detector"]
+    if isinstance(detector, dict):
+        if detector["known"] == detector["learnt"]:
+            detector["known"] = _AS_LEARNT
+        for belief in [detector[name] for name in _BELIEFS if isinstance(detector[name], dict)]:
+            belief["numbers"] = base64.b64encode(np.array(belief["numbers"], "<f8").tobytes()).decode()
+    return document
+
+
+def _unpacked(document: JsonObject) -> JsonObject:
+    """Return a state with the numbers of its beliefs as lists; what is no packed state is left to be refused."""
+    detector = document.get("detector") if isinstance(document, dict) else None
+    if not isinstance(detector, dict):
+        return document
+    beliefs = {name: _unpacked_belief(detector.get(name)) for name in _BELIEFS}
+    if beliefs["known"] == _AS_LEARNT:
+        beliefs["known"] = beliefs["learnt"]
+    present = {name: belief for name, belief in beliefs.items() if name in detector}
+    return document | {"detector": detector | present}
+
+
+def _unpacked_belief(belief: Json) -> Json:
+    packed = belief.get("numbers") if isinstance(belief, dict) else None
+    if not isinstance(belief, dict) or not isinstance(packed, str):
+        return belief
+    with suppress(ValueError):
+        return belief | {"numbers": np.frombuffer(base64.b64decode(packed, validate=True), "<f8").tolist()}
+    return belief
+
+
+def load_design(document: JsonObject) -> DetectorDesign:
+    """Return the stored limits of the charts."""
+    return _DESIGN.load(document)
+
+
+def dump_design(design: DetectorDesign) -> JsonObject:
+    """Return the limits of the charts as a JSON document."""
+    return _DESIGN.dump(design)
+
+
+def is_outdated(charts: ChartsRecord) -> bool:
+    """Tell whether state or limits of the charts were written by an older version, and so cannot be gone on with."""
+    return _STATE.is_older(charts.monitor_state) or _DESIGN.is_older(charts.detector_design)
+
+
+def begin_again(session: Session, axis: AxisRow) -> None:
+    """Learn the level of an axis anew, because somebody inspected it and found it in order.
+
+    A person decides that, here and below, never the detector. What was measured until now moves no chart any more.
+    """
+    before = load_state(axis.monitor_state).detector
+    after = reset(before)
+    over = closed_session(before, after)
+    if over is not None and axis.active_calibration_id is not None:
+        add_sessions(session.connection(), [session_record(axis.number, axis.active_calibration_id, axis.epoch, over)])
+    _begin_epoch(axis, after)
+
+
+def begin_anew(axis: AxisRow, prior: Prior | None) -> None:
+    """Begin with nothing learnt but what sisters lend: the charts watch another number now."""
+    _begin_epoch(axis, DetectorState(last_at=axis.last_charted_at, prior=prior))
+
+
+def _begin_epoch(axis: AxisRow, detector: DetectorState) -> None:
+    axis.epoch += 1
+    axis.epoch_after, axis.epoch_from = axis.last_charted_at, None
+    axis.since_checkpoint = 0
+    axis.monitor_state = axis.epoch_state = dump_state(AxisState(detector))
+    axis.state, axis.state_since = str(detector.status), None
+
+
+def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:
+    """Tell how an axis stands now, and since when; silence is ``unknown``."""
+    status, silence = TrendStatus(axis.state), timedelta(hours=silent_after_hours)
+    state = state_at(DetectorState(status=status, last_at=axis.last_charted_at), at, silence)
+    if state is not status and axis.last_charted_at is not None:
+        return str(state), axis.last_charted_at + silence
+    return str(state), axis.state_since if state is not TrendStatus.UNKNOWN else axis.last_charted_at
+
+
+def session_record(axis_number: int, calibration_id: int, epoch: int, over: ClosedSession) -> SessionRecord:
+    """Return a session that is over as it is stored."""
+    session = over.session
+    return SessionRecord(
+        axis_number=axis_number,
+        calibration_id=calibration_id,
+        started_at=session.started_at,
+        epoch=epoch,
+        last_at=session.last_at,
+        n_measurements=session.count,
+        feature_s2=session.value,
+        temperature_c=session.temperature,
+        drag_torque_nm=session.drag_torque,
+        residual=over.residual,
+        reference=over.reference,
+        alarmed=over.alarmed,
+    )

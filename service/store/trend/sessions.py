@@ -1,0 +1,59 @@
+"""Read and write the sessions of an axis: what the line through its trend and its own false-alarm rate rest on."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import Connection, delete, insert, select
+
+from service.store.prepared import PreparedChange
+from service.store.trend.tables import SessionRow
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRecord:
+    """A session that is over."""
+
+    axis_number: int
+    calibration_id: int
+    started_at: datetime
+    epoch: int
+    last_at: datetime
+    n_measurements: int
+    feature_s2: float
+    temperature_c: float | None
+    drag_torque_nm: float | None
+    residual: float | None
+    reference: float | None
+    alarmed: bool
+
+
+_SESSIONS = SessionRow.metadata.tables[SessionRow.__tablename__]
+_COLUMNS = [_SESSIONS.c[name] for name in SessionRecord.__slots__]
+_ADD = PreparedChange(insert(_SESSIONS), list(SessionRecord.__slots__))
+
+
+def add_sessions(connection: Connection, sessions: Iterable[SessionRecord]) -> None:
+    """Store sessions that are over."""
+    for session in sessions:
+        _ADD.run(connection, {name: getattr(session, name) for name in SessionRecord.__slots__})
+
+
+def forget_sessions(
+    connection: Connection, axis_number: int, calibration_id: int, epoch: int, since: datetime | None
+) -> None:
+    """Remove the sessions of an epoch that began at a moment or later, by default all: they are summed up anew."""
+    of_calibration = (_SESSIONS.c.axis_number == axis_number, _SESSIONS.c.calibration_id == calibration_id)
+    removed = delete(_SESSIONS).where(*of_calibration, _SESSIONS.c.epoch == epoch)
+    connection.execute(removed if since is None else removed.where(_SESSIONS.c.started_at >= since))
+
+
+def newest_sessions(connection: Connection, axis_number: int, calibration_id: int, most: int) -> list[SessionRecord]:
+    """Return the newest sessions under a calibration, in time order."""
+    query = (
+        select(*_COLUMNS)
+        .where(_SESSIONS.c.axis_number == axis_number, _SESSIONS.c.calibration_id == calibration_id)
+        .order_by(_SESSIONS.c.started_at.desc())
+        .limit(most)
+    )
+    return [SessionRecord(*row) for row in connection.execute(query)][::-1]
