@@ -34,7 +34,7 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
     assert re.search(r"baseline of 2\d sessions", page)
     assert "False alarms: stated 1 a year; the history of this axis says nothing yet: 70 sessions are needed" in page
     assert "The baseline has not seen other seasons than those" in page
-    assert re.search(r"Trend over \d+ sessions, .* N a year \(95 % confidence interval", page, re.DOTALL)
+    assert re.search(r"the trend over \d+ sessions, .* N a year \(95 % confidence interval", page, re.DOTALL)
     assert "N below the baseline" in page
     assert f"None in force: number {fitted['id']} is stored. Activate it with" in stored
     assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
