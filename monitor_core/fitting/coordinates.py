@@ -147,6 +147,11 @@ class FreeParameters:
         return (lower, upper) if lower <= stated <= upper else (stated / 10.0, stated * 10.0)
 
 
+def is_spring(name: str) -> bool:
+    """Tell a spring, or a mass, from what damps, by its name in files."""
+    return "damping" not in name and name != "loss_factor"
+
+
 def free_joints(
     family: str, parameters: Mapping[str, float], uncertain: Mapping[str, float] | None = None
 ) -> FreeParameters:

@@ -21,9 +21,11 @@ from monitor_core.uncertainty import Estimate, Interval
 class IdentifiedJoint:
     """One joint."""
 
-    estimate: Estimate  # SI
+    estimate: Estimate  # SI; its uncertainty infinite where the model misses the data
     unit: str
-    interval: Interval  # 95 % coverage, SI
+    interval: (
+        Interval | None
+    )  # 95 % coverage, SI; none where the model misses the data: it would not hold what is missed
     from_profile: bool  # whether the interval is that of the profile of χ² and not linear in the logarithm
     verdict: Verdict
     at_limit: bool
@@ -115,6 +117,7 @@ def joints_of_fit(found: JointFit) -> Mapping[str, IdentifiedJoint]:
     return {
         judged.name: _joint(
             judged,
+            found.lack_of_fit,
             relied_on and judged.verdict is not Verdict.NOT_DETERMINED and judged.name not in inseparable,
         )
         for judged in found.judged.coordinates
@@ -140,7 +143,8 @@ def what_is_not_identifiable(found: JointFit) -> tuple[str, ...]:
         )
     if found.lack_of_fit:
         sentences.append(
-            "the model misses the data by more than their uncertainties; no interval holds what it leaves out"
+            "the model misses the data by more than their uncertainties; no interval would hold what it leaves out, so "
+            "that none is stated, and no calibration is predicted"
         )
     if judged.better_exists:
         sentences.append("a better fit exists than the search found: search again with another seed")
@@ -148,9 +152,11 @@ def what_is_not_identifiable(found: JointFit) -> tuple[str, ...]:
 
 
 def known_sums(found: JointFit) -> tuple[KnownSum, ...]:
-    """Return the sums of stiffnesses, or of dampings, that are known better than their parts."""
+    """Return the sums of stiffnesses, or of dampings, that are known better than their parts; none to a lack of fit."""
     fit = found.fit
-    sums = []
+    sums: list[KnownSum] = []
+    if found.lack_of_fit:
+        return ()
     for pair in found.judged.pairs:
         if pair.correlation > 0.0 or _UNITS[pair.first] != _UNITS[pair.second]:
             continue
@@ -202,12 +208,14 @@ def further_positions(case: Case, found: JointFit, screw_length: float) -> tuple
     )
 
 
-def _joint(judged: CoordinateJudgement, identifiable: bool) -> IdentifiedJoint:
-    value, interval = 10.0**judged.value, judged.interval
+def _joint(judged: CoordinateJudgement, lack_of_fit: bool, identifiable: bool) -> IdentifiedJoint:
+    value, ends = 10.0**judged.value, judged.interval
+    uncertainty = math.inf if lack_of_fit else value * math.log(10.0) * judged.standard_uncertainty
+    interval = Interval(_power(ends.lower), _power(ends.upper), ends.kind, ends.level)
     return IdentifiedJoint(
-        estimate=Estimate(value, value * math.log(10.0) * judged.standard_uncertainty),
+        estimate=Estimate(value, uncertainty),
         unit=_UNITS[judged.name],
-        interval=Interval(_power(interval.lower), _power(interval.upper), interval.kind, interval.level),
+        interval=None if lack_of_fit else interval,
         from_profile=judged.profile is not None,
         verdict=judged.verdict,
         at_limit=judged.at_bound,

@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.accelerometer import PlacedAccelerometer, place_accelerometer
+from monitor_core.fitting.coordinates import is_spring
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.solver.global_search import MapFunction
@@ -31,9 +32,9 @@ from monitor_core.identification.question import (
     RECEPTANCE,
     IdentifyOptions,
     Observations,
+    Question,
     at_one_preload,
     by_kind,
-    is_spring,
     question_of,
 )
 from monitor_core.identification.sensitivity import Detectability, modes_to_monitor
@@ -65,11 +66,12 @@ def identify(
     limits do not rise.
     """
     options = options or IdentifyOptions()
-    require_identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds
+    question = _identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds
     placed = _placed(axis, observations, options, map_function)
-    observations = placed.observations or observations
+    if placed.observations:
+        observations = placed.observations
+        question = question_of(axis, observations, options)
     _require_poles_of_the_nut(axis, observations, options)
-    question = question_of(axis, observations, options)
     found = fit_joints(
         question.case,
         question.bounds,
@@ -100,13 +102,17 @@ def require_identifiable(
     axis: AxisDescription, observations: Observations, options: IdentifyOptions | None = None
 ) -> None:
     """Refuse at once what :func:`identify` would refuse before it searches; raises as it does."""
-    options = options or IdentifyOptions()
+    _identifiable(axis, observations, options or IdentifyOptions())
+
+
+def _identifiable(axis: AxisDescription, observations: Observations, options: IdentifyOptions) -> Question:
     question = question_of(axis, observations, options)
     case, bounds = question.case, question.bounds
     require_positions(case, options.hold_out)
     problem = case.problem([position for position in positions_of(case) if position not in options.hold_out])
     # the model as stated: what it cannot answer, it cannot answer anywhere
     problem.residuals(np.clip(case.drive.start, bounds.lower, bounds.upper))
+    return question
 
 
 def _placed(
@@ -172,7 +178,7 @@ def _measured_range(observations: Observations) -> tuple[float, float]:
 
 
 def _calibration(options: IdentifyOptions, case: Case, found: JointFit) -> Calibration | None:
-    if options.prediction is None:
+    if options.prediction is None or found.lack_of_fit:  # its covariance would not hold what the model leaves out
         return None
     measured = positions_of(case)
     span = measured[0], measured[-1]

@@ -5,21 +5,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
-from monitor_core.fitting.coordinates import FreeParameters, free_joints
+from monitor_core.fitting.coordinates import FreeParameters, free_joints, is_spring
 from monitor_core.fitting.description import AxisDescription, at_preload_of_nut
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.problem import Bounds
 from monitor_core.fitting.residuals.lines import ResponseProblem
 from monitor_core.fitting.residuals.natural_frequencies import NaturalFrequencyProblem
 from monitor_core.fitting.residuals.peaks import Weighting
-from monitor_core.identification.cases import Case, ResponseCase, frequency_case, peak_case
+from monitor_core.identification.cases import (
+    Case,
+    ResponseCase,
+    assigned_frequencies,
+    assigned_peaks,
+    frequency_case,
+    nearer,
+    peak_case,
+)
 from monitor_core.identification.predicted_calibration import PredictionRequest
 from monitor_core.models.parameters import name_in_file
 from monitor_core.models.published.receptance import JOINT_NAMES
 
 Observations = Sequence[ModalObservation] | Sequence[FrequencyResponseObservation]
 
-#: Limits of a free joint of the receptance family without any stated: so many times less and more than the model says.
+#: Limits of a free joint of the receptance family without any stated: so many times less and more than the model says,
+#: or than a table leads to that numbers its modes.
 STIFFNESS_FACTOR, DAMPING_FACTOR = 30.0, 100.0
 #: Tian's model knows joints best: modes by their shapes, heights of peaks.
 RECEPTANCE = "receptance"
@@ -64,13 +73,23 @@ def question_of(axis: AxisDescription, observations: Observations, options: Iden
             "Eq. (26) compares peaks with a model of the receptance family; got "
             + ("whole responses" if responses else f"a {axis.family} model")
         )
-    drive, unseen = _seen(_freed(axis, peaks), peaks, responses)
-    bounds = drive.bounds({**_default_limits(drive), **_known_limits(options, drive.free)})
+    drive = _freed(axis, peaks)
+    near = _near(drive, peaks)
+    drive, unseen = _seen(drive, near, peaks, responses)
+    near = replace(near, free=drive.free)
+    bounds = drive.bounds({**_default_limits(drive, near), **_known_limits(options, drive.free)})
     if responses:
         return Question(ResponseCase(drive, responses, drive.priors), bounds, stated, unseen)
     if axis.family == RECEPTANCE:
-        return Question(peak_case(drive, peaks, weighting=options.weighting), bounds, stated, unseen)
-    return Question(frequency_case(drive, peaks), bounds, stated, unseen)
+        return Question(peak_case(drive, peaks, near=near, weighting=options.weighting), bounds, stated, unseen)
+    return Question(frequency_case(drive, peaks, near), bounds, stated, unseen)
+
+
+def _near(drive: FreeParameters, peaks: tuple[ModalObservation, ...]) -> FreeParameters:
+    """Return the drive as stated, or nearer to a table that numbers its modes; nothing is known of its joints there."""
+    assign = assigned_peaks if drive.family == RECEPTANCE else assigned_frequencies
+    parameters = nearer(drive, peaks, lambda near: assign(near, peaks)) if peaks else drive.parameters
+    return FreeParameters(drive.family, parameters, drive.free)
 
 
 def _freed(axis: AxisDescription, peaks: Sequence[ModalObservation]) -> FreeParameters:
@@ -98,6 +117,7 @@ def _freed_receptance(axis: AxisDescription) -> FreeParameters:
 
 def _seen(
     drive: FreeParameters,
+    near: FreeParameters,
     peaks: tuple[ModalObservation, ...],
     responses: tuple[FrequencyResponseObservation, ...],
 ) -> tuple[FreeParameters, tuple[str, ...]]:
@@ -107,7 +127,7 @@ def _seen(
     elif drive.family == RECEPTANCE:
         return drive, ()
     else:
-        jacobian = NaturalFrequencyProblem(drive, frequency_case(drive, peaks).peaks).jacobian(drive.start)
+        jacobian = NaturalFrequencyProblem(near, assigned_frequencies(near, peaks)).jacobian(near.start)
     unseen = drive.unseen(jacobian)
     if not unseen or len(unseen) == len(drive.free):
         return drive, ()
@@ -116,14 +136,15 @@ def _seen(
     return replace(drive, free=free, uncertain=uncertain), unseen
 
 
-def _default_limits(drive: FreeParameters) -> dict[str, tuple[float, float]]:
-    """Return limits around what a receptance model states; other families have those of the vocabulary."""
+def _default_limits(drive: FreeParameters, near: FreeParameters) -> dict[str, tuple[float, float]]:
+    """Return limits around what a receptance model states, and what is near; other families have the vocabulary's."""
     if drive.family != RECEPTANCE:
         return {}
     limits = {}
     for name in drive.free:
-        value, factor = drive.parameters[name], STIFFNESS_FACTOR if "stiffness" in name else DAMPING_FACTOR
-        limits[name] = (value / factor, value * factor)
+        ends = drive.parameters[name], near.parameters[name]
+        factor = STIFFNESS_FACTOR if "stiffness" in name else DAMPING_FACTOR
+        limits[name] = (min(ends) / factor, max(ends) * factor)
     return limits
 
 
@@ -161,8 +182,3 @@ def by_kind(
 def _states_its_uncertainties(peak: ModalObservation) -> bool:
     amplitude_counts = peak.amplitude is not None and peak.amplitude_uncertainty is None
     return peak.frequency_uncertainty is not None and not amplitude_counts
-
-
-def is_spring(name: str) -> bool:
-    """Tell a spring, or a mass, from what damps, by its name in files."""
-    return "damping" not in name and name != "loss_factor"

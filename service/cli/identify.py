@@ -198,8 +198,9 @@ def _print(data: Path, found: IdentifiedJoints) -> None:
 
 
 def _joint_row(name: str, joint: IdentifiedJoint) -> tuple[str, ...]:
-    low, high = joint.interval.lower, joint.interval.upper
-    return (name, f"{joint.estimate.value:.4g} {joint.unit}", f"{low:.4g} … {high:.4g}", str(joint.verdict))
+    ends = joint.interval
+    between = "none: lack of fit" if ends is None else f"{ends.lower:.4g} … {ends.upper:.4g}"
+    return (name, f"{joint.estimate.value:.4g} {joint.unit}", between, str(joint.verdict))
 
 
 def _listed(names: list[str]) -> str:

@@ -41,11 +41,12 @@ def identification_document(found: IdentifiedJoints) -> JsonObject:
 
 
 def _parameter(joint: IdentifiedJoint) -> JsonObject:
+    interval = joint.interval
     return {
         "value": joint.estimate.value,
         "standard_uncertainty": joint.estimate.standard_uncertainty,
         "unit": joint.unit,
-        "interval_95": [joint.interval.lower, joint.interval.upper],
+        "interval_95": None if interval is None else [interval.lower, interval.upper],
         "interval_kind": "profile of χ²" if joint.from_profile else "linear in the logarithm",
         "verdict": str(joint.verdict),
         "at_limit": joint.at_limit,

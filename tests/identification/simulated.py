@@ -1,5 +1,7 @@
 """Noisy receptances of a known axis from finite elements, which share nothing with the model that is fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from monitor_core.fitting.observations import FrequencyResponseObservation
@@ -34,6 +36,20 @@ def noisy(
             )
         )
     return tuple(observations)
+
+
+def factored(
+    observations: tuple[FrequencyResponseObservation, ...],
+    rng: np.random.Generator,
+    gain: float = 0.02,
+    phase: float = np.radians(1.2),
+) -> tuple[FrequencyResponseObservation, ...]:
+    """Give each response a gain and a phase of its own, of these standard deviations [-], [rad]."""
+    factors = [(1.0 + gain * rng.standard_normal()) * np.exp(1j * phase * rng.standard_normal()) for _ in observations]
+    return tuple(
+        replace(each, response=factor * each.response, standard_deviation=abs(factor) * each.standard_deviation)
+        for each, factor in zip(observations, factors, strict=True)
+    )
 
 
 def picked_peak(observation: FrequencyResponseObservation, near: float) -> tuple[float, float]:

@@ -259,10 +259,17 @@ def test_responses_give_the_axis_back(preload: Any, responses: Path) -> None:
 @pytest.mark.slow
 def test_a_table_of_wrong_mass_is_called_a_lack_of_fit(preload: Any, responses: Path, tmp_path: Path) -> None:
     heavy = model_file(tmp_path, "heavy.toml", "nut_stiffness_n_per_m", table_mass_kg=1.05 * 272)
-    words = ("identify", responses, "--model", heavy, "--hold-out-mm", 1000, "--json")
-    objective = preload(*words).json()["objective"]
+    words = ("identify", responses, "--model", heavy, "--hold-out-mm", 1000)
+    document = preload(*words, "--json").json()
+    objective = document["objective"]
     assert objective["lack_of_fit"]
     assert objective["residual_standard_deviation"] > 1.2
+    # 5 % of mass moves the nut by many times what the scatter of the residuals says: an interval of that would lie
+    (nut,) = document["parameters"].values()
+    assert (nut["interval_95"], nut["standard_uncertainty"], document["sums"]) == (None, None, [])
+    assert nut["verdict"] != "determined"
+    assert any("so that none is stated, and no calibration is predicted" in sentence for sentence in _said(document))
+    assert "none: lack of fit" in preload(*words).out
 
 
 @pytest.mark.slow

@@ -37,6 +37,7 @@ from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.problem import central_differences
 from monitor_core.fitting.residuals.model_form import FormSpectrum
 from monitor_core.fitting.residuals.resolution import spread_under_random_excitation
+from monitor_core.fitting.residuals.response_factors import EXACT, FactorTolerance, best_factor, without_factor
 from monitor_core.models.extended import ResponseCase
 from monitor_core.models.protocol import DriveConditions, HasJointGradient, MotorEnd, PreparedResponse, motor_end_of
 from monitor_core.response import LineSpread
@@ -137,12 +138,14 @@ class ResidualForm(StrEnum):
 class ResponseProblem:
     """Weighted residuals of all lines of all responses; made by :func:`response_problem`.
 
-    ``dataclasses.replace(problem, form=...)`` is the same problem with the other residuals.
+    ``dataclasses.replace(problem, form=...)`` is the same problem with the other residuals. The factor of each response
+    is taken out of them as far as it is not known.
     """
 
     drive: FreeParameters
     observations: tuple[FrequencyResponseObservation, ...]
     form: ResidualForm = ResidualForm.COMPLEX
+    factors: FactorTolerance = EXACT
     _weights: FloatArray = field(init=False)  # of the residuals of the form, shape (n_lines,)
     _prepared: tuple[PreparedResponse, ...] = field(init=False)  # where the model answers for its joints alone
 
@@ -179,24 +182,53 @@ class ResponseProblem:
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         """Return real, then imaginary parts of all lines, shape (2 n_lines,) [-]."""
         calculated = self._lines(coordinates)
-        tested = np.concatenate([observation.response for observation in self.observations])
-        error = calculated - tested if self.form is ResidualForm.COMPLEX else np.log(calculated / tested)
-        return _real_and_imaginary(error * self._weights)
+        error = self._errors(calculated)
+        parts = zip(self._split(error), self._split(self._along(calculated)), strict=True)
+        return _real_and_imaginary(np.concatenate([without_factor(*each, self.factors) for each in parts]))
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals, shape (2 n_lines, n_parameters).
 
-        In closed form where the model has one, else by differences of four points.
+        In closed form where the model has one, else by differences of four points. Of factors that are not known they
+        are those with each factor where it is best: with the residuals they give the slope of χ² exactly, and their
+        squares the information on the coordinates with the factors left open.
         """
         slopes = self._closed_slopes(coordinates)
         if slopes is None:  # differences of H, not of its phase, which may jump by 2π
             slopes = central_differences(self._lines, coordinates, _STEP)
+        calculated = self._lines(coordinates)
         if self.form is ResidualForm.LOGARITHMIC:
-            slopes = slopes / self._lines(coordinates)
-        return _real_and_imaginary(slopes * self._weights).T
+            slopes = slopes / calculated
+        parts = zip(
+            self._split(slopes * self._weights),
+            self._split(self._errors(calculated)),
+            self._split(self._along(calculated)),
+            strict=True,
+        )
+        return _real_and_imaginary(np.concatenate([self._without_factor(*each) for each in parts], axis=-1)).T
 
     def _lines(self, coordinates: FloatArray) -> ComplexArray:
         return np.concatenate(self.predict(coordinates))
+
+    def _errors(self, calculated: ComplexArray) -> ComplexArray:
+        """Return calculated less measured lines over their deviations, shape (n_lines,)."""
+        tested = np.concatenate([observation.response for observation in self.observations])
+        error = calculated - tested if self.form is ResidualForm.COMPLEX else np.log(calculated / tested)
+        return np.asarray(error * self._weights)
+
+    def _along(self, calculated: ComplexArray) -> ComplexArray:
+        """Return how the errors move with the factor of their response, shape (n_lines,)."""
+        return self._weights * (calculated if self.form is ResidualForm.COMPLEX else np.ones_like(calculated))
+
+    def _without_factor(self, slopes: ComplexArray, errors: ComplexArray, along: ComplexArray) -> ComplexArray:
+        """Return the slopes of one response with its factor left open, shape (n_parameters, n_lines)."""
+        factor = best_factor(errors, along, self.factors) if self.form is ResidualForm.COMPLEX else 1.0
+        return without_factor(factor * slopes, along, self.factors)
+
+    def _split(self, lines: ComplexArray) -> list[ComplexArray]:
+        """Return the lines of each response, of an array of shape (..., n_lines)."""
+        ends = np.cumsum([observation.frequency.size for observation in self.observations])[:-1]
+        return np.split(lines, ends, axis=-1)
 
     def _closed_slopes(self, coordinates: FloatArray) -> ComplexArray | None:
         """Return d H/d coordinate of all lines, shape (n_parameters, n_lines); None where a line has no closed form."""
@@ -217,9 +249,12 @@ def response_problem(
     observations: Sequence[FrequencyResponseObservation],
     *,
     form: ResidualForm = ResidualForm.COMPLEX,
+    factors: FactorTolerance = EXACT,
     minimum_positions: int = 1,
 ) -> ResponseProblem:
     """Make the problem of finding the free parameters from frequency responses at so many positions or more.
+
+    Their ``factors`` count as exact unless it is said how well they are known.
 
     Priors are not in it: :func:`monitor_core.fitting.free_parameter.with_priors` adds ``drive.priors``.
 
@@ -234,7 +269,7 @@ def response_problem(
         )
     n_lines = sum(observation.frequency.size for observation in observations)
     drive.require_enough(2 * n_lines, "real and imaginary parts of lines")
-    problem = ResponseProblem(drive, tuple(observations), form)
+    problem = ResponseProblem(drive, tuple(observations), form, factors)
     drive.require_seen(problem.jacobian(drive.start))
     return problem
 

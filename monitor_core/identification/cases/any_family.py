@@ -17,6 +17,7 @@ from monitor_core.fitting.residuals.natural_frequencies import (
     assign_by_frequency,
     natural_frequency_problem,
 )
+from monitor_core.fitting.residuals.response_factors import KNOWN_TO_5_PERCENT, FactorTolerance
 from monitor_core.identification.cases.case import POSITIONS_OF_PEAKS, PlannedMeasurements, PredictionError
 from monitor_core.models.protocol import DriveConditions
 
@@ -84,22 +85,30 @@ class FrequencyCase:
         return tuple(peak for peak in self.peaks if peak.observation.conditions.position in positions)
 
 
-def frequency_case(drive: FreeParameters, observations: Sequence[ModalObservation]) -> FrequencyCase:
+def frequency_case(
+    drive: FreeParameters, observations: Sequence[ModalObservation], near: FreeParameters | None = None
+) -> FrequencyCase:
     """Give measured natural frequencies the modes of the model that they are next to; amplitudes play no part.
 
-    Raises NotIdentifiableError if a frequency is next to no mode, or two under one condition to the same.
+    The model is the drive as stated, or the one that is ``near``. Raises NotIdentifiableError if a frequency is next to
+    no mode, or two under one condition to the same.
     """
-    peaks = assign_by_frequency(drive.model(drive.start), observations, largest_shift=LARGEST_SHIFT)
-    return FrequencyCase(drive, peaks, drive.priors)
+    return FrequencyCase(drive, assigned_frequencies(near or drive, observations), drive.priors)
+
+
+def assigned_frequencies(drive: FreeParameters, observations: Sequence[ModalObservation]) -> tuple[AssignedPeak, ...]:
+    """Return natural frequencies with the modes of a drive as stated; raises as :func:`frequency_case`."""
+    return assign_by_frequency(drive.model(drive.start), observations, largest_shift=LARGEST_SHIFT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseCase:
-    """Whole frequency responses with the noise of their lines."""
+    """Whole frequency responses with the noise of their lines, each known up to a factor."""
 
     drive: FreeParameters
     observations: tuple[FrequencyResponseObservation, ...]
     priors: FloatArray | None = None  # of the coordinates, shape (2, n_parameters)
+    factors: FactorTolerance = KNOWN_TO_5_PERCENT
 
     @property
     def conditions(self) -> tuple[DriveConditions, ...]:
@@ -139,11 +148,14 @@ class ResponseCase:
             there = replace(first, conditions=where, spread=None)
             (response,) = ResponseProblem(self.drive, (there,)).predict(coordinates)
             expected = replace(there, response=response, standard_deviation=noise * np.abs(response))
-            planned.append((where, ResponseProblem(self.drive, (expected,)).jacobian(coordinates)))
+            planned.append(
+                (where, ResponseProblem(self.drive, (expected,), factors=self.factors).jacobian(coordinates))
+            )
         return tuple(planned)
 
     def _problem(self, positions: Collection[float], form: ResidualForm) -> Problem:
-        return with_priors(response_problem(self.drive, self._at(positions), form=form), self.priors)
+        problem = response_problem(self.drive, self._at(positions), form=form, factors=self.factors)
+        return with_priors(problem, self.priors)
 
     def _at(self, positions: Collection[float]) -> tuple[FrequencyResponseObservation, ...]:
         return tuple(lines for lines in self.observations if lines.conditions.position in positions)

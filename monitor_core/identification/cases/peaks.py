@@ -123,19 +123,25 @@ def peak_case(
     drive: FreeParameters,
     observations: Sequence[ModalObservation],
     *,
+    near: FreeParameters | None = None,
     bands: Mapping[int, Band] | None = None,
     weighting: Weighting = Weighting.UNCERTAINTY,
 ) -> PeakCase:
-    """Give measured peaks their modes, by where a receptance model as stated has them.
+    """Give measured peaks their modes, by where a receptance model has them: as stated, or the one that is ``near``.
 
     ``bands`` are where the peak of each mode is looked for; by default around the measured ones, between the other
     modes. Raises NotIdentifiableError if a peak belongs to no mode, or two at one position to the same;
     OutsideValidityError if modes change places along the screw, so that no band holds one of them alone.
     """
-    assignment = assign_modes(receptance_axis(drive), observations)
+    assignment = assign_modes(receptance_axis(near or drive), observations)
     if bands is None:
-        bands = _bands_between_modes(drive, assignment.peaks)
+        bands = _bands_between_modes(near or drive, assignment.peaks)
     return PeakCase(drive, assignment, bands, weighting, drive.priors)
+
+
+def assigned_peaks(drive: FreeParameters, observations: Sequence[ModalObservation]) -> tuple[AssignedPeak, ...]:
+    """Return measured peaks with the modes of a receptance drive as stated; raises as :func:`peak_case`."""
+    return assign_modes(receptance_axis(drive), observations).peaks
 
 
 def planned_peaks(
