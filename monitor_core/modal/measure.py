@@ -1,5 +1,6 @@
 """Measure one mode: average the windows of one position, fit the peak, apply the gates (ISO 13374: DM into SD)."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -11,6 +12,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.modal.averaging import average_and_fit
 from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
+from monitor_core.modal.refine import ModeFit
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -42,6 +44,8 @@ class ModalMeasurement:
     excitation_source: ExcitationSource
     excitation_level: float  # rms per root hertz around the mode [N·m/√Hz] or [N/√Hz]
     taper: Taper  # of the frequency response and coherence
+    noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
+    leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
     friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
 
 
@@ -58,8 +62,8 @@ def measure_mode(
 
     Average (H1), take the candidate peak that carries most of the response among those whose coherence is above the
     warning level, or else above the least level; fit it by maximum likelihood; drop windows that do not belong, and
-    say so; gate on mean coherence over the half-power band, phase of the residue, uncertainty of the frequency, and
-    ambiguity.
+    say so; gate on mean coherence over the half-power band, the number of averages that it asks for, phase of the
+    residue, uncertainty of the frequency, and ambiguity.
 
     The windows are gated ones of one measurement, of one rate, one length and one excitation; band and lines are in
     hertz, the lines those of the frequency response that is returned, where more is wanted of it than the band of the
@@ -78,7 +82,7 @@ def measure_mode(
         return answer
     fit, mode = answer.fit, answer.fit.modes[0]
     coherence = mode_coherence(answer.frf, mode)
-    if (refusal := judge_fit(fit, coherence, band=band, gate=gate, phase=phase)) is not None:
+    if (refusal := judge_fit(fit, coherence, answer.frf.n_averages, band=band, gate=gate, phase=phase)) is not None:
         return refusal
     used = [window for window, keep in zip(windows, answer.kept, strict=True) if keep]
     conditions, mixed = _mean_conditions(used)
@@ -98,6 +102,8 @@ def measure_mode(
         excitation_source=windows[0].excitation_source,
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         taper=answer.taper,
+        noise_level=_noise_level(fit, spectra),
+        leaves_response=fit.leaves_response,
     )
 
 
@@ -106,7 +112,7 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
     if len(windows) < gate.minimum_averages:
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
-            f"at least {gate.minimum_averages} windows are needed; got {len(windows)}",
+            f"at least {gate.minimum_averages} windows are needed, for one is never judged; got {len(windows)}",
         )
     rates = sorted({window.sample_rate for window in windows})
     if len(rates) > 1:
@@ -152,6 +158,12 @@ def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
     lines = spectra.within(mode.frequency.value - half_width, mode.frequency.value + half_width).excitation
     density = 2.0 * np.mean(np.abs(lines) ** 2, dtype=np.float64) / (spectra.n_samples * spectra.sample_rate)
     return float(np.sqrt(density))
+
+
+def _noise_level(fit: ModeFit, spectra: BandSpectra) -> float:
+    """Return the root of the one-sided spectral density of what no torque explains, mean over the band of the fit."""
+    left = fit.solution.projection.residual / fit.weight
+    return float(np.sqrt(2.0 * np.mean(np.abs(left) ** 2) / (spectra.n_samples * spectra.sample_rate)))
 
 
 def _warnings(coherence: float, gate: ModeGate, phase: PhaseReference | None) -> tuple[str, ...]:

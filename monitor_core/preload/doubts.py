@@ -24,6 +24,7 @@ class DoubtReason(StrEnum):
     MASS_OR_MOUNTING_CHANGED = "mass-or-mounting-changed"
     FRICTION_CHANGED = "friction-changed"
     EXCITATION_CHANGED = "excitation-changed"
+    NOISE_CHANGED = "noise-changed"
     SECOND_MODE = "second-mode"
     PLACES_DISAGREE = "places-disagree"
 
@@ -89,6 +90,15 @@ TOLERANCES = {
         DoubtReason.FRICTION_CHANGED,
         RejectionReason.OUTSIDE_CALIBRATION,
         "lubrication or guides are not as calibrated; what that does to the frequency is corrected in part only",
+    ),
+    WitnessName.NOISE_LEVEL: Tolerance(
+        0.05,
+        3.3,
+        0.6,
+        math.inf,
+        DoubtReason.NOISE_CHANGED,
+        RejectionReason.LOW_COHERENCE,
+        "what no torque explains around the mode comes from friction in the guides, a shaking floor, or a channel",
     ),
 }
 
