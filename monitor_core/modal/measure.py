@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.modal.averaging import average_and_fit
+from monitor_core.modal.averaging import AveragedFit, average_and_fit
+from monitor_core.modal.excitation_noise import excitation_noise, shift_by_noise
 from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
 from monitor_core.modal.refine import ModeFit
@@ -63,7 +64,8 @@ def measure_mode(
     Average (H1), take the candidate peak that carries most of the response among those whose coherence is above the
     warning level, or else above the least level; fit it by maximum likelihood; drop windows that do not belong, and
     say so; gate on mean coherence over the half-power band, the number of averages that it asks for, phase of the
-    residue, uncertainty of the frequency, and ambiguity.
+    residue, uncertainty of the frequency, and ambiguity. What noise on the excitation did to the frequency is taken off
+    (:mod:`monitor_core.modal.excitation_noise`).
 
     The windows are gated ones of one measurement, of one rate, one length and one excitation; band and lines are in
     hertz, the lines those of the frequency response that is returned, where more is wanted of it than the band of the
@@ -80,7 +82,8 @@ def measure_mode(
     answer = average_and_fit(spectra, band, gate, lines=lines, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
-    fit, mode = answer.fit, answer.fit.modes[0]
+    fit, moved = _without_excitation_noise(answer, spectra, windows)
+    mode = fit.modes[0]
     coherence = mode_coherence(answer.frf, mode)
     if (refusal := judge_fit(fit, coherence, answer.frf.n_averages, band=band, gate=gate, phase=phase)) is not None:
         return refusal
@@ -92,7 +95,7 @@ def measure_mode(
         n_averages=answer.frf.n_averages,
         n_modes=len(fit.modes),
         tones=fit.tones,
-        warnings=(*answer.warnings, *_warnings(coherence, gate, phase), *mixed),
+        warnings=(*answer.warnings, *moved, *_warnings(coherence, gate, phase), *mixed),
         refused_windows=answer.refused,
         frequency_response=_within(answer.frf, lines),
         conditions=conditions,
@@ -158,6 +161,27 @@ def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
     lines = spectra.within(mode.frequency.value - half_width, mode.frequency.value + half_width).excitation
     density = 2.0 * np.mean(np.abs(lines) ** 2, dtype=np.float64) / (spectra.n_samples * spectra.sample_rate)
     return float(np.sqrt(density))
+
+
+def _without_excitation_noise(
+    answer: AveragedFit, spectra: BandSpectra, windows: Sequence[Window]
+) -> tuple[ModeFit, tuple[str, ...]]:
+    """Take off what noise on the excitation did to the first mode, with half of it as uncertainty, and say so."""
+    fit, mode = answer.fit, answer.fit.modes[0]
+    frequency = mode.frequency
+    noise = excitation_noise(np.array([w.excitation for w, keep in zip(windows, answer.kept, strict=True) if keep]))
+    lines = spectra.of_windows(answer.kept).within(*fit.band)
+    shift = shift_by_noise(lines, frequency.value, noise, answer.taper)
+    if shift == 0.0:
+        return fit, ()
+    uncertainty = math.hypot(frequency.standard_uncertainty, 0.5 * shift)
+    without = replace(frequency, value=frequency.value + shift, standard_uncertainty=uncertainty)
+    unit = "N" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "N·m"
+    said = (
+        f"noise of {math.sqrt(noise / spectra.n_samples):.2g} {unit} rms on the excitation moves the frequency by "
+        f"{-shift:+.2g} Hz: taken off, and half of it joins the uncertainty"
+    )
+    return replace(fit, modes=(replace(mode, frequency=without), *fit.modes[1:])), (said,)
 
 
 def _noise_level(fit: ModeFit, spectra: BandSpectra) -> float:

@@ -16,7 +16,7 @@ from monitor_core.preload.budget import (
     uncertainty_budget,
 )
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
-from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of
+from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of, preload_risen
 from monitor_core.preload.feature import position_part, preload_from_feature
 from monitor_core.preload.influence import TEMPERATURE_RESOLUTION, to_reference
 from monitor_core.preload.witnesses import Deviation, WitnessName, WitnessValues
@@ -133,16 +133,17 @@ def estimate_preload(
     )
     systematic = float(budget.gradient @ calibration.parameters.covariance @ budget.gradient)
     preload = preload_from_feature(feature, calibration.coefficients)
+    stated_feature = Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom)
     return PreloadEstimate(
         preload=preload,
         interval=_fieller_interval(feature, calibration, budget),
-        feature=Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom),
+        feature=stated_feature,
         feature_own_uncertainty=math.sqrt(budget.frequency),
         feature_systematic_uncertainty=math.sqrt(systematic),
         shares=budget.shares,
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
-        doubts=doubts_of(deviations),
+        doubts=(*doubts_of(deviations), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
     )
 
@@ -190,6 +191,15 @@ def without_friction_excess(
         if abs(at - before) < _FRICTION_SETTLED * feature:
             break
     return WithoutFriction(at, excess, torque - excess, 1.0 / max(1.0 - k_f.value * slope / k3, 0.2))
+
+
+def _risen(feature: Estimate, conditions: Conditions, calibration: Calibration) -> tuple[Doubt, ...]:
+    """Return the doubt about a preload above all calibrated ones, unless somebody says to have set it."""
+    k3 = calibration.coefficients.k3
+    theta = Estimate(feature.value / k3, feature.standard_uncertainty / k3)
+    highest = float(np.cbrt(1.0 / calibration.preload.upper))
+    doubt = None if conditions.preload is not None else preload_risen(theta, highest)
+    return () if doubt is None else (doubt,)
 
 
 def _friction_excess(corrected: WithoutFriction, noise: Deviation | None) -> FrictionExcess:

@@ -31,6 +31,9 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
     assert "not told apart" not in page
     assert "baseline of 20 measurements" in page
     assert "N below the baseline" in page
+    assert "What the last interval is made of" in page
+    assert "95 % coverage interval of" in page
+    assert "what another day changes" in page
     assert f"None in force: number {fitted['id']} is stored. Activate it with" in stored
     assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
     for text in (page, fleet):
