@@ -9,6 +9,8 @@ white, the response without it is
 (J. S. Bendat, A. G. Piersol, Random Data, 4th ed., Wiley, 2010, section 9.1.4: noise on the input that is known).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import special
 
@@ -34,8 +36,8 @@ def excitation_noise(excitation: SampleArray) -> float:
     """Return the power per un-windowed line of the white noise on an excitation, |X|² of a window.
 
     The excitation has the shape (n_windows, n_samples) [N·m or N]. The quietest twentieth of its stretches of 32
-    samples are taken to be at rest; the quantile is that of the variance of so many samples, of third differences, which are
-    half as independent.
+    samples are taken to be at rest; the quantile is that of the variance of so many samples, of third differences,
+    which are half as independent.
     """
     n_samples = excitation.shape[1]
     rough = np.diff(excitation.astype(np.float64), _ORDER, axis=1)
@@ -48,23 +50,32 @@ def excitation_noise(excitation: SampleArray) -> float:
     return float(at_rest * n_samples)
 
 
-def shift_by_noise(spectra: BandSpectra, frequency: float, noise: float, taper: Taper) -> float:
-    """Return by how much a mode lies higher once the noise is taken off the excitation [Hz].
+@dataclass(frozen=True, slots=True)
+class Contamination:
+    """What noise on the excitation does to the measurement of a mode."""
+
+    noise: float  # power per un-windowed line, |X|² of a window; 0: negligible
+    shift: float  # by how much the mode lies higher without it [Hz]
+
+
+def contamination(spectra: BandSpectra, frequency: float, noise: float, taper: Taper) -> Contamination:
+    """Tell what noise on the excitation does to a mode.
 
     Of the un-windowed lines around a mode at a frequency [Hz]; the noise is that of :func:`excitation_noise`, or what
-    the response does not answer, where that is less. Local rational fits to both responses are compared, which have in
-    common what else they neglect.
+    the response does not answer, where that is less. Local rational fits to the responses with it and without it are
+    compared, which have in common what else they neglect.
     """
     cross = cross_spectra(spectra, taper=taper)
-    power = cross.excitation_power
-    floor = min(_WIDENED[taper] * spectra.n_windows * noise, _incoherent_power(cross))
+    power, of_line = cross.excitation_power, _WIDENED[taper] * spectra.n_windows
+    floor = min(of_line * noise, _incoherent_power(cross))
     if floor < _NEGLIGIBLE * float(power.mean()):
-        return 0.0
+        return Contamination(0.0, 0.0)
     without = np.maximum(power - floor, _LEAST_LEFT * power)
     with_noise, without_noise = (
         _nearest_pole(cross.frequency, cross.cross_power / of, power, frequency) for of in (power, without)
     )
-    return 0.0 if with_noise is None or without_noise is None else without_noise - with_noise
+    shift = 0.0 if with_noise is None or without_noise is None else without_noise - with_noise
+    return Contamination(floor / of_line, shift)
 
 
 def _incoherent_power(cross: CrossSpectra) -> float:

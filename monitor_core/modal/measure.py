@@ -10,7 +10,7 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal.averaging import AveragedFit, average_and_fit
-from monitor_core.modal.excitation_noise import excitation_noise, shift_by_noise
+from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
 from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
 from monitor_core.modal.refine import ModeFit
@@ -82,7 +82,8 @@ def measure_mode(
     answer = average_and_fit(spectra, band, gate, lines=lines, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
-    fit, moved = _without_excitation_noise(answer, spectra, windows)
+    noisy = _contamination(answer, spectra, windows)
+    fit, moved = _without(answer.fit, noisy, windows)
     mode = fit.modes[0]
     coherence = mode_coherence(answer.frf, mode)
     if (refusal := judge_fit(fit, coherence, answer.frf.n_averages, band=band, gate=gate, phase=phase)) is not None:
@@ -105,7 +106,7 @@ def measure_mode(
         excitation_source=windows[0].excitation_source,
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         taper=answer.taper,
-        noise_level=_noise_level(fit, spectra),
+        noise_level=_noise_level(answer, noisy, spectra),
         leaves_response=fit.leaves_response,
     )
 
@@ -163,31 +164,43 @@ def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
     return float(np.sqrt(density))
 
 
-def _without_excitation_noise(
-    answer: AveragedFit, spectra: BandSpectra, windows: Sequence[Window]
-) -> tuple[ModeFit, tuple[str, ...]]:
-    """Take off what noise on the excitation did to the first mode, with half of it as uncertainty, and say so."""
-    fit, mode = answer.fit, answer.fit.modes[0]
-    frequency = mode.frequency
+def _contamination(answer: AveragedFit, spectra: BandSpectra, windows: Sequence[Window]) -> Contamination:
+    """Tell what noise on the excitation did to the first mode of a fit."""
     noise = excitation_noise(np.array([w.excitation for w, keep in zip(windows, answer.kept, strict=True) if keep]))
-    lines = spectra.of_windows(answer.kept).within(*fit.band)
-    shift = shift_by_noise(lines, frequency.value, noise, answer.taper)
-    if shift == 0.0:
+    lines = spectra.of_windows(answer.kept).within(*answer.fit.band)
+    return contamination(lines, answer.fit.modes[0].frequency.value, noise, answer.taper)
+
+
+def _without(fit: ModeFit, noisy: Contamination, windows: Sequence[Window]) -> tuple[ModeFit, tuple[str, ...]]:
+    """Take off what noise on the excitation did to the first mode, with half of it as uncertainty, and say so."""
+    if noisy.shift == 0.0:
         return fit, ()
-    uncertainty = math.hypot(frequency.standard_uncertainty, 0.5 * shift)
-    without = replace(frequency, value=frequency.value + shift, standard_uncertainty=uncertainty)
+    mode, frequency = fit.modes[0], fit.modes[0].frequency
+    uncertainty = math.hypot(frequency.standard_uncertainty, 0.5 * noisy.shift)
+    without = replace(frequency, value=frequency.value + noisy.shift, standard_uncertainty=uncertainty)
     unit = "N" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "N·m"
     said = (
-        f"noise of {math.sqrt(noise / spectra.n_samples):.2g} {unit} rms on the excitation moves the frequency by "
-        f"{-shift:+.2g} Hz: taken off, and half of it joins the uncertainty"
+        f"noise of {math.sqrt(noisy.noise / windows[0].n_samples):.2g} {unit} rms on the excitation moves the "
+        f"frequency by {-noisy.shift:+.2g} Hz: taken off, and half of it joins the uncertainty"
     )
     return replace(fit, modes=(replace(mode, frequency=without), *fit.modes[1:])), (said,)
 
 
-def _noise_level(fit: ModeFit, spectra: BandSpectra) -> float:
-    """Return the root of the one-sided spectral density of what no torque explains, mean over the band of the fit."""
-    left = fit.solution.projection.residual / fit.weight
-    return float(np.sqrt(2.0 * np.mean(np.abs(left) ** 2) / (spectra.n_samples * spectra.sample_rate)))
+#: Of the noise around a mode, what stays where noise on the excitation seems to explain all of it.
+_LEAST_UNEXPLAINED = 0.1
+
+
+def _noise_level(answer: AveragedFit, noisy: Contamination, spectra: BandSpectra) -> float:
+    """Return the root of the one-sided spectral density of what no torque explains, mean over the band of the fit.
+
+    What noise on the excitation makes of a response is none of it.
+    """
+    left = answer.fit.solution.projection.residual / answer.fit.weight
+    power = float(np.mean(np.abs(left) ** 2))
+    if noisy.noise > 0.0:
+        gain = _within(answer.frf, answer.fit.band).response
+        power = max(power - noisy.noise * float(np.mean(np.abs(gain) ** 2)), _LEAST_UNEXPLAINED * power)
+    return math.sqrt(2.0 * power / (spectra.n_samples * spectra.sample_rate))
 
 
 def _warnings(coherence: float, gate: ModeGate, phase: PhaseReference | None) -> tuple[str, ...]:

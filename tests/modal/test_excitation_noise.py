@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.modal import ModalMeasurement, ModeGate, measure_mode
-from monitor_core.modal.excitation_noise import excitation_noise, shift_by_noise
+from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
 from monitor_core.spectral import band_spectra
 from tests.modal.simulated_axis import BAND, FREQUENCY, N_SAMPLES, RATE, clean_windows
 from tests.plant.shop import CASES, MEDIUM, case_session
@@ -42,7 +42,7 @@ def test_noise_is_read_at_rest_whatever_the_moves(deviation):
 def test_no_noise_moves_nothing():
     torque, response = pulses_with_a_dip(np.random.default_rng(2))
     spectra = band_spectra(torque, response, RATE, BAND).within(155.0, 195.0)
-    assert shift_by_noise(spectra, FREQUENCY, excitation_noise(torque), "hann") == 0.0
+    assert contamination(spectra, FREQUENCY, excitation_noise(torque), "hann") == Contamination(0.0, 0.0)
     assert excitation_noise(torque[:, :20]) == 0.0
 
 
@@ -79,4 +79,4 @@ def test_torque_of_a_servo_that_trembles_is_no_noise():
     noise = excitation_noise(torque)
     assert np.sqrt(noise / N_SAMPLES) == pytest.approx(0.02, rel=0.2)
     spectra = band_spectra(torque, response + 0.02 * rng.standard_normal(response.shape), RATE, BAND)
-    assert abs(shift_by_noise(spectra.within(155.0, 195.0), FREQUENCY, noise, "hann")) < 0.01
+    assert abs(contamination(spectra.within(155.0, 195.0), FREQUENCY, noise, "hann").shift) < 0.01
