@@ -173,6 +173,14 @@ def test_frequency_that_is_not_known_well_enough():
     assert_refused(windows_of(), RejectionReason.UNCERTAIN_FREQUENCY, gate=gate)
 
 
+@pytest.mark.parametrize(("other", "leaves"), [((), False), (((181.0, 0.02, 0.3),), True)])
+def test_fit_of_one_mode_says_whether_it_leaves_what_the_excitation_explains(other, leaves):
+    modes = ((175.0, 0.02, 1.0), *other)
+    assert [measured(windows_of(seed=seed, modes=modes), maximum_modes=1).leaves_response for seed in range(5)] == 5 * [
+        leaves
+    ]
+
+
 def test_two_overlapping_modes_of_like_height():
     modes = ((175.0, 0.01, 1.0), (181.0, 0.01, 0.9))
     assert_refused(windows_of(modes=modes, n_windows=30), RejectionReason.AMBIGUOUS_MODES)
