@@ -53,7 +53,7 @@ FRICTION_SHARE = 1.0
 #: by itself (declared).
 WITNESSED_FRICTION_SHARE = 0.5
 #: Of a stated position, standard uncertainty: home switch, mounting of the scale, where the table was said to be [m].
-POSITION_TAG = 1e-3
+POSITION_TAG = 2e-3
 #: Of the logarithm of the payload's factor on 1/f², per calibrated payload by which it lies beyond (declared).
 PAYLOAD_EXTRAPOLATION = 0.1
 
