@@ -49,9 +49,10 @@ THERMOMETER = 0.5
 #: two to three times as much as in bearing and nut, and a calibration has hardly seen the one without the other
 #: (declared).
 FRICTION_SHARE = 1.0
-#: The same where the noise around the mode speaks for the guides: how far it disagrees with the friction torque counts
-#: by itself (declared).
-WITNESSED_FRICTION_SHARE = 0.5
+#: The same where the noise around the mode speaks for the guides, and how far it disagrees with the friction torque
+#: counts by itself (declared): above the usual, and below, where noise from elsewhere hides what guides no longer make.
+WITNESSED_FRICTION_SHARE = 0.25
+WITNESSED_FRICTION_SHARE_BELOW = 0.5
 #: Of a stated position, standard uncertainty: home switch, mounting of the scale, where the table was said to be [m].
 POSITION_TAG = 2e-3
 #: Of the logarithm of the payload's factor on 1/f², per calibrated payload by which it lies beyond (declared).
@@ -122,7 +123,8 @@ def _friction_variance(coefficient: Estimate, friction: FrictionExcess) -> float
         return of_coefficient**2 + (FRICTION_SHARE * coefficient.value * friction.torque) ** 2
     # by as much as the two differ by chance alone they do not contradict each other
     apart = max((friction.unexplained.value - friction.torque) ** 2 - friction.unexplained.standard_uncertainty**2, 0.0)
-    return of_coefficient**2 + coefficient.value**2 * (apart + (WITNESSED_FRICTION_SHARE * friction.torque) ** 2)
+    share = WITNESSED_FRICTION_SHARE if friction.torque > 0.0 else WITNESSED_FRICTION_SHARE_BELOW
+    return of_coefficient**2 + coefficient.value**2 * (apart + (share * friction.torque) ** 2)
 
 
 def _payload_error(conditions: Conditions, calibration: Calibration, mass: Deviation | None) -> float:

@@ -151,11 +151,16 @@ def test_coefficient_of_friction_is_the_declared_one_where_it_never_varies() -> 
     assert calibration.friction.standard_uncertainty == pytest.approx(USUAL_FRICTION_SHARE * mean, rel=1e-3)
 
 
+def without_noise(made: ModalReading) -> ModalReading:
+    """Return a reading that no noise level is known of, as of an older calibration."""
+    return replace(made, witnesses={k: v for k, v in made.witnesses.items() if k is not WitnessName.NOISE_LEVEL})
+
+
 @pytest.mark.parametrize("friction", [0.6, 1.4])
 def test_friction_no_longer_looks_like_preload(friction: float) -> None:
     rng = np.random.default_rng(4)
     calibration = calibrated(rng, spread=0.15)
-    made = [reading(0.4, 300.0, rng, friction=friction) for _ in range(20)]
+    made = [without_noise(reading(0.4, 300.0, rng, friction=friction)) for _ in range(20)]
     corrected = [judged(calibration, r) for r in made]
     plain = [
         judged(calibration, replace(r, witnesses={k: v for k, v in r.witnesses.items() if "friction" not in k}))
@@ -168,11 +173,6 @@ def test_friction_no_longer_looks_like_preload(friction: float) -> None:
     assert error < 0.5 * without
     assert all(isinstance(a, PreloadEstimate) and a.interval.covers(300.0) for a in corrected)
     assert all(isinstance(a, PreloadEstimate) and a.shares.friction > 0.1 for a in corrected)
-
-
-def without_noise(made: ModalReading) -> ModalReading:
-    """Return a reading that no noise level is known of, as of an older calibration."""
-    return replace(made, witnesses={k: v for k, v in made.witnesses.items() if k is not WitnessName.NOISE_LEVEL})
 
 
 def test_noise_that_grows_with_the_friction_torque_narrows_and_noise_that_does_not_widens() -> None:
