@@ -12,6 +12,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from typing import overload
 
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, calibrate_phase, measure_mode
@@ -27,7 +28,7 @@ from monitor_core.preload import (
     systematic_uncertainty_between,
 )
 from monitor_core.preload.doubts import Doubt, DoubtReason
-from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque
+from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque, velocities_of
 from monitor_core.preload.fit import BETWEEN_SESSIONS
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, SignalQuality, gate_window
@@ -147,11 +148,14 @@ def judge_measurement(
         phase=None if calibration is None else calibration.phase_reference,
         maximum_modes=2 if calibration is None else calibration.maximum_modes,
     )
-    modal = with_friction_torque(modal, windows)
+    velocities = velocities_of(windows)
+    friction = friction_torque(windows, velocities)
+    modal = with_friction_torque(modal, friction)
     preload = _preload(modal, windows[0], calibration)
     if calibration is not None and calibration.maximum_modes < 2 and _may_be_two_modes(modal, preload):
-        modal, preload = _with_second_mode(modal, preload, windows, settings, calibration)
-    return MeasurementOutcome(modal, preload, estimate_drag_torque(windows))
+        both = _with_second_mode(modal, windows, settings, calibration, friction)
+        modal, preload = both or (modal, preload)
+    return MeasurementOutcome(modal, preload, estimate_drag_torque(windows, velocities))
 
 
 #: What a second mode beside the calibrated one shows itself by.
@@ -169,28 +173,30 @@ def _may_be_two_modes(modal: ModalMeasurement | Rejection, preload: PreloadEstim
     """Tell whether one mode explains a measurement less well than it did the calibration."""
     if isinstance(modal, Rejection):
         return modal.reason in _SIGNS_OF_TWO_MODES
+    if modal.leaves_response:
+        return True
     said = (preload.reason,) if isinstance(preload, Rejection) else tuple(doubt.reason for doubt in preload.doubts)
     return any(reason in _SIGNS_OF_TWO_MODES for reason in said)
 
 
 def _with_second_mode(
     modal: ModalMeasurement | Rejection,
-    preload: PreloadEstimate | Rejection,
     windows: Sequence[Window],
     settings: AxisSettings,
     calibration: Calibration,
-) -> tuple[ModalMeasurement | Rejection, PreloadEstimate | Rejection]:
+    friction: float | Rejection,
+) -> tuple[ModalMeasurement, PreloadEstimate | Rejection] | None:
     """Measure once more with two modes; where the data require them, half of what that moves joins the uncertainty."""
     band = search_band(settings, calibration, windows[0])
     both = measure_mode(windows, band=band, gate=settings.mode, phase=calibration.phase_reference, maximum_modes=2)
     if isinstance(both, Rejection) or both.n_modes < 2:
-        return modal, preload
+        return None
     frequency = both.mode.frequency
     moved = 0.0 if isinstance(modal, Rejection) else modal.mode.frequency.value - frequency.value
     wider = replace(frequency, standard_uncertainty=math.hypot(frequency.standard_uncertainty, 0.5 * moved))
-    both = with_friction_torque(replace(both, mode=replace(both.mode, frequency=wider)), windows)
+    both = with_friction_torque(replace(both, mode=replace(both.mode, frequency=wider)), friction)
     estimate = _preload(both, windows[0], calibration)
-    if isinstance(both, Rejection) or isinstance(estimate, Rejection):
+    if isinstance(estimate, Rejection):
         return both, estimate
     doubt = Doubt(
         DoubtReason.SECOND_MODE,
@@ -200,11 +206,16 @@ def _with_second_mode(
     return both, estimate.with_doubts([doubt])
 
 
+@overload
+def with_friction_torque(modal: ModalMeasurement, torque: float | Rejection) -> ModalMeasurement: ...
+@overload
 def with_friction_torque(
-    modal: ModalMeasurement | Rejection, windows: Sequence[Window]
+    modal: ModalMeasurement | Rejection, torque: float | Rejection
+) -> ModalMeasurement | Rejection: ...
+def with_friction_torque(
+    modal: ModalMeasurement | Rejection, torque: float | Rejection
 ) -> ModalMeasurement | Rejection:
-    """Add the friction torque of the windows to a measured mode, where they show one."""
-    torque = friction_torque(windows)
+    """Add the friction torque of the windows to a measured mode, where they show one [N·m]."""
     if isinstance(modal, Rejection) or isinstance(torque, Rejection) or torque <= 0.0:
         return modal
     return replace(modal, friction_torque=torque)
@@ -234,6 +245,8 @@ def witnesses_of(modal: ModalMeasurement) -> dict[WitnessName, float]:
         WitnessName.RESIDUE: abs(modal.mode.residue),
         WitnessName.EXCITATION_LEVEL: modal.excitation_level,
     }
+    if modal.noise_level > 0.0:
+        values[WitnessName.NOISE_LEVEL] = modal.noise_level
     if modal.friction_torque is not None:
         values[WitnessName.FRICTION_TORQUE] = modal.friction_torque
     return values

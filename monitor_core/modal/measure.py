@@ -1,16 +1,19 @@
 """Measure one mode: average the windows of one position, fit the peak, apply the gates (ISO 13374: DM into SD)."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.modal.averaging import average_and_fit
+from monitor_core.modal.averaging import AveragedFit, average_and_fit
+from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
 from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
+from monitor_core.modal.refine import ModeFit
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -42,6 +45,8 @@ class ModalMeasurement:
     excitation_source: ExcitationSource
     excitation_level: float  # rms per root hertz around the mode [N·m/√Hz] or [N/√Hz]
     taper: Taper  # of the frequency response and coherence
+    noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
+    leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
     friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
 
 
@@ -58,8 +63,9 @@ def measure_mode(
 
     Average (H1), take the candidate peak that carries most of the response among those whose coherence is above the
     warning level, or else above the least level; fit it by maximum likelihood; drop windows that do not belong, and
-    say so; gate on mean coherence over the half-power band, phase of the residue, uncertainty of the frequency, and
-    ambiguity.
+    say so; gate on mean coherence over the half-power band, the number of averages that it asks for, phase of the
+    residue, uncertainty of the frequency, and ambiguity. What noise on the excitation did to the frequency is taken off
+    (:mod:`monitor_core.modal.excitation_noise`).
 
     The windows are gated ones of one measurement, of one rate, one length and one excitation; band and lines are in
     hertz, the lines those of the frequency response that is returned, where more is wanted of it than the band of the
@@ -76,9 +82,11 @@ def measure_mode(
     answer = average_and_fit(spectra, band, gate, lines=lines, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
         return answer
-    fit, mode = answer.fit, answer.fit.modes[0]
+    noisy = _contamination(answer, spectra, windows)
+    fit, moved = _without(answer.fit, noisy, windows)
+    mode = fit.modes[0]
     coherence = mode_coherence(answer.frf, mode)
-    if (refusal := judge_fit(fit, coherence, band=band, gate=gate, phase=phase)) is not None:
+    if (refusal := judge_fit(fit, coherence, answer.frf.n_averages, band=band, gate=gate, phase=phase)) is not None:
         return refusal
     used = [window for window, keep in zip(windows, answer.kept, strict=True) if keep]
     conditions, mixed = _mean_conditions(used)
@@ -88,7 +96,7 @@ def measure_mode(
         n_averages=answer.frf.n_averages,
         n_modes=len(fit.modes),
         tones=fit.tones,
-        warnings=(*answer.warnings, *_warnings(coherence, gate, phase), *mixed),
+        warnings=(*answer.warnings, *moved, *_warnings(coherence, gate, phase), *mixed),
         refused_windows=answer.refused,
         frequency_response=_within(answer.frf, lines),
         conditions=conditions,
@@ -98,6 +106,8 @@ def measure_mode(
         excitation_source=windows[0].excitation_source,
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
         taper=answer.taper,
+        noise_level=_noise_level(answer, noisy, spectra),
+        leaves_response=fit.leaves_response,
     )
 
 
@@ -106,7 +116,7 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
     if len(windows) < gate.minimum_averages:
         return Rejection(
             RejectionReason.TOO_FEW_AVERAGES,
-            f"at least {gate.minimum_averages} windows are needed; got {len(windows)}",
+            f"at least {gate.minimum_averages} windows are needed, for one is never judged; got {len(windows)}",
         )
     rates = sorted({window.sample_rate for window in windows})
     if len(rates) > 1:
@@ -152,6 +162,45 @@ def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
     lines = spectra.within(mode.frequency.value - half_width, mode.frequency.value + half_width).excitation
     density = 2.0 * np.mean(np.abs(lines) ** 2, dtype=np.float64) / (spectra.n_samples * spectra.sample_rate)
     return float(np.sqrt(density))
+
+
+def _contamination(answer: AveragedFit, spectra: BandSpectra, windows: Sequence[Window]) -> Contamination:
+    """Tell what noise on the excitation did to the first mode of a fit."""
+    noise = excitation_noise(np.array([w.excitation for w, keep in zip(windows, answer.kept, strict=True) if keep]))
+    lines = spectra.of_windows(answer.kept).within(*answer.fit.band)
+    return contamination(lines, answer.fit.modes[0].frequency.value, noise, answer.taper)
+
+
+def _without(fit: ModeFit, noisy: Contamination, windows: Sequence[Window]) -> tuple[ModeFit, tuple[str, ...]]:
+    """Take off what noise on the excitation did to the first mode, with half of it as uncertainty, and say so."""
+    if noisy.shift == 0.0:
+        return fit, ()
+    mode, frequency = fit.modes[0], fit.modes[0].frequency
+    uncertainty = math.hypot(frequency.standard_uncertainty, 0.5 * noisy.shift)
+    without = replace(frequency, value=frequency.value + noisy.shift, standard_uncertainty=uncertainty)
+    unit = "N" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "N·m"
+    said = (
+        f"noise of {math.sqrt(noisy.noise / windows[0].n_samples):.2g} {unit} rms on the excitation moves the "
+        f"frequency by {-noisy.shift:+.2g} Hz: taken off, and half of it joins the uncertainty"
+    )
+    return replace(fit, modes=(replace(mode, frequency=without), *fit.modes[1:])), (said,)
+
+
+#: Of the noise around a mode, what stays where noise on the excitation seems to explain all of it.
+_LEAST_UNEXPLAINED = 0.1
+
+
+def _noise_level(answer: AveragedFit, noisy: Contamination, spectra: BandSpectra) -> float:
+    """Return the root of the one-sided spectral density of what no torque explains, mean over the band of the fit.
+
+    What noise on the excitation makes of a response is none of it.
+    """
+    left = answer.fit.solution.projection.residual / answer.fit.weight
+    power = float(np.mean(np.abs(left) ** 2))
+    if noisy.noise > 0.0:
+        gain = _within(answer.frf, answer.fit.band).response
+        power = max(power - noisy.noise * float(np.mean(np.abs(gain) ** 2)), _LEAST_UNEXPLAINED * power)
+    return math.sqrt(2.0 * power / (spectra.n_samples * spectra.sample_rate))
 
 
 def _warnings(coherence: float, gate: ModeGate, phase: PhaseReference | None) -> tuple[str, ...]:

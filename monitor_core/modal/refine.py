@@ -10,7 +10,7 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal.model import FitLines, basis_of, normalised_frequency, pole_factor
-from monitor_core.modal.selection import likeliest_model
+from monitor_core.modal.selection import leaves_response, likeliest_model
 from monitor_core.modal.variable_projection import Solution
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import ModalParameters
@@ -82,6 +82,7 @@ class ModeFit:
     band: tuple[float, float]  # [Hz]
     weight: FloatArray  # of the lines in the band: one over the noise, 1 at the least noisy [-]
     solution: Solution  # poles and polynomial that explain a window, see window_misfit
+    leaves_response: bool  # whether the excitation explains more than one mode does, where no more were asked for
     warnings: tuple[str, ...] = ()
 
 
@@ -143,7 +144,7 @@ def fit_modes(
                 f"no maximum of the likelihood near {frequency:.6g} Hz in {lines.frequency.size} lines "
                 f"of {lines.n_windows} windows",
             )
-        fit = _mode_fit(*likeliest, frequency, _warn_of_cut(lines, start[0], half_width))
+        fit = _mode_fit(*likeliest, frequency, maximum_modes, _warn_of_cut(lines, start[0], half_width))
         start = (fit.modes[0].frequency.value, fit.modes[0].damping_ratio.value)
         # The band follows the damping found, if the start had it wrong by more than a quarter.
         if 0.8 < _half_width(*start, spectra.resolution) / half_width < 1.25:
@@ -164,7 +165,9 @@ def _warn_of_cut(lines: FitLines, frequency: float, half_width: float) -> tuple[
     return (f"the fit reaches from {low:.4g} to {high:.4g} Hz only; ± {half_width:.3g} Hz were wanted",)
 
 
-def _mode_fit(lines: FitLines, solution: Solution, asked: float, warnings: tuple[str, ...]) -> ModeFit:
+def _mode_fit(
+    lines: FitLines, solution: Solution, asked: float, maximum_modes: int, warnings: tuple[str, ...]
+) -> ModeFit:
     """Put the mode that makes the peak asked for first and attach the covariances."""
     formal, between = formal_covariance(solution), between_window_covariance(solution)
     modes = [_modal_parameters(lines, solution, i, formal, between) for i in range(solution.order.n_modes)]
@@ -179,6 +182,7 @@ def _mode_fit(lines: FitLines, solution: Solution, asked: float, warnings: tuple
         band=(float(lines.frequency[0]), float(lines.frequency[-1])),
         weight=lines.weight,
         solution=solution,
+        leaves_response=maximum_modes < 2 and leaves_response(lines, solution, enough_before=True),
         warnings=warnings,
     )
 

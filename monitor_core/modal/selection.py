@@ -158,6 +158,8 @@ def _measured_response(lines: FitLines) -> tuple[FloatArray, ComplexArray, Float
 
 _MAXIMUM_TONES = 2
 _SCREENING_PROBABILITY = 0.01
+#: The same where one mode was enough before: only what is no accident of one measurement among many.
+_ENOUGH_BEFORE_PROBABILITY = 1e-5
 #: Difference of the criterion that is asked for, three times what is called very strong evidence: a change of model
 #: moves the frequency, and between measurements of one axis that looks like a change of the axis.
 _STRONG_EVIDENCE = 30.0
@@ -174,7 +176,7 @@ def likeliest_model(
         return None
     white = minimise(lines, start_one_mode(lines, frequency, damping_ratio), ModelOrder(1))
     one_mode = None if white is None else _with_noise_and_tones(lines, white)
-    if one_mode is None or maximum_modes < 2 or not _leaves_response(*one_mode):
+    if one_mode is None or maximum_modes < 2 or not leaves_response(*one_mode):
         return one_mode
     richer = _richer_model(lines, one_mode[1])
     return one_mode if richer is None else _with_noise_and_tones(lines, richer)
@@ -197,8 +199,13 @@ def _with_noise_and_tones(lines: FitLines, solution: Solution) -> tuple[FitLines
     return None if weighted is None else (lines, weighted)
 
 
-def _leaves_response(lines: FitLines, one_mode: Solution) -> bool:
-    """Tell whether a richer B at the same pole explains significantly more; cheap, nothing is searched."""
+def leaves_response(lines: FitLines, one_mode: Solution, *, enough_before: bool = False) -> bool:
+    r"""Tell whether a richer B at the same pole explains significantly more; cheap, nothing is searched.
+
+    Twice the gain in likelihood is :math:`\chi^2` once it is divided by the overdispersion: what friction does to
+    neighbouring lines alike would otherwise call for a second mode in every other measurement. ``enough_before``: of
+    the same peak one mode was enough in the measurements of a calibration.
+    """
     plain, background = _plain_and_background(one_mode)
     if degrees_of_freedom(lines, background) <= 0:
         return False
@@ -206,7 +213,9 @@ def _leaves_response(lines: FitLines, one_mode: Solution) -> bool:
     costs = [forced_cost(lines, one_mode.parameters, order, nuisance) for order in (plain, background)]
     n_more = 2 * (background.n_response_terms - plain.n_response_terms)
     gain = 2 * lines.response.size * math.log(costs[0] / costs[1])
-    return bool(gain > scipy.special.chdtri(n_more, _SCREENING_PROBABILITY))
+    probability = _ENOUGH_BEFORE_PROBABILITY if enough_before else _SCREENING_PROBABILITY
+    limit = float(scipy.special.chdtri(n_more, probability))
+    return gain > limit and gain > limit * overdispersion(lines, one_mode.parameters, plain, background)
 
 
 def _richer_model(white: FitLines, one_mode: Solution) -> Solution | None:

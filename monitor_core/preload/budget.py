@@ -41,16 +41,30 @@ class VarianceShares:
 
 
 #: Share of a temperature's distance from the calibration's by which the structure lags behind it (standard uncertainty,
-#: declared): a thermometer in the air leads by up to all of it.
+#: declared): a thermometer in the air leads by much of it.
 TEMPERATURE_LAG = 0.4
+#: Of a thermometer as the temperature of what stretches, wherever it reads (standard uncertainty, declared) [K].
+THERMOMETER = 0.5
 #: Of a correction for friction, the standard uncertainty by where the friction acts: in the guides it moves the mode by
 #: two to three times as much as in bearing and nut, and a calibration has hardly seen the one without the other
 #: (declared).
 FRICTION_SHARE = 1.0
+#: The same where the noise around the mode speaks for the guides, and how far it disagrees with the friction torque
+#: counts by itself (declared): above the usual, and below, where noise from elsewhere hides what guides no longer make.
+WITNESSED_FRICTION_SHARE = 0.25
+WITNESSED_FRICTION_SHARE_BELOW = 0.5
 #: Of a stated position, standard uncertainty: home switch, mounting of the scale, where the table was said to be [m].
 POSITION_TAG = 2e-3
 #: Of the logarithm of the payload's factor on 1/f², per calibrated payload by which it lies beyond (declared).
 PAYLOAD_EXTRAPOLATION = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionExcess:
+    """Friction beyond the usual, as two witnesses tell it."""
+
+    torque: float  # friction torque above the usual [N·m]
+    unexplained: Estimate | None  # the same, were all to have grown as the noise around the mode; None: not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +87,14 @@ def months_after(
     conditions: Conditions,
     calibration: Calibration,
     *,
-    friction_excess: float = 0.0,
+    friction: FrictionExcess | None = None,
     mass: Deviation | None = None,
 ) -> Months:
     """Return what the months after a calibration may have done to a measured 1/f² [s²].
 
-    ``friction_excess`` is the friction torque above the usual [N·m]; ``mass`` how the residue differs from what the
-    calibration lets expect, ``None`` where it is not known: of a payload that is not stated it tells how large it is.
+    ``friction`` is what speaks of it beyond the usual, ``None`` where nothing does; ``mass`` how the residue differs
+    from what the calibration lets expect, ``None`` where it is not known: of a payload that is not stated it tells how
+    large it is.
     """
     payload, temperature = calibration.excess(conditions)
     sensitivity = correction_sensitivities(inverse_square, payload, temperature, calibration.influence)
@@ -88,17 +103,28 @@ def months_after(
         return Months()
     k = calibration.coefficients
     slope = 2.0 * k.k1 * conditions.position + k.k2
-    friction = calibration.friction
     of_friction = 0.0
-    if friction is not None:
-        relative = math.hypot(friction.standard_uncertainty, FRICTION_SHARE * friction.value)
-        of_friction = (relative * friction_excess) ** 2
+    if calibration.friction is not None and friction is not None:
+        of_friction = _friction_variance(calibration.friction, friction)
     return Months(
         between_session=(2.0 * at_reference * calibration.between_sessions) ** 2 + (slope * POSITION_TAG) ** 2,
         friction=of_friction,
-        temperature=(calibration.influence.temperature * TEMPERATURE_LAG * temperature) ** 2,
+        temperature=0.0
+        if conditions.temperature is None
+        else (calibration.influence.temperature * math.hypot(THERMOMETER, TEMPERATURE_LAG * temperature)) ** 2,
         payload=(at_reference * _payload_error(conditions, calibration, mass)) ** 2,
     )
+
+
+def _friction_variance(coefficient: Estimate, friction: FrictionExcess) -> float:
+    """Return the variance of the correction for friction: of its coefficient, and of where the friction acts [s⁴]."""
+    of_coefficient = coefficient.standard_uncertainty * friction.torque
+    if friction.unexplained is None:
+        return of_coefficient**2 + (FRICTION_SHARE * coefficient.value * friction.torque) ** 2
+    # by as much as the two differ by chance alone they do not contradict each other
+    apart = max((friction.unexplained.value - friction.torque) ** 2 - friction.unexplained.standard_uncertainty**2, 0.0)
+    share = WITNESSED_FRICTION_SHARE if friction.torque > 0.0 else WITNESSED_FRICTION_SHARE_BELOW
+    return of_coefficient**2 + coefficient.value**2 * (apart + (share * friction.torque) ** 2)
 
 
 def _payload_error(conditions: Conditions, calibration: Calibration, mass: Deviation | None) -> float:

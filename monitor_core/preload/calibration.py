@@ -155,8 +155,8 @@ class Calibration:
     @property
     def influence(self) -> InfluenceCoefficients:
         """µ and k_T; zero where not known."""
-        mu, k_t = self.parameter(INVERSE_MOVING_MASS), self.parameter(TEMPERATURE_COEFFICIENT)
-        return InfluenceCoefficients(mu.value if mu else 0.0, k_t.value if k_t else 0.0)
+        of = dict(zip(self.parameter_names, self.parameters.values.tolist(), strict=True))
+        return InfluenceCoefficients(of.get(INVERSE_MOVING_MASS, 0.0), of.get(TEMPERATURE_COEFFICIENT, 0.0))
 
     @property
     def moving_mass(self) -> Estimate | None:

@@ -15,6 +15,7 @@ from scipy import special
 from monitor_core.preload.calibration import Calibration
 from monitor_core.preload.witnesses import Deviation, Setting, WitnessName, WitnessValues
 from monitor_core.recording import Rejection, RejectionReason
+from monitor_core.uncertainty import Estimate
 
 
 class DoubtReason(StrEnum):
@@ -24,8 +25,10 @@ class DoubtReason(StrEnum):
     MASS_OR_MOUNTING_CHANGED = "mass-or-mounting-changed"
     FRICTION_CHANGED = "friction-changed"
     EXCITATION_CHANGED = "excitation-changed"
+    NOISE_CHANGED = "noise-changed"
     SECOND_MODE = "second-mode"
     PLACES_DISAGREE = "places-disagree"
+    PRELOAD_RISEN = "preload-risen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,8 @@ class Tolerance:
     meaning: str
 
 
+#: The same for a preload above all that were ever set.
+_RISEN = 3.3
 #: Normal deviate beyond which the mean of a session is no chance: once in a hundred sessions.
 SESSION_SCORE = 2.6
 #: The floors are declared (GUM, type B): gains of sensors hold to some tenths of a percent, a damping to one or two
@@ -89,6 +94,15 @@ TOLERANCES = {
         DoubtReason.FRICTION_CHANGED,
         RejectionReason.OUTSIDE_CALIBRATION,
         "lubrication or guides are not as calibrated; what that does to the frequency is corrected in part only",
+    ),
+    WitnessName.NOISE_LEVEL: Tolerance(
+        0.05,
+        3.3,
+        0.6,
+        math.inf,
+        DoubtReason.NOISE_CHANGED,
+        RejectionReason.LOW_COHERENCE,
+        "what no torque explains around the mode comes from friction in the guides, a shaking floor, or a channel",
     ),
 }
 
@@ -144,6 +158,21 @@ def of_whole_session(
                 Doubt(tolerance.doubt, f"over {len(deviations)} measurements of the session {_sentence(name, mean)}")
             )
     return tuple(doubts)
+
+
+def preload_risen(preload: Estimate, highest: float) -> Doubt | None:
+    r"""Doubt a preload above the highest that was ever set, by more than chance: no axis tightens itself.
+
+    Both as :math:`\theta = \mathrm{preload}^{-1/3}` [N^(-1/3)], which falls as the preload rises.
+    """
+    score = (highest - preload.value) / max(preload.standard_uncertainty, 1e-300)
+    if score < _RISEN:
+        return None
+    return Doubt(
+        DoubtReason.PRELOAD_RISEN,
+        f"{preload.value**-3.0:.0f} N is above the {highest**-3.0:.0f} N that were ever set, by {score:.1f} standard "
+        "deviations: nothing tightens a nut by itself; a place, a payload or a mounting is not as stated",
+    )
 
 
 def _sentence(name: WitnessName, deviation: Deviation) -> str:

@@ -38,7 +38,9 @@ class DragTorque:
     n_pairs: int  # constant-velocity travels, one of each direction
 
 
-def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
+def estimate_drag_torque(
+    windows: Sequence[Window], velocities: Sequence[FloatArray | None] | None = None
+) -> DragTorque | Rejection:
     r"""Average the torque of the constant-velocity travels of both directions.
 
     .. math::
@@ -51,7 +53,8 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
 
     The uncertainty is the scatter of the pairs: what both share, be it friction or zero error, then enters the right
     one of the two.
-    Friction depends on speed: travels that are not within a tenth of the median speed are left out.
+    Friction depends on speed: travels that are not within a tenth of the median speed are left out. The velocities are
+    those of :func:`velocities_of`, where they are known already.
 
     References
     ----------
@@ -69,7 +72,7 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
         )
     travels = [
         travel
-        for window, velocity in zip(windows, _velocities(windows), strict=True)
+        for window, velocity in zip(windows, velocities_of(windows) if velocities is None else velocities, strict=True)
         if velocity is not None
         for travel in _constant_velocity_travels(window, velocity)
     ]
@@ -90,7 +93,9 @@ def estimate_drag_torque(windows: Sequence[Window]) -> DragTorque | Rejection:
     )
 
 
-def friction_torque(windows: Sequence[Window]) -> float | Rejection:
+def friction_torque(
+    windows: Sequence[Window], velocities: Sequence[FloatArray | None] | None = None
+) -> float | Rejection:
     r"""Return the friction torque over all motion of the windows of one measurement, from the work that it takes [N·m].
 
     .. math:: T_f = \frac{\sum T\,v}{\sum |v|}
@@ -107,7 +112,7 @@ def friction_torque(windows: Sequence[Window]) -> float | Rejection:
     rate = windows[0].sample_rate
     work = [
         (float(window.excitation @ velocity), float(np.abs(velocity).sum()), float(velocity.sum()))
-        for window, velocity in zip(windows, _velocities(windows), strict=True)
+        for window, velocity in zip(windows, velocities_of(windows) if velocities is None else velocities, strict=True)
         if velocity is not None
     ]
     if len(work) < _FEWEST_PAIRS or sum(path for _, path, _ in work) < _SHORTEST_PATH * len(work) * rate:
@@ -120,7 +125,7 @@ def friction_torque(windows: Sequence[Window]) -> float | Rejection:
     return float(of_path)
 
 
-def _velocities(windows: Sequence[Window]) -> list[FloatArray | None]:
+def velocities_of(windows: Sequence[Window]) -> list[FloatArray | None]:
     """Return the velocity over each window [m/s], None where its position is not known for long enough."""
     # windows of one length together: one by one most of a judgement's time would go into the ends of their traces
     alike: dict[tuple[float, int], list[int]] = {}

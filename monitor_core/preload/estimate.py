@@ -8,9 +8,15 @@ import numpy as np
 from scipy import special
 
 from monitor_core.errors import OutsideValidityError
-from monitor_core.preload.budget import UncertaintyBudget, VarianceShares, months_after, uncertainty_budget
+from monitor_core.preload.budget import (
+    FrictionExcess,
+    UncertaintyBudget,
+    VarianceShares,
+    months_after,
+    uncertainty_budget,
+)
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
-from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of
+from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of, preload_risen
 from monitor_core.preload.feature import position_part, preload_from_feature
 from monitor_core.preload.influence import TEMPERATURE_RESOLUTION, to_reference
 from monitor_core.preload.witnesses import Deviation, WitnessName, WitnessValues
@@ -22,6 +28,8 @@ LEVEL = 0.95
 POSITION_MARGIN = 0.01
 #: Steps of the fixed point for the friction at the estimated preload; each makes the error smaller tenfold or so.
 _FRICTION_STEPS = 12
+#: A step shorter than this share of the feature ends them: three parts in a million of a preload.
+_FRICTION_SETTLED = 1e-6
 #: Beyond so many times the highest calibrated preload the usual friction is not carried on.
 _MOST_PRELOAD = 1.5
 #: A correction for friction leaves at least this share of the feature.
@@ -124,7 +132,7 @@ def estimate_preload(
         frequency.value**-2.0,
         conditions,
         calibration,
-        friction_excess=corrected.friction_excess,
+        friction=_friction_excess(corrected, deviations.get(WitnessName.NOISE_LEVEL)),
         mass=deviations.get(WitnessName.RESIDUE),
     )
     budget = uncertainty_budget(
@@ -132,16 +140,17 @@ def estimate_preload(
     )
     systematic = float(budget.gradient @ calibration.parameters.covariance @ budget.gradient)
     preload = preload_from_feature(feature, calibration.coefficients)
+    stated_feature = Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom)
     return PreloadEstimate(
         preload=preload,
         interval=_fieller_interval(feature, calibration, budget),
-        feature=Estimate(feature, math.sqrt(budget.random + systematic), budget.degrees_of_freedom),
+        feature=stated_feature,
         feature_own_uncertainty=math.sqrt(budget.frequency),
         feature_systematic_uncertainty=math.sqrt(systematic),
         shares=budget.shares,
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
-        doubts=doubts_of(deviations),
+        doubts=(*doubts_of(deviations), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
     )
 
@@ -157,6 +166,7 @@ class WithoutFriction:
 
     feature: float  # [s²]
     friction_excess: float  # above what the calibration lets expect at the estimated preload [N·m]
+    usual_friction: float  # which that is [N·m]
     amplification: float  # of an error of 1/f² [-]
 
 
@@ -173,18 +183,43 @@ def without_friction_excess(
     witness, k_f = calibration.witness(WitnessName.FRICTION_TORQUE), calibration.friction
     torque = witnesses.get(WitnessName.FRICTION_TORQUE)
     if witness is None or k_f is None or torque is None:
-        return WithoutFriction(feature, 0.0, 1.0)
+        return WithoutFriction(feature, 0.0, 0.0, 1.0)
     k3 = calibration.coefficients.k3
     at, excess, slope = feature, 0.0, 0.0
+    setting = calibration.setting(conditions, calibration.preload.upper)
     for _ in range(_FRICTION_STEPS):
         # a preload beyond what is calibrated has no usual friction of its own
         estimated = preload_from_feature(at, calibration.coefficients)
         preload = min(max(estimated, calibration.preload.lower), _MOST_PRELOAD * calibration.preload.upper)
-        setting = calibration.setting(conditions, preload)
+        setting = replace(setting, preload=preload)
         excess = torque - witness.expected(setting)
         slope = witness.slope_in_theta(setting)
-        at = max(feature - k_f.value * excess, _LEAST_FEATURE * feature)
-    return WithoutFriction(at, excess, 1.0 / max(1.0 - k_f.value * slope / k3, 0.2))
+        before, at = at, max(feature - k_f.value * excess, _LEAST_FEATURE * feature)
+        if abs(at - before) < _FRICTION_SETTLED * feature:
+            break
+    return WithoutFriction(at, excess, torque - excess, 1.0 / max(1.0 - k_f.value * slope / k3, 0.2))
+
+
+def _risen(feature: Estimate, conditions: Conditions, calibration: Calibration) -> tuple[Doubt, ...]:
+    """Return the doubt about a preload above all calibrated ones, unless somebody says to have set it."""
+    k3 = calibration.coefficients.k3
+    theta = Estimate(feature.value / k3, feature.standard_uncertainty / k3)
+    highest = float(np.cbrt(1.0 / calibration.preload.upper))
+    doubt = None if conditions.preload is not None else preload_risen(theta, highest)
+    return () if doubt is None else (doubt,)
+
+
+def _friction_excess(corrected: WithoutFriction, noise: Deviation | None) -> FrictionExcess:
+    """Put what friction torque and noise say beside each other.
+
+    What no torque explains around the mode is mostly friction that acts on the table, in the guides, and in proportion
+    to it: were bearing and nut to have changed alike, the torque would have changed by the same share.
+    """
+    if noise is None:
+        return FrictionExcess(corrected.friction_excess, None)
+    unexplained = corrected.usual_friction * math.expm1(noise.logarithm)
+    uncertainty = (corrected.usual_friction + unexplained) * noise.standard_uncertainty
+    return FrictionExcess(corrected.friction_excess, Estimate(unexplained, uncertainty))
 
 
 def place_reading(position: float, estimate: PreloadEstimate, calibration: Calibration) -> PlaceReading:

@@ -29,6 +29,7 @@ class WitnessName(StrEnum):
     DAMPING_RATIO = "damping-ratio"  #: of the mode [-]
     RESIDUE = "residue"  #: magnitude of the mode's residue [m/(N·s²) or m/(N·m·s²)]
     FRICTION_TORQUE = "friction-torque"  #: :func:`monitor_core.preload.drag_torque.friction_torque` [N·m]
+    NOISE_LEVEL = "noise-level"  #: rms per root hertz of what no torque explains around the mode [m/(s²·√Hz)]
     EXCITATION_LEVEL = "excitation-level"  #: rms per root hertz around the mode [N·m/√Hz or N/√Hz]
 
 
@@ -61,17 +62,16 @@ _DISTINCT = {
 _FEWEST_DEGREES_OF_FREEDOM = 5
 
 
-def _columns(settings: Sequence[Setting]) -> dict[str, FloatArray]:
-    position = np.array([s.position for s in settings])
-    preload = np.log([s.preload for s in settings])
+def _terms_of(setting: Setting) -> dict[str, float]:
+    preload = math.log(setting.preload)
     return {
-        "constant": np.ones(len(settings)),
-        "position": position,
-        "position_squared": position**2,
+        "constant": 1.0,
+        "position": setting.position,
+        "position_squared": setting.position**2,
         "preload": preload,
         "preload_squared": preload**2,
-        "payload": np.log([s.payload_factor for s in settings]),
-        "temperature": np.array([s.temperature_excess for s in settings]),
+        "payload": math.log(setting.payload_factor),
+        "temperature": setting.temperature_excess,
     }
 
 
@@ -119,8 +119,8 @@ class Witness:
         return float(self.expected(setting) * by_logarithm * -3.0 * np.cbrt(setting.preload))
 
     def _row(self, setting: Setting) -> FloatArray:
-        columns = _columns([setting])
-        return np.array([float(columns[term][0]) for term in self.terms])
+        of = _terms_of(setting)
+        return np.array([of[term] for term in self.terms])
 
 
 def fit_witness(name: WitnessName, values: Sequence[float], settings: Sequence[Setting]) -> Witness | None:
@@ -131,7 +131,8 @@ def fit_witness(name: WitnessName, values: Sequence[float], settings: Sequence[S
     """
     if len(values) != len(settings) or not all(math.isfinite(value) and value > 0.0 for value in values):
         return None
-    columns = _columns(settings)
+    rows = [_terms_of(setting) for setting in settings]
+    columns = {term: np.array([row[term] for row in rows]) for term in TERMS}
     terms: list[str] = []
     for term in TERMS:
         known = np.column_stack([columns[t] for t in terms]) if terms else np.zeros((len(values), 0))

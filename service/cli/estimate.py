@@ -1,7 +1,9 @@
 """``preload estimate DATA --calibration FILE``: newtons with a 95 % interval per row or measurement."""
 
 import math
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import click
@@ -33,7 +35,7 @@ def estimate(data: Path, calibration_file: Path, as_json: bool) -> None:
         return
     print_table(
         f"Preload from {data.name}",
-        ("measurement", "position", "frequency", "preload", "95 % interval", "remarks"),
+        ("measurement", "position", "frequency", "preload", "95 % coverage", "mostly from", "remarks"),
         [_row(item) for item in estimates],
     )
 
@@ -47,6 +49,7 @@ class _Estimated:
     frequency_hz: float | None
     answer: PreloadEstimate | Rejection
     warnings: tuple[str, ...] = ()  # of the measurement of its mode
+    refused_windows: Mapping[str, int] = field(default_factory=dict)  # by reason
 
 
 def _of_session(path: Path, calibration: Calibration) -> list[_Estimated]:
@@ -58,7 +61,10 @@ def _of_session(path: Path, calibration: Calibration) -> list[_Estimated]:
             frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
             position_mm = to_millimetres(item.conditions.position)
             warnings = () if isinstance(modal, Rejection) else modal.warnings
-            estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings))
+            refused = Counter(str(rejection.reason) for rejection in item.refused_windows)
+            if not isinstance(modal, Rejection):
+                refused.update(str(rejection.reason) for _, rejection in modal.refused_windows)
+            estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings, refused))
     return estimates
 
 
@@ -78,6 +84,7 @@ def _document(item: _Estimated) -> JsonObject:
         "frequency_hz": item.frequency_hz,
     }
     place["warnings"] = _said(item)
+    place["windows_refused"] = dict(item.refused_windows)
     if isinstance(item.answer, Rejection):
         return place | {"preload_n": None, "interval_95_n": None, "extrapolated": None} | refusal_document(item.answer)
     return place | estimate_document(item.answer) | {"refused": False}
@@ -85,14 +92,16 @@ def _document(item: _Estimated) -> JsonObject:
 
 def _said(item: _Estimated) -> list[str]:
     """Return all that is said of a measurement: doubts first, then what it rests on."""
+    windows = [f"{count} windows refused: {reason}" for reason, count in item.refused_windows.items()]
     if isinstance(item.answer, Rejection):
-        return list(item.warnings)
+        return [*item.warnings, *windows]
     answer = item.answer
     return [
         *(f"in doubt: {doubt.detail}" for doubt in answer.doubts),
         *(f"{name} outside the calibrated range" for name in answer.outside),
         *answer.assumptions,
         *item.warnings,
+        *windows,
     ]
 
 
@@ -101,8 +110,14 @@ def _row(item: _Estimated) -> tuple[str, ...]:
     frequency = "—" if item.frequency_hz is None else f"{item.frequency_hz:.3f} Hz"
     place = (item.measurement, f"{item.position_mm:.1f} mm", frequency)
     if isinstance(answer, Rejection):
-        return (*place, "—", "—", f"{answer.reason}: {answer.detail}")
+        return (*place, "—", "—", "—", "; ".join([f"{answer.reason}: {answer.detail}", *_said(item)]))
     low, high = answer.interval.lower, answer.interval.upper
     remarks = _said(item)
     upper = f"{high:.0f}" if math.isfinite(high) else "∞"
-    return (*place, f"{answer.preload:.0f} N", f"{low:.0f} to {upper} N", "; ".join(remarks))
+    made_of = ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in _largest(answer))
+    return (*place, f"{answer.preload:.0f} N", f"{low:.0f} to {upper} N", made_of, "; ".join(remarks))
+
+
+def _largest(estimate: PreloadEstimate) -> list[tuple[str, float]]:
+    """Return the two largest shares of the variance; the document has all."""
+    return sorted(asdict(estimate.shares).items(), key=lambda share: -share[1])[:2]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, overload
 
@@ -75,10 +75,10 @@ def modal_document(modal: ModalMeasurement) -> JsonObject:
 def estimate_document(estimate: PreloadEstimate) -> JsonObject:
     """Lay out a preload with its 95 % coverage interval and what it rests on; an open end is ``null``."""
     upper = estimate.interval.upper
-    shares = estimate.shares
     return {
         "preload_n": estimate.preload,
         "interval_95_n": [estimate.interval.lower, upper if math.isfinite(upper) else None],
+        "interval_kind": f"95 % {estimate.interval.kind}",
         "extrapolated": estimate.extrapolated,
         "outside": list(estimate.outside),
         "assumptions": list(estimate.assumptions),
@@ -89,16 +89,28 @@ def estimate_document(estimate: PreloadEstimate) -> JsonObject:
         },
         "preload_feature_s2": estimate.feature.value,
         "preload_feature_standard_uncertainty_s2": estimate.feature.standard_uncertainty,
-        "variance_shares": {
-            "frequency": shares.frequency,
-            "reproducibility": shares.reproducibility,
-            "calibration": shares.calibration,
-            "payload": shares.payload,
-            "temperature": shares.temperature,
-            "friction": shares.friction,
-            "between_session": shares.between_session,
-        },
+        "variance_shares": asdict(estimate.shares),
     }
+
+
+#: What the shares of a variance are, for a person; a share that is not named here is shown by its key.
+SHARES = {
+    "frequency": "the frequency of this measurement",
+    "reproducibility": "scatter from one measurement to the next",
+    "calibration": "the coefficients of the calibration",
+    "payload": "the moved mass",
+    "temperature": "temperature, and a structure that lags behind it",
+    "friction": "friction that is not the usual",
+    "between_session": "what another day changes",
+}
+#: A share below this is shown as none [-].
+_NO_SHARE = 0.005
+
+
+def shares_in_words(shares: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Return the shares of a variance in words, the largest first; those that are nothing are left out [-]."""
+    ranked = sorted(shares.items(), key=lambda share: -share[1])
+    return [(SHARES.get(name, name), share) for name, share in ranked if share > _NO_SHARE]
 
 
 def refusal_document(rejection: Rejection) -> JsonObject:

@@ -13,6 +13,7 @@ from fastapi.templating import Jinja2Templates
 from service.api.alarms import alarm_out
 from service.api.axes import axes_out, axis_out
 from service.api.services import Services, services
+from service.documents.measurement import shares_in_words
 from service.operations.discrepancy.discrepancy_job import finished_discrepancies
 
 FOLDER = Path(__file__).parent
@@ -47,6 +48,7 @@ def significant(value: float | None, digits: int = 4) -> str:
 
 templates.env.filters["minutes"] = minutes
 templates.env.filters["significant"] = significant
+templates.env.filters["shares"] = shares_in_words
 
 
 @router.get("/")

@@ -10,7 +10,7 @@ from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.spectral import band_spectra, cross_spectra, estimate_frf, least_leaking_taper
 from tests.authorities.real_records import SHOCK_BAND, board_shocks, hammer_hits, impact_window, shock_frequency_track
 
-FIVE_HITS = ModeGate(minimum_averages=4)
+FIVE_HITS = ModeGate()
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_the_fit_finds_each_mode_within_half_a_line(hits, band, frequency):
 
 
 def test_one_hit_is_never_judged(hits):
-    outcome = measure_mode(hits[:1], band=(800.0, 1000.0), gate=ModeGate(minimum_averages=2))
+    outcome = measure_mode(hits[:1], band=(800.0, 1000.0), gate=FIVE_HITS)
     assert isinstance(outcome, Rejection)
     assert outcome.reason is RejectionReason.TOO_FEW_AVERAGES
 

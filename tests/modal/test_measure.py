@@ -6,9 +6,11 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from monitor_core.errors import InvalidWindowError, NotIdentifiableError, OutsideValidityError
 from monitor_core.modal import ModalMeasurement, ModeGate, PhaseReference, calibrate_phase, measure_mode
+from monitor_core.modal.gates import averages_needed
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -18,6 +20,7 @@ from monitor_core.recording import (
     Window,
 )
 from monitor_core.response import ModalParameters
+from monitor_core.spectral import random_error
 from monitor_core.uncertainty import Estimate
 from tests.modal.simulated_axis import RATE, clean_windows
 
@@ -100,10 +103,45 @@ def test_the_unit_of_neither_channel_matters():
 
 
 def test_too_few_windows():
-    assert_refused(windows_of(n_windows=7), RejectionReason.TOO_FEW_AVERAGES)
+    assert_refused(windows_of(n_windows=1), RejectionReason.TOO_FEW_AVERAGES)
     assert_refused([], RejectionReason.TOO_FEW_AVERAGES)
+    assert_refused(windows_of(n_windows=7), RejectionReason.TOO_FEW_AVERAGES, gate=ModeGate(minimum_averages=8))
     with pytest.raises(OutsideValidityError, match="one average is never judged"):
         ModeGate(minimum_averages=1)
+
+
+@pytest.mark.parametrize("n_windows", [3, 5])
+def test_few_windows_of_high_coherence_are_enough_and_their_intervals_cover(n_windows):
+    results = [measured(windows_of(seed=seed, n_windows=n_windows)) for seed in range(40)]
+    assert min(result.coherence for result in results) > 0.9
+    reach = [
+        scipy.stats.t.ppf(0.975, f.degrees_of_freedom) * f.standard_uncertainty
+        for f in (result.mode.frequency for result in results)
+    ]
+    covered = [abs(result.mode.frequency.value - 175.0) < limit for result, limit in zip(results, reach, strict=True)]
+    # 40 trials: 95 % less three standard deviations of 3.4 %
+    assert np.mean(covered) > 0.84
+
+
+def test_few_windows_of_middling_coherence_are_too_few_and_many_are_not():
+    gate = ModeGate(maximum_random_error=0.12, maximum_outlying_share=0.0)
+    windows = windows_of(n_windows=60, noise=1.0)
+    assert_refused(windows[:6], RejectionReason.TOO_FEW_AVERAGES, gate=gate)
+    assert measured(windows, gate=gate).coherence < 0.9
+
+
+@pytest.mark.parametrize("coherence", [0.3, 0.6, 0.9, 0.99])
+def test_number_of_averages_needed_reaches_the_error_that_is_asked_for(coherence):
+    gate = ModeGate(maximum_random_error=0.1)
+    # of so many averages that the coherence has no bias left
+    needed = averages_needed(coherence, 1e9, gate)
+    assert random_error(coherence, needed) <= 0.1
+    assert needed == gate.minimum_averages or random_error(coherence, needed - 1) > 0.1
+    assert averages_needed(coherence, 4, gate) >= needed
+
+
+def test_no_number_of_averages_is_enough_without_coherence():
+    assert averages_needed(0.2, 5, GATE) == averages_needed(0.1, 5, GATE) == 1000
 
 
 def test_windows_that_do_not_go_together():
@@ -133,6 +171,14 @@ def test_low_coherence_is_refused_and_middling_coherence_warned_about():
 def test_frequency_that_is_not_known_well_enough():
     gate = ModeGate(maximum_frequency_uncertainty=1e-4)
     assert_refused(windows_of(), RejectionReason.UNCERTAIN_FREQUENCY, gate=gate)
+
+
+@pytest.mark.parametrize(("other", "leaves"), [((), False), (((181.0, 0.02, 0.3),), True)])
+def test_fit_of_one_mode_says_whether_it_leaves_what_the_excitation_explains(other, leaves):
+    modes = ((175.0, 0.02, 1.0), *other)
+    assert [measured(windows_of(seed=seed, modes=modes), maximum_modes=1).leaves_response for seed in range(5)] == 5 * [
+        leaves
+    ]
 
 
 def test_two_overlapping_modes_of_like_height():

@@ -51,8 +51,12 @@ def reading(
     heavier: float = 0.0,
     damping: float = 0.012,
     noise: float = 0.003,
+    unexplained: float = 1.0,
 ) -> ModalReading:
-    """Make a reading whose friction is ``friction`` times the usual and whose table is ``heavier`` than stated [kg]."""
+    """Make a reading whose friction is ``friction`` times the usual and whose table is ``heavier`` than stated [kg].
+
+    Noise that no torque explains belongs to friction on the table: ``unexplained`` beyond that of ``friction``.
+    """
     torque = usual_friction(preload) * friction * math.exp(noise * rng.standard_normal())
     plain = axial_frequency(position, preload, K) ** -2.0 + FRICTION * (torque - usual_friction(preload))
     inverse_square = float(plain) * (1.0 + (payload + heavier) / MASS)
@@ -65,6 +69,7 @@ def reading(
             WitnessName.RESIDUE: residue(position, payload + heavier) * math.exp(noise * rng.standard_normal()),
             WitnessName.EXCITATION_LEVEL: 0.02 * math.exp(0.05 * rng.standard_normal()),
             WitnessName.FRICTION_TORQUE: torque,
+            WitnessName.NOISE_LEVEL: 0.02 * friction * unexplained * math.exp(0.08 * rng.standard_normal()),
         },
     )
 
@@ -146,11 +151,16 @@ def test_coefficient_of_friction_is_the_declared_one_where_it_never_varies() -> 
     assert calibration.friction.standard_uncertainty == pytest.approx(USUAL_FRICTION_SHARE * mean, rel=1e-3)
 
 
+def without_noise(made: ModalReading) -> ModalReading:
+    """Return a reading that no noise level is known of, as of an older calibration."""
+    return replace(made, witnesses={k: v for k, v in made.witnesses.items() if k is not WitnessName.NOISE_LEVEL})
+
+
 @pytest.mark.parametrize("friction", [0.6, 1.4])
 def test_friction_no_longer_looks_like_preload(friction: float) -> None:
     rng = np.random.default_rng(4)
     calibration = calibrated(rng, spread=0.15)
-    made = [reading(0.4, 300.0, rng, friction=friction) for _ in range(20)]
+    made = [without_noise(reading(0.4, 300.0, rng, friction=friction)) for _ in range(20)]
     corrected = [judged(calibration, r) for r in made]
     plain = [
         judged(calibration, replace(r, witnesses={k: v for k, v in r.witnesses.items() if "friction" not in k}))
@@ -163,6 +173,67 @@ def test_friction_no_longer_looks_like_preload(friction: float) -> None:
     assert error < 0.5 * without
     assert all(isinstance(a, PreloadEstimate) and a.interval.covers(300.0) for a in corrected)
     assert all(isinstance(a, PreloadEstimate) and a.shares.friction > 0.1 for a in corrected)
+
+
+def test_noise_that_grows_with_the_friction_torque_narrows_and_noise_that_does_not_widens() -> None:
+    rng = np.random.default_rng(12)
+    calibration = calibrated(rng, spread=0.15)
+    variance = {}
+    for name, friction, unexplained in (("everywhere", 1.4, 1.0), ("in the guides", 1.2, 1.6)):
+        made = [reading(0.4, 300.0, rng, friction=friction, unexplained=unexplained) for _ in range(20)]
+        for kind, readings in (("both", made), ("torque alone", [without_noise(r) for r in made])):
+            answers = [judged(calibration, r) for r in readings]
+            variance[name, kind] = np.mean(
+                [
+                    a.shares.friction * a.feature.standard_uncertainty**2
+                    for a in answers
+                    if isinstance(a, PreloadEstimate)
+                ]
+            )
+    assert variance["everywhere", "both"] < 0.8 * variance["everywhere", "torque alone"]
+    assert variance["in the guides", "both"] > 4.0 * variance["in the guides", "torque alone"]
+
+
+def test_friction_of_the_guides_alone_is_covered_and_named() -> None:
+    # It stiffens three times as much for its torque as the friction that a calibration has seen.
+    rng = np.random.default_rng(13)
+    calibration = calibrated(rng, spread=0.15)
+    covered, said = [], []
+    for _ in range(40):
+        made = reading(0.4, 300.0, rng, friction=1.2, unexplained=2.2 / 1.2)
+        stiffer = made.frequency**-2.0 + 2.0 * FRICTION * 0.2 * usual_friction(300.0)
+        answer = judged(calibration, replace(made, frequency=stiffer**-0.5))
+        assert isinstance(answer, PreloadEstimate)
+        covered.append(answer.interval.covers(300.0))
+        said.append(DoubtReason.NOISE_CHANGED in [doubt.reason for doubt in answer.doubts])
+    assert np.mean(covered) > 0.9
+    assert np.mean(said) > 0.6
+
+
+def test_preload_above_all_that_were_set_is_in_doubt_unless_it_was_set() -> None:
+    rng = np.random.default_rng(14)
+    calibration = calibrated(rng)
+    risen, set_so = reading(0.4, 620.0, rng), reading(0.4, 620.0, rng)
+    answer = judged(calibration, risen)
+    assert isinstance(answer, PreloadEstimate)
+    (doubt,) = [doubt for doubt in answer.doubts if doubt.reason is DoubtReason.PRELOAD_RISEN]
+    assert "above the 400 N" in doubt.detail
+    stated = estimate_preload(set_so.estimate, set_so.conditions, calibration, witnesses=set_so.witnesses)
+    assert isinstance(stated, PreloadEstimate)
+    assert DoubtReason.PRELOAD_RISEN not in [doubt.reason for doubt in stated.doubts]
+
+
+def test_highest_calibrated_preload_is_hardly_ever_a_rise() -> None:
+    rng = np.random.default_rng(15)
+    risen = [
+        DoubtReason.PRELOAD_RISEN in [doubt.reason for doubt in answer.doubts]
+        for _ in range(10)
+        for calibration in (calibrated(rng),)
+        for answer in (judged(calibration, reading(0.4, 400.0, rng)) for _ in range(40))
+        if isinstance(answer, PreloadEstimate)
+    ]
+    assert len(risen) > 350
+    assert np.mean(risen) < 0.01
 
 
 def test_healthy_readings_are_hardly_ever_doubted() -> None:

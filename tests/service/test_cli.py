@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor_core.preload import VarianceShares
 from monitor_core.recording import Session
-from monitor_core.recordings.session_hdf5 import write_session
+from monitor_core.recordings.session_hdf5 import read_session, write_session
 from service.cli.main import main
 from service.cli.output import finite_or_null
 from tests.service.conftest import START, Api, axial_frequency, simulated_measurement
@@ -128,6 +129,30 @@ def test_frf_finds_the_mode_of_each_measurement(preload: Any, session_file: Path
         assert {"position_mm", "damping_ratio", "coherence", "n_averages"} <= set(item)
         assert item["frequency_standard_uncertainty_hz"] < 0.2
     assert "500.0 mm" in preload("frf", session_file, "--band-hz", 140, 230).out
+
+
+def test_estimate_says_what_frf_says_and_which_windows_were_refused(
+    preload: Any, table2: Path, session_file: Path, tmp_path: Path
+) -> None:
+    calibration = tmp_path / "calibration.json"
+    preload("calibrate", table2, "--out", calibration)
+    whole = read_session(session_file)
+    first, *others = whole.measurements
+    spoiled = [replace(w, response=np.zeros(w.n_samples)) for w in whole.windows_of(first)[:2]]
+    windows = (*spoiled, *whole.windows_of(first)[2:], *(w for name in others for w in whole.windows_of(name)))
+    path = tmp_path / "spoiled.session.h5"
+    write_session(path, replace(whole, windows=windows))
+    found = preload("frf", path, "--band-hz", 140, 230, "--json").json()["measurements"]
+    estimates = preload("estimate", path, "--calibration", calibration, "--json").json()["estimates"]
+    table = " ".join(preload("estimate", path, "--calibration", calibration).out.split())
+    assert estimates[0]["windows_refused"] == found[0]["windows_refused"] == {"dead-channel": 2}
+    assert "dead-channel" in table
+    for of_frf, estimate in zip(found, estimates, strict=True):
+        assert set(of_frf["warnings"]) <= set(estimate["warnings"])
+    for estimate in preload("estimate", table2, "--calibration", calibration, "--json").json()["estimates"]:
+        assert estimate["interval_kind"] == "95 % coverage"
+        assert sum(estimate["variance_shares"].values()) == pytest.approx(1.0)
+        assert set(estimate["variance_shares"]) == set(VarianceShares.__slots__)
 
 
 def test_check_tells_each_kind_of_file(preload: Any, table2: Path, session_file: Path, tmp_path: Path) -> None:

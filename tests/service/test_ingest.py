@@ -150,10 +150,10 @@ def test_one_by_one_in_any_order_gives_what_one_request_gives(shared_api: Api) -
     assert outcomes[2] == outcomes[0]
 
 
-@pytest.mark.parametrize("n_windows", [1, 7])
-def test_too_few_averages_are_never_judged(shared_api: Api, n_windows: int) -> None:
+@pytest.mark.parametrize(("n_windows", "minimum"), [(1, 2), (7, 8)])
+def test_too_few_averages_are_never_judged(shared_api: Api, n_windows: int, minimum: int) -> None:
     axis = f"few-{n_windows}"
-    shared_api.register(axis)
+    shared_api.register(axis, minimum_averages=minimum)
     shared_api.calibrate(axis)
     windows = simulated_measurement(np.random.default_rng(6), "m", n_windows=n_windows)
     (outcome,) = shared_api.accept(axis, windows, complete=True)["measurements"]

@@ -36,6 +36,9 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
     assert "The baseline has not seen other seasons than those" in page
     assert re.search(r"the trend over \d+ sessions, .* N a year \(95 % confidence interval", page, re.DOTALL)
     assert "N below the baseline" in page
+    assert "What the last interval is made of" in page
+    assert "95 % coverage interval of" in page
+    assert "what another day changes" in page
     assert f"None in force: number {fitted['id']} is stored. Activate it with" in stored
     assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
     for text in (page, fleet):

@@ -55,7 +55,9 @@ class AxisConfiguration(BaseModel):
     measurement_timeout_s: Positive = Field(
         default=600.0, le=1e7, description="a measurement that no window came to for so long is judged with what it has"
     )
-    minimum_averages: int = Field(default=8, ge=2, le=1000, description="fewer windows are never judged")
+    minimum_averages: int = Field(
+        default=2, ge=2, le=1000, description="fewer windows are never judged; more may be needed, by their coherence"
+    )
     position_span_limit_mm: Positive = 20.0
     moving_mass_kg: Positive | None = Field(default=None, description="table, nut and what moves with them")
     moving_mass_standard_uncertainty_kg: Positive | None = Field(default=None, description="goes with moving_mass_kg")
