@@ -3,7 +3,7 @@
 ``python -m benchmarks.response_factors`` draws 40 machines of two axes (seeds 1 to 40), measures each with a factor of
 2 % and 1.2° (standard deviations) on every response beside the noise of its lines, identifies the joints as
 ``preload identify`` does, with a search of fewer starts, and prints the coverage; once as the product has it, and once
-with the factors taken for exact. On one core in about ten minutes.
+with the factors taken for exact. On one core in about a quarter of an hour.
 
 Neither plant shares a formula with the model that is fitted: *hammer* is Tian's axis in finite elements
 (`tests/models/finite_elements`), struck at the table at three positions; *torque* an axis of wave lines
