@@ -44,6 +44,8 @@ LARGEST_SYSTEMATIC = 0.5
 #: A session of two measurements or more that lies so far towards loss alarms at once, not only when the next one does:
 #: on a healthy axis one day in three million does.
 SUDDEN_LIMIT = 5.0
+#: A session is judged as soon as it has so large a part of the measurements that others had, or when it is over.
+WHOLE = 0.9
 #: So much of an error that payload, temperature and position leave is no evidence [standard uncertainties].
 DEAD_ZONE = 1.96
 
@@ -110,6 +112,8 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
     if state.baseline is None or state.learnt is None or state.known is None:
         return replace(state, learning=(*state.learning, session), session=None)
     charts = state.charts
+    if not _is_whole(session, state.learnt):
+        charts = _judge(charts, session, state.baseline, design, whole=True)
     if charts.alarm is not None:
         learnt = known = pass_over(state.learnt, predict(state.learnt, session), session)
     elif session.in_doubt or session.systematic_uncertainty > LARGEST_SYSTEMATIC * state.baseline.scatter:
@@ -156,7 +160,7 @@ def _watch(
     residual = towards_loss * prediction.residual(prediction.value + math.copysign(evidence, difference))
     reference = design.cusum_reference + BASELINE_ALLOWANCE * math.sqrt(prediction.unlearnt)
     charts = _charted(replace(state.before, residual=residual, reference=reference), session, difference, design)
-    judged = _judge(charts, session, baseline, design)
+    judged = _judge(charts, session, baseline, design, whole=_is_whole(session, learnt))
     status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL
     return replace(
         state,
@@ -189,12 +193,23 @@ def _extend(run: Run | None, at: datetime, difference: float) -> Run:
     return Run(at, 1, difference) if run is None else Run(run.since, run.count + 1, run.total + difference)
 
 
-def _judge(charts: Charts, session: Session, baseline: Baseline, design: DetectorDesign) -> Charts:
-    """Raise, keep or release alarm and alert from the charts as they are now."""
+def _is_whole(session: Session, learnt: Belief) -> bool:
+    """Tell whether a session has about as many measurements as others had."""
+    return session.count * learnt.n_sessions >= WHOLE * learnt.n_observations
+
+
+def _judge(charts: Charts, session: Session, baseline: Baseline, design: DetectorDesign, *, whole: bool) -> Charts:
+    """Raise, keep or release alarm and alert from the charts as they are now.
+
+    A session that is not whole yet raises nothing but the alarm of a sudden loss: whoever looks twenty times finds
+    something once.
+    """
     alarm, alert, at = charts.alarm, charts.alert, session.last_at
     if alarm is None and charts.shewhart_run is not None and session.count > 1 and charts.residual > SUDDEN_LIMIT:
         change = charts.shewhart_run.mean_change(baseline)
         alarm = Evidence(Chart.SHEWHART, at, charts.residual, SUDDEN_LIMIT, charts.shewhart_run.since, change)
+    if not whole:
+        return replace(charts, alarm=alarm)
     if alarm is None and charts.shewhart_run is not None and charts.shewhart_run.count >= SHEWHART_CONSECUTIVE:
         change = charts.shewhart_run.mean_change(baseline)
         alarm = Evidence(Chart.SHEWHART, at, charts.residual, design.shewhart_limit, charts.shewhart_run.since, change)
