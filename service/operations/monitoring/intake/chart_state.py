@@ -97,7 +97,7 @@ def dump_design(design: DetectorDesign) -> JsonObject:
     return _DESIGN.dump(design)
 
 
-def is_outdated(charts: ChartsRecord) -> bool:
+def is_outdated(charts: ChartsRecord | AxisRow) -> bool:
     """Tell whether state or limits of the charts were written by an older version, and so cannot be gone on with."""
     return _STATE.is_older(charts.monitor_state) or _DESIGN.is_older(charts.detector_design)
 

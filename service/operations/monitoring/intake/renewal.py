@@ -28,8 +28,8 @@ def renew_charts(database: Database) -> None:
     An axis whose configuration cannot be read is left as it is, and refused by name when something comes for it.
     """
     with database.read() as session:
-        axis_ids = [axis.id for axis in list_axes(session)]
-    for axis_id in axis_ids:
+        outdated = [axis.id for axis in list_axes(session) if is_outdated(axis)]
+    for axis_id in outdated:
         with database.connect() as connection, writing(connection), suppress(DocumentDamagedError):
             _renew(connection, axis_id)
 
@@ -37,8 +37,6 @@ def renew_charts(database: Database) -> None:
 def _renew(connection: Connection, axis_id: str) -> None:
     axis = intake.read_axis(connection, axis_id)
     before = intake.read_charts(connection, axis)
-    if not is_outdated(before):
-        return
     design = detector_design(detector_settings(load_configuration(axis.configuration)))
     beginning = dump_state(AxisState())
     forget_checkpoints(connection, axis.number, before.epoch, None)
