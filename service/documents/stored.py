@@ -35,7 +35,8 @@ class StoredRecord(Generic[Record]):
 
     def is_older(self, document: object) -> bool:
         """Tell whether a document was written by an older version of the program."""
-        return isinstance(document, dict) and document.get(VERSION, FIRST_VERSION) < self.version
+        version = document.get(VERSION, FIRST_VERSION) if isinstance(document, dict) else None
+        return isinstance(version, int) and version < self.version
 
     def load(self, document: object) -> Record:
         """Return the record of a document.

@@ -107,6 +107,23 @@ def test_configuration_of_before_versions_were_stated_is_read(tmp_path: Path) ->
         api.accept(*measured(api, "broken", 1))
 
 
+@pytest.mark.parametrize("version", ["x", None])
+def test_a_damaged_version_keeps_no_service_from_starting(tmp_path: Path, version: object) -> None:
+    with running_service(tmp_path) as api:
+        for axis in ("broken", "well"):
+            api.register(axis)
+            api.calibrate(axis)
+        api.accept(*measured(api, "broken", 0))
+    damaged_state = json.dumps(json.loads(stored(tmp_path, "monitor_state")) | {"version": version})
+    store(tmp_path, "monitor_state", damaged_state)
+    with running_service(tmp_path) as api:
+        listed = api.http.get("/v1/axes").json()
+        assert [axis["id"] for axis in listed["axes"]] == ["well"]
+        assert [axis["id"] for axis in listed["damaged"]] == ["broken"]
+        assert api.accept(*measured(api, "well", 1))["accepted"] == 15
+    assert stored(tmp_path, "monitor_state") == damaged_state
+
+
 @pytest.mark.slow
 def test_charts_of_an_older_version_are_folded_again_from_what_was_measured(tmp_path: Path) -> None:
     def said(api: Api) -> dict[str, object]:
