@@ -11,8 +11,10 @@ from monitor_core.recordings.frf_set import read_frf_set, write_frf_set
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table, write_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import read_motion_record, write_motion_record
-from monitor_core.recordings.raw.channel_map import Channel, ChannelMap, Channels, read_channel_map
-from monitor_core.recordings.raw.mapped import read_channels, read_mapped
+from monitor_core.recordings.raw.channel_map import ChannelMap, read_channel_map
+from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.mapped import read_mapped
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session, read_session, write_session
 
 __all__ = [

@@ -13,7 +13,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, MotionRecord
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.raw import csv_samples
-from monitor_core.recordings.raw.channel_map import Channels
+from monitor_core.recordings.raw.channels import Channels
 
 TIME, POSITION, REFERENCE = "time_s", "position_m", "reference_m"
 DRIVES = {"force_n": ExcitationQuantity.FORCE, "torque_nm": ExcitationQuantity.TORQUE}

@@ -12,7 +12,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import read_text, require_plausible_length
-from monitor_core.recordings.raw.channel_map import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 _SEPARATORS = ("\t", ";", ",")
 SEPARATOR_NAMES = {"\t": "tab", ";": "semicolon", ",": "comma", None: "blank"}

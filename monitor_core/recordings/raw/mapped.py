@@ -1,6 +1,5 @@
 """Convert a raw file and its channel map to a session: the only place where channels become windows."""
 
-from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -11,35 +10,12 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.elements.units import canonical_unit
-from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
-from monitor_core.recordings.raw.channel_map import Channel, ChannelMap, Channels, MappedChannel, WindowFacts, WindowsIn
+from monitor_core.recordings.raw.channel_map import ChannelMap, MappedChannel, WindowFacts, WindowsIn
+from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.formats import read_channels
 
-#: Ending of the file name → reader of its channels.
-READERS: dict[str, Callable[[Path], Channels]] = {
-    ".tdms": tdms.read_channels,
-    ".uff": uff58.read_channels,
-    ".unv": uff58.read_channels,
-    ".mat": mat.read_channels,
-    ".npz": npz.read_channels,
-    ".csv": csv_samples.read_channels,
-    ".tsv": csv_samples.read_channels,
-    ".txt": csv_samples.read_channels,
-}
 #: Sampling times may be rounded in print; a step that is off by more than this share of it is a gap or jitter.
 _STEP_TOLERANCE = 0.01
-
-
-def read_channels(path: Path) -> Channels:
-    """Read the channels of a raw file by the ending of its name.
-
-    ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
-    """
-    try:
-        reader = READERS[path.suffix.lower()]
-    except KeyError:
-        known = ", ".join(READERS)
-        raise RecordingFormatError(f"{path.name}: expected a file of {known}; got {path.suffix!r}") from None
-    return reader(path)
 
 
 def read_mapped(path: Path, channel_map: ChannelMap) -> Session:

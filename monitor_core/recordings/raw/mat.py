@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import MAX_SAMPLES, refusing, require_file, require_plausible_length
-from monitor_core.recordings.raw.channel_map import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEADER_SIZE = 128

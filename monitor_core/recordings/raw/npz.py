@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
-from monitor_core.recordings.raw.channel_map import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 
 def read_channels(path: Path) -> Channels:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
-from monitor_core.recordings.raw.channel_map import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 _TIME_RESPONSE = 1  # function type of record 6
 _FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF", 6: "coherence",

@@ -1,0 +1,73 @@
+"""Record of a raw file before a channel map gives it a meaning: named channels, named frequency responses."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import ComplexArray, FloatArray, SampleArray, read_only_samples
+from monitor_core.errors import RecordingFormatError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """One channel as the file states it. ``None`` means that the file does not say."""
+
+    name: str
+    samples: SampleArray  # shape (n_samples,), or two-dimensional where the file holds an array of windows
+    unit: str | None = None  # as spelled in the file
+    sample_rate: float | None = None  # [Hz]
+    started_at: datetime | None = None  # with a time zone
+    clock: str | None = None  # name of the channel of the same file that holds its sampling times
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "samples", read_only_samples(self.samples))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyResponse:
+    """A frequency response as the file states it, as analysers export it."""
+
+    name: str
+    frequency: FloatArray  # [Hz], shape (n_lines,)
+    response: ComplexArray  # shape (n_lines,), in the units of the file
+    response_unit: str | None = None  # of the response alone, as spelled in the file
+    reference_unit: str | None = None  # of what it is divided by
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channels:
+    """The channels of one file, in its order."""
+
+    file_name: str
+    channels: tuple[Channel, ...]
+    responses: tuple[FrequencyResponse, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.channels and not self.responses:
+            raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got none")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in the order of the file."""
+        return tuple(channel.name for channel in self.channels)
+
+    def channel(self, name: str) -> Channel:
+        """Return the channel of a name; ``RecordingFormatError`` if there is none, listing those that are there."""
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        there = ", ".join(repr(n) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
+        raise RecordingFormatError(f"{self.file_name}: expected a channel {name!r}; the file has {there}")
+
+
+def native_samples(values: npt.NDArray[np.generic]) -> SampleArray:
+    """Return real numbers in the byte order of this machine: float32 stays, all else becomes float64."""
+    samples: SampleArray
+    if values.dtype.kind == "f" and values.dtype.itemsize == 4:
+        samples = values.astype(np.float32)
+    else:
+        samples = values.astype(np.float64)
+    samples.setflags(write=False)
+    return samples

@@ -1,0 +1,33 @@
+"""Find the reader of a raw file by the ending of its name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings.raw.channels import Channels
+
+#: Ending of the file name → reader of its channels.
+READERS: dict[str, Callable[[Path], Channels]] = {
+    ".tdms": tdms.read_channels,
+    ".uff": uff58.read_channels,
+    ".unv": uff58.read_channels,
+    ".mat": mat.read_channels,
+    ".npz": npz.read_channels,
+    ".csv": csv_samples.read_channels,
+    ".tsv": csv_samples.read_channels,
+    ".txt": csv_samples.read_channels,
+}
+
+
+def read_channels(path: Path) -> Channels:
+    """Read the channels of a raw file by the ending of its name.
+
+    ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
+    """
+    try:
+        reader = READERS[path.suffix.lower()]
+    except KeyError:
+        known = ", ".join(READERS)
+        raise RecordingFormatError(f"{path.name}: expected a file of {known}; got {path.suffix!r}") from None
+    return reader(path)
