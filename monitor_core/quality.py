@@ -51,7 +51,7 @@ def gate_window(
     - stuck: a channel holds one value, off its rest level, for a tenth of the window. A run at the rest level is
       silence before or after the move (a noise-free or coarsely quantised record holds exact zeros there), and a run
       at the largest or smallest excitation is a drive at its torque limit: both pass;
-    - clipped: the response, or a force, piles up at its extreme (see ``_is_clipped``). A torque is not asked: the
+    - clipped: the response, or a force, piles up at its extreme (see ``is_clipped``). A torque is not asked: the
       limit of the drive looks the same and is true;
     - travel within the window: the frequency moves with the position;
     - a length whose FFT costs several times that of a slightly shorter one;
@@ -103,9 +103,9 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
     for name, samples in channels.items():
         if samples.min() == samples.max():
             return Rejection(RejectionReason.DEAD_CHANNEL, f"{name} must change; got {samples[0]:g} throughout")
-        start, run = _longest_run(samples)
+        start, run = longest_run(samples)
         allowed = gate.stuck_share * samples.size
-        if run > allowed and _is_stuck(samples, start, run, is_excitation=name == "excitation"):
+        if run > allowed and is_stuck(samples, start, run, is_excitation=name == "excitation"):
             return Rejection(
                 RejectionReason.STUCK_CHANNEL,
                 f"{name} may hold a value off its rest level for {allowed:.0f} samples; "
@@ -114,7 +114,7 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
     clippable = ["response"] if window.excitation_quantity is ExcitationQuantity.TORQUE else ["response", "excitation"]
     for name in clippable:
         for samples in (channels[name], -channels[name]):
-            if _is_clipped(samples):
+            if is_clipped(samples):
                 return Rejection(
                     RejectionReason.CLIPPED,
                     f"{name} must not reach the end of its range; it piles up at ±{abs(samples.max()):g}",
@@ -122,7 +122,7 @@ def _check_channels(window: Window, gate: QualityGate) -> Rejection | None:
     return None
 
 
-def _longest_run(samples: SampleArray) -> tuple[int, int]:
+def longest_run(samples: SampleArray) -> tuple[int, int]:
     """Return start and length of the longest run of one value."""
     repeated = np.flatnonzero(samples[1:] == samples[:-1])
     if not repeated.size:
@@ -133,7 +133,7 @@ def _longest_run(samples: SampleArray) -> tuple[int, int]:
     return int(repeated[starts[longest]]), int(lengths[longest]) + 1
 
 
-def _is_stuck(samples: SampleArray, start: int, run: int, *, is_excitation: bool) -> bool:
+def is_stuck(samples: SampleArray, start: int, run: int, *, is_excitation: bool) -> bool:
     """Tell whether a long run is neither rest nor, for an excitation, a limit."""
     value, low, high = float(samples[start]), float(samples.min()), float(samples.max())
     others = np.concatenate([samples[:start], samples[start + run :]])
@@ -143,7 +143,7 @@ def _is_stuck(samples: SampleArray, start: int, run: int, *, is_excitation: bool
     return not (at_rest or at_limit)
 
 
-def _is_clipped(samples: SampleArray) -> bool:
+def is_clipped(samples: SampleArray) -> bool:
     """Tell whether samples pile up at their maximum.
 
     The maximum is held by at least three samples, and by more than the four levels below it together: a smooth peak,

@@ -1,128 +1,130 @@
-"""Check a file: recognise its format by its content and read it to the end."""
+"""Check a file: recognise its format by its content, read it to the end, and say what is in it and who can use it."""
 
-import re
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+import ast
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings import motion_csv
-from monitor_core.recordings.elements.files import read_text, refusing, require_file
-from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5
-from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
+from monitor_core.errors import MonitorCoreError, RecordingFormatError
+from monitor_core.recordings import motion_csv, usability
+from monitor_core.recordings.elements.files import read_text
+from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recordings.modal_csv import ModalRow, read_modal_table
+from monitor_core.recordings.raw import inspection
 from monitor_core.recordings.raw.channel_map import read_channel_map
+from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.recognition import (
+    CALIBRATION,
+    CHANNEL_MAP,
+    EFFECTS,
+    FRF_SET,
+    KINDS,
+    MODAL_TABLE,
+    MODEL,
+    MOTION_RECORD,
+    SESSION,
+    UNKNOWN,
+    format_of,
+    is_raw,
+)
+from monitor_core.recordings.session_contents import look_at_session, places
 from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.recordings.usability import Settings, Use
 
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-_HDF5_FORMATS = ("preload-session", "preload-frf-set")
+__all__ = ["FileReport", "check_file", "format_of"]
+
 _MOST_PROBLEMS = 20
-#: What only a drive model has. Looked for in the text, so that a model that is no TOML is still judged as a model.
-_DRIVE_MODEL = re.compile(r"""^\s*(["']?family["']?\s*=|\[(parameters|uncertain|effects)\b)""", re.MULTILINE)
-#: How a file begins, where its format has a signature.
-_STARTS: dict[str, bytes | tuple[bytes, ...]] = {
-    "tdms": b"TDSm",
-    "npz": b"PK",
-    "mat": b"MATLAB",
-    "uff58": b"    -1",
-}
+_LARGEST_PLACE = 3.0  # positions below, throughout a table in millimetres, are doubted [mm]
 
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """What a file is, whether it holds to its format, and each thing that does not fit in one sentence."""
+    """What a file is, whether it holds to its format, each thing that does not fit in one sentence, and who takes it.
+
+    ``contents`` are facts by name, as numbers, texts and tuples of them; ``doubts`` are about a file that is valid.
+    """
 
     format: str
     valid: bool
     problems: tuple[str, ...]
+    channels: tuple[ChannelSummary, ...] = ()
+    contents: tuple[tuple[str, object], ...] = ()
+    doubts: tuple[str, ...] = ()
+    uses: tuple[Use, ...] = ()
+    next_step: str = ""
+
+    @property
+    def usable_by(self) -> tuple[str, ...]:
+        """Names of the commands that take the file as it is."""
+        return tuple(use.command for use in self.uses)
+
+    @property
+    def usable_with_map(self) -> tuple[str, ...]:
+        """Names of the commands that take a raw file together with a channel map; none for other files."""
+        return usability.WITH_MAP if self.valid and is_raw(self.format) else ()
 
 
 def check_file(path: Path) -> FileReport:
     """Recognise a file by its content and read all of it.
 
     It may be a session, an FRF set, a modal table, a motion record, a calibration, a drive model, a channel map, or a
-    raw file (TDMS, UFF58, MAT, NPZ, text columns). A raw file is checked for being readable; what it means is for a
-    channel map to say. Of a session every window and of an FRF set every condition is looked at, and at most 20
-    problems are listed. ``MissingReaderError`` if the format needs an optional library that is not installed: that is
-    no fault of the file.
+    raw file. Of a raw file the channels are listed with what their values show; what they mean is for a channel map to
+    say. Of a session every window and of an FRF set every condition is looked at, and at most 20 problems are listed.
+    ``MissingReaderError`` if the format needs an optional library that is not installed: that is no fault of the file.
     """
     try:
         name = format_of(path)
     except RecordingFormatError as error:
-        return FileReport("unknown", False, (str(error),))
-    found = list(islice(_problems(name, path), _MOST_PROBLEMS + 1))
-    if len(found) > _MOST_PROBLEMS:
-        found[_MOST_PROBLEMS:] = [f"{path.name}: further problems are not listed"]
-    return FileReport(name, not found, tuple(found))
-
-
-def format_of(path: Path) -> str:
-    """Recognise a file by its content without reading all of it.
-
-    The format is called as in a report: ``preload-session``, ``preload-frf-set``, ``modal-table``, ``motion-record``,
-    ``preload-model``, ``csv`` for other columns of text, … ``RecordingFormatError`` if there is no such file, or it is
-    text of no known encoding.
-    """
-    with require_file(path).open("rb") as stream:
-        head = stream.read(1024)
-    if head.startswith(_HDF5):
-        return _format_of_hdf5(path)
-    for name, starts in _STARTS.items():
-        if head.startswith(starts):
-            return name
-    if path.suffix.lower() == ".mat":  # version 4 has no signature
-        return "mat"
-    text = read_text(path).lstrip()
-    if text.startswith("{"):
-        return "preload-calibration"
-    if path.suffix.lower() == ".toml":
-        return "preload-model" if _DRIVE_MODEL.search(text) else "channel-map"
-    return _format_of_columns(text)
-
-
-def _format_of_columns(text: str) -> str:
-    columns = [cell.strip().lower() for cell in text.partition("\n")[0].replace(";", ",").split(",")]
-    if motion_csv.is_motion_header(columns):
-        return "motion-record"
-    return "modal-table" if any(cell.startswith("frequency") for cell in columns) else "csv"
-
-
-def _format_of_hdf5(path: Path) -> str:
-    """Name the format of an HDF5 file; one that is damaged or states none is judged by its name, or as a session."""
+        return FileReport(UNKNOWN, False, (str(error),))
     try:
-        with open_hdf5(path) as file, refusing(path.name, "a readable format"):
-            name = attributes(file, frozenset(("format",)), path.name).text("format")
-    except RecordingFormatError:
-        name = ""
-    if name not in _HDF5_FORMATS:
-        name = "preload-frf-set" if path.name.lower().endswith(".frf.h5") else "preload-session"
-    return name
-
-
-def _problems(name: str, path: Path) -> Iterator[str]:
-    try:
-        if name == "preload-session":
-            yield from _problems_of_session(path)
-        elif name == "preload-frf-set":
-            yield from _problems_of_frf_set(path)
-        else:
-            _READERS[name](path)
+        report = _LOOKS.get(name, _look_at_raw if is_raw(name) else _refuse)(name, path)
     except RecordingFormatError as error:
-        yield str(error)
+        return FileReport(name, False, (str(error),))
+    if len(report.problems) > _MOST_PROBLEMS:
+        listed = (*report.problems[:_MOST_PROBLEMS], f"{path.name}: further problems are not listed")
+        report = replace(report, problems=listed)
+    return report if report.valid else replace(report, uses=(), next_step="")
 
 
-def _problems_of_session(path: Path) -> Iterator[str]:
+def _refuse(name: str, path: Path) -> FileReport:
+    """Return the report of a file that no command takes."""
+    kind = KINDS[name]
+    advice = f": {kind.advice}" if kind.advice else ""
+    return FileReport(name, False, (f"{path.name}: expected a recording; got {kind.what}{advice}",))
+
+
+def _look_at_session(name: str, path: Path) -> FileReport:
     with open_session(path) as reader:
-        yield from _refusals(reader.window, reader.measurement_of)
+        found = look_at_session(reader, _MOST_PROBLEMS)
+    settings = found.settings
+    uses = usability.uses_of_session(path, settings)
+    contents = [
+        ("axis_id", found.axis_id),
+        ("windows", found.n_windows),
+        ("measurements", len(found.measurements)),
+        ("positions_mm", settings.positions_mm),
+        ("preloads_n", settings.preloads_n),
+        ("first_window_at", found.started_at),
+        ("last_window_at", found.last_at),
+    ]
+    return FileReport(
+        name, not found.problems, found.problems, found.channels, tuple(contents), _doubts(found.channels), uses,
+        usability.next_step(name, path, uses, settings.lacks_for_calibration),
+    )  # fmt: skip
 
 
-def _problems_of_frf_set(path: Path) -> Iterator[str]:
+def _look_at_frf_set(name: str, path: Path) -> FileReport:
     # imported here: an FRF set brings the drive models along
     from monitor_core.recordings.frf_set import open_frf_set  # noqa: PLC0415
 
     with open_frf_set(path) as reader:
-        yield from _refusals(reader.measured, reader.conditions)
+        conditions = reader.conditions
+        problems = tuple(islice(_refusals(reader.measured, conditions), _MOST_PROBLEMS + 1))
+    uses = usability.uses_of(name, path)
+    next_step = usability.next_step(name, path, uses)
+    return FileReport(name, not problems, problems, (), (("conditions", len(conditions)),), (), uses, next_step)
 
 
 def _refusals(read: Callable[[str], object], names: Iterable[str]) -> Iterator[str]:
@@ -133,29 +135,129 @@ def _refusals(read: Callable[[str], object], names: Iterable[str]) -> Iterator[s
             yield str(error)
 
 
-def _read_calibration(path: Path) -> object:
+def _look_at_modal_table(name: str, path: Path) -> FileReport:
+    rows = read_modal_table(path)
+    settings = _settings_of(rows)
+    uses = usability.uses_of_table(path, settings)
+    contents = [
+        ("rows", settings.n_readings),
+        ("positions_mm", settings.positions_mm),
+        ("preloads_n", settings.preloads_n),
+        ("frequencies_hz", (min(row.frequency for row in rows), max(row.frequency for row in rows))),
+    ]
+    doubts = []
+    if len(settings.positions_mm) > 1 and max(settings.positions_mm) < _LARGEST_PLACE:
+        doubts.append(
+            f"position_mm: positions of at most {max(settings.positions_mm):g} mm: are these numbers in metres?"
+        )
+    next_step = usability.next_step(name, path, uses, settings.lacks_for_calibration)
+    return FileReport(name, True, (), (), tuple(contents), tuple(doubts), uses, next_step)
+
+
+def _settings_of(rows: Sequence[ModalRow]) -> Settings:
+    preloads = [row.preload for row in rows if row.preload is not None]
+    positions = places([to_millimetres(row.position) for row in rows])
+    return Settings(len(rows), positions, tuple(sorted(set(preloads))), len(preloads))
+
+
+def _look_at_motion(name: str, path: Path) -> FileReport:
+    record = motion_csv.read_motion_record(path)
+    channels = inspection.summaries_of(inspection.read_recognised(path))
+    contents = [
+        ("samples", int(record.position.size)),
+        ("sample_rate_hz", record.sample_rate),
+        ("drive", str(record.quantity)),
+    ]
+    uses = usability.uses_of(name, path)
+    next_step = usability.next_step(name, path, uses)
+    return FileReport(name, True, (), channels, tuple(contents), _doubts(channels), uses, next_step)
+
+
+def _look_at_raw(name: str, path: Path) -> FileReport:
+    read, layout = inspection.read_as_proposed(path, name)
+    channels = inspection.summaries_of(read)
+    uses = usability.uses_of(name, path)
+    next_step = usability.next_step(name, path, uses)
+    return FileReport(name, True, (), channels, _contents_of_raw(read, layout), _doubts(channels), uses, next_step)
+
+
+def _contents_of_raw(read: Channels, layout: object | None) -> tuple[tuple[str, object], ...]:
+    responses = tuple(f"{each.name}: {inspection.response_remark(each)}" for each in read.responses)
+    contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
+    if layout is not None:
+        contents.append(("text", inspection.layout_remark(layout)))
+    return tuple(contents)
+
+
+def _look_at_calibration(name: str, path: Path) -> FileReport:
     # imported here: a calibration brings the preload mathematics along, which no other format needs
     from monitor_core.recordings.calibration_file import read_calibration  # noqa: PLC0415
 
-    return read_calibration(path)
+    calibration = read_calibration(path)
+    position, preload = calibration.position, calibration.preload
+    contents = [
+        ("readings", calibration.n_readings),
+        ("positions_mm", (to_millimetres(position.lower), to_millimetres(position.upper))),
+        ("preloads_n", (preload.lower, preload.upper)),
+    ]
+    return _plain(name, path, contents)
 
 
-def _read_model(path: Path) -> object:
+def _look_at_model(name: str, path: Path) -> FileReport:
     # imported here: a drive model brings the four families along
+    from monitor_core.models.motion import FAMILY as MOTION  # noqa: PLC0415
     from monitor_core.recordings.model_file import read_model_file  # noqa: PLC0415
 
-    return read_model_file(path)
+    axis = read_model_file(path)
+    is_motion = axis.family == MOTION
+    try:  # a model whose parts do not fit each other is read, and refused where it is used
+        axis.build_motion() if is_motion else axis.build()
+    except MonitorCoreError as error:
+        return FileReport(name, False, (f"{path.name}: {error}",))
+    uses = usability.uses_of_model(path, builds=True, is_motion=is_motion)
+    contents = (("family", axis.family), ("uncertain", tuple(axis.uncertain)), ("effects", tuple(axis.effects)))
+    return FileReport(name, True, (), (), contents, (), uses, usability.next_step(name, path, uses))
 
 
-_READERS: dict[str, Callable[[Path], object]] = {
-    "preload-calibration": _read_calibration,
-    "preload-model": _read_model,
-    "modal-table": read_modal_table,
-    "motion-record": motion_csv.read_motion_record,
-    "channel-map": read_channel_map,
-    "tdms": tdms.read_channels,
-    "uff58": uff58.read_channels,
-    "mat": mat.read_channels,
-    "npz": npz.read_channels,
-    "csv": csv_samples.read_channels,
+def _look_at_map(name: str, path: Path) -> FileReport:
+    read_channel_map(path)
+    return _plain(name, path, [])
+
+
+def _look_at_effects(name: str, path: Path) -> FileReport:
+    """Look at a file of effects without running it."""
+    try:
+        tree = ast.parse(read_text(path))
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise RecordingFormatError(f"{path.name}: expected a Python file of effects; {error}") from error
+    names = {target.id for node in ast.walk(tree) for target in _targets(node) if isinstance(target, ast.Name)}
+    if "EFFECTS" not in names:
+        raise RecordingFormatError(f"{path.name}: expected a definition of EFFECTS, a tuple of effects; it is missing")
+    return _plain(name, path, [("effects", "not looked at: the file is a program, and check runs none")])
+
+
+def _targets(node: ast.AST) -> Sequence[ast.expr]:
+    if isinstance(node, ast.Assign):
+        return node.targets
+    return (node.target,) if isinstance(node, ast.AnnAssign) else ()
+
+
+def _plain(name: str, path: Path, contents: Sequence[tuple[str, object]]) -> FileReport:
+    uses = usability.uses_of(name, path)
+    return FileReport(name, True, (), (), tuple(contents), (), uses, usability.next_step(name, path, uses))
+
+
+def _doubts(channels: Sequence[ChannelSummary]) -> tuple[str, ...]:
+    return tuple(f"{channel.name}: {doubt}" for channel in channels for doubt in channel.doubts)
+
+
+_LOOKS: dict[str, Callable[[str, Path], FileReport]] = {
+    SESSION: _look_at_session,
+    FRF_SET: _look_at_frf_set,
+    MODAL_TABLE: _look_at_modal_table,
+    MOTION_RECORD: _look_at_motion,
+    CALIBRATION: _look_at_calibration,
+    MODEL: _look_at_model,
+    CHANNEL_MAP: _look_at_map,
+    EFFECTS: _look_at_effects,
 }

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from pydantic import TypeAdapter
 
-from service.cli.output import json_option, print_json, progress_bar
+from service.cli.output import json_option, print_json, print_line, progress_bar
 from service.errors import DataFolderError
 from service.settings import Settings
 from service.store.safekeeping.backup import Manifest, back_up
@@ -68,6 +68,6 @@ def report(folder: Path, manifest: Manifest, damaged: tuple[str, ...] | list[str
         print_json(TypeAdapter(Manifest).dump_python(manifest, mode="json"))
     else:
         rows = ", ".join(f"{count} {table}" for table, count in manifest.rows.items())
-        click.echo(f"{folder}: {rows}; {len(manifest.files)} files, verified")
+        print_line(f"{folder}: {rows}; {len(manifest.files)} files, verified")
     for sentence in damaged:
-        click.echo(f"preload: damaged: {sentence}", err=True)
+        print_line(f"preload: damaged: {sentence}", err=True)

@@ -22,7 +22,8 @@ from monitor_core.recordings.calibration_file import (
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import calibrate_session
 from monitor_core.uncertainty import Estimate
-from service.cli.inputs.session import axis_settings, band_option, is_session, watched_session
+from service.cli.inputs.formats import calibration_at, is_session
+from service.cli.inputs.session import axis_settings, band_option, watched_session
 from service.cli.output import json_option, print_json, print_table
 
 
@@ -57,7 +58,11 @@ def calibrate(
 ) -> None:
     """Fit k1…k4 to measured natural frequencies at several positions and preloads, or join them with a prior."""
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
-    prior = None if prior_file is None else prior_from_calibration(read_calibration(prior_file), prior_file.name)
+    prior = (
+        None
+        if prior_file is None
+        else prior_from_calibration(read_calibration(calibration_at(prior_file)), prior_file.name)
+    )
     if is_session(data):
         calibration = _from_session(data, weighting, mass, band_hz, prior)
     else:

@@ -1,25 +1,239 @@
-"""``preload check FILE``: tell whether the program can read a file."""
+"""``preload check FILE``: what is in a file, which commands can use it, and what to do next with it."""
 
+import shlex
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from itertools import islice
 from pathlib import Path
 
 import click
+import numpy as np
 
-from monitor_core.recordings.check import check_file
-from service.cli.output import json_option, print_json
+from monitor_core.recordings.check import FileReport, check_file
+from monitor_core.recordings.elements.fields import format_instant
+from monitor_core.recordings.raw.channels import Channel
+from monitor_core.recordings.raw.inspection import ChannelSummary, read_as_proposed
+from monitor_core.recordings.raw.map_proposal import FILL_IN, map_text
+from monitor_core.recordings.recognition import KINDS, SESSION
+from monitor_core.recordings.session_hdf5 import open_session
+from service.cli.output import json_option, print_json, print_line, print_table
+from service.json_types import Json, JsonObject
+
+_TERMINAL = "-"
+_PAGES = (".html", ".htm")
+#: So many channels, doubts and places of a list a person is shown; --json has all.
+_MOST_ROWS, _MOST_LINES, _MOST_VALUES = 100, 20, 12
+_MOST_WINDOWS = 1000  # of a session are drawn
 
 
-@click.command()
+class _CheckCommand(click.Command):
+    """``--plot`` stands alone, or in front of ``-`` or the name of a page; any other word behind it is the file."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Give --plot its value, empty where none stands behind it."""
+        words = list[str]()
+        for word in args:
+            if words and words[-1] == "--plot=" and (word == _TERMINAL or word.lower().endswith(_PAGES)):
+                words[-1] += word
+            else:
+                words.append("--plot=" if word == "--plot" else word)
+        return super().parse_args(ctx, words)
+
+
+@click.command(cls=_CheckCommand)
 @click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--write-map", "map_path", type=click.Path(path_type=Path, dir_okay=False), metavar="MAP",
+    help="Write a channel map for a raw file, to fill in: what is proposed and what is missing is marked.",
+)  # fmt: skip
+@click.option(
+    "--plot", metavar="[PAGE]",
+    help="Draw each channel: into a page of HTML (without a name: FILE.html in this folder), or - into the terminal.",
+)  # fmt: skip
 @json_option
 @click.pass_context
-def check(context: click.Context, file: Path, as_json: bool) -> None:
-    """Validate a session, an FRF set, a modal table, a motion record, a calibration, a drive model or a raw file."""
+def check(context: click.Context, file: Path, map_path: Path | None, plot: str | None, as_json: bool) -> None:
+    """Say what is in a file, which commands can use it, and what to do next with it.
+
+    FILE is a session, an FRF set, a modal table, a motion record, a calibration, a drive model, a channel map, or a
+    raw file (TDMS, MAT, CSV, …).
+    """
+    page = _page_of(file, plot)
+    _require_writable(map_path, page, as_json=as_json, in_terminal=plot == _TERMINAL)
     report = check_file(file)
+    written = []
+    if report.valid and map_path is not None:
+        map_path.write_text(map_text(file), encoding="utf-8")
+        written.append(map_path)
+    if report.valid and plot is not None:
+        written += _plotted(file, report, page)
     if as_json:
-        print_json({"format": report.format, "valid": report.valid, "problems": list(report.problems)})
+        print_json(_document(report, written))
     else:
-        click.echo(f"{file.name}: {report.format}, {'valid' if report.valid else 'not valid'}")
+        _print(file, report, map_path, written)
     if not report.valid:
         if not as_json:
-            click.echo(f"preload: {report.problems[0]}", err=True)
+            print_line(f"preload: {' '.join(report.problems[0].split())}", err=True)
         context.exit(2)
+
+
+def _page_of(file: Path, plot: str | None) -> Path | None:
+    """Return where the page is written; None without one."""
+    if plot is None or plot == _TERMINAL:
+        return None
+    return Path(plot) if plot else Path(f"{file.resolve().name}.html")
+
+
+def _require_writable(map_path: Path | None, page: Path | None, *, as_json: bool, in_terminal: bool) -> None:
+    """Refuse before the work what could not be written after it."""
+    if as_json and in_terminal:
+        raise click.UsageError("--json prints one document and nothing else; give --plot the name of a page")
+    for path in (map_path, page):
+        if path is not None and not path.parent.is_dir():
+            raise click.UsageError(f"cannot write {path}: folder {path.parent} does not exist")
+    if map_path is not None and map_path.exists():
+        raise click.UsageError(
+            f"cannot write {map_path}: it is already there, perhaps filled in; give another name or remove it"
+        )
+
+
+def _plotted(file: Path, report: FileReport, page: Path | None) -> list[Path]:
+    """Draw the channels of a file into its page, or into the terminal where it has none."""
+    # imported here: drawing brings along what the other reports need
+    from service.report.channel_page import MOST_PICTURES, channel_letters, channel_page  # noqa: PLC0415
+
+    channels = _channels(file, report)
+    if page is not None:
+        facts = [f"{KINDS[report.format].what}: {fact}" for fact in _facts(report)]
+        page.write_text(channel_page(file.name, channels, report.channels, facts), encoding="utf-8")
+        return [page]
+    for channel, summary in list(zip(channels, report.channels, strict=True))[:MOST_PICTURES]:
+        for line in channel_letters(channel, summary):
+            print_line(line)
+    return []
+
+
+def _channels(file: Path, report: FileReport) -> Sequence[Channel]:
+    if not report.channels:
+        raise click.UsageError(f"--plot draws channels; {file.name} is {KINDS[report.format].what}, which has none")
+    return _channels_of_session(file) if report.format == SESSION else read_as_proposed(file, report.format)[0].channels
+
+
+def _channels_of_session(file: Path) -> Sequence[Channel]:
+    """Return the channels of the windows in a row, in time order, as many windows as memory is given for."""
+    with open_session(file) as reader:
+        windows = list(islice(reader.windows(), _MOST_WINDOWS))
+    traces = [window.position_trace for window in windows if window.position_trace is not None]
+    channels = [
+        Channel("excitation", np.concatenate([window.excitation for window in windows], dtype=np.float64)),
+        Channel("response", np.concatenate([window.response for window in windows], dtype=np.float64)),
+    ]
+    return [*channels, Channel("position", np.concatenate(traces))] if traces else channels
+
+
+def _document(report: FileReport, written: Sequence[Path]) -> JsonObject:
+    return {
+        "format": report.format,
+        "valid": report.valid,
+        "problems": list(report.problems),
+        "channels": [_channel_document(channel) for channel in report.channels],
+        "usable_by": list(report.usable_by),
+        "usable_with_map": list(report.usable_with_map),
+        "commands": {use.command: use.line for use in report.uses},
+        "next_step": report.next_step or None,
+        "contents": {name: _plain(value) for name, value in report.contents},
+        "doubts": list(report.doubts),
+        "written": [str(path) for path in written],
+    }
+
+
+def _channel_document(channel: ChannelSummary) -> JsonObject:
+    return {
+        "name": channel.name,
+        "shape": list(channel.shape),
+        "unit": channel.unit,
+        "sample_rate_hz": channel.sample_rate,
+        "started_at": None if channel.started_at is None else format_instant(channel.started_at),
+        "clock": channel.clock,
+        "looks_like": None if channel.kind is None else str(channel.kind),
+        "first_values": list(channel.first_values),
+        "minimum": channel.minimum,
+        "maximum": channel.maximum,
+        "not_finite": channel.n_not_finite,
+        "constant": channel.is_constant,
+        "stuck": channel.is_stuck,
+        "clipped": channel.is_clipped,
+        "remarks": list(channel.remarks),
+        "doubts": list(channel.doubts),
+    }
+
+
+def _plain(value: object) -> Json:
+    """Return a fact as JSON has it."""
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, datetime):
+        return format_instant(value)
+    return value if isinstance(value, (int, float)) else str(value)
+
+
+def _print(file: Path, report: FileReport, map_path: Path | None, written: Sequence[Path]) -> None:
+    print_line(f"{file.resolve().name}: {report.format}, {'valid' if report.valid else 'not valid'}")
+    for fact in _facts(report):
+        print_line(fact)
+    if report.channels:
+        print_table(
+            "Channels",
+            ("channel", "shape", "unit", "rate", "start", "first values", "looks like", "remarks"),
+            [_row(channel) for channel in report.channels[:_MOST_ROWS]],
+        )
+    if (more := len(report.channels) - _MOST_ROWS) > 0:
+        print_line(f"{more} more channels: --json lists them.")
+    for doubt in report.doubts[:_MOST_LINES]:
+        print_line(f"In doubt: {doubt}.")
+    for problem in report.problems[1:]:
+        print_line(f"- {problem}")
+    if report.uses:
+        print_line(f"Commands that take it{', with a channel map' if report.usable_with_map else ' as it is'}:")
+        for use in report.uses:
+            print_line(f"  {use.line}")
+    if report.next_step and map_path not in written:
+        print_line(f"Next: {report.next_step}")
+    for path in written:
+        print_line(f"Written: {path}")
+    if map_path is not None and map_path in written:
+        print_line(f"Next: {_step_with_map(file, map_path)}")
+
+
+def _step_with_map(file: Path, map_path: Path) -> str:
+    n_places = sum(FILL_IN in line for line in map_path.read_text(encoding="utf-8").splitlines()[3:])
+    places = f"fill in its {n_places} marked places, look at what is marked to confirm" if n_places else "look at it"
+    shown, stem = shlex.quote(str(file)), shlex.quote(file.name.partition(".")[0])
+    return f"{places}, then preload import {shown} --map {shlex.quote(str(map_path))} --out {stem}.session.h5"
+
+
+def _facts(report: FileReport) -> Iterator[str]:
+    for name, value in report.contents:
+        yield f"{name}: {_shown(value)}"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, tuple):
+        shown = ", ".join(_shown(item) for item in value[:_MOST_VALUES])
+        return f"{shown}, …" if len(value) > _MOST_VALUES else shown or "not stated"
+    if isinstance(value, datetime):
+        return format_instant(value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _row(channel: ChannelSummary) -> tuple[str, ...]:
+    return (
+        channel.name,
+        " × ".join(map(str, channel.shape)),
+        channel.unit or "—",
+        "—" if channel.sample_rate is None else f"{channel.sample_rate:g} Hz",
+        "—" if channel.started_at is None else format_instant(channel.started_at),
+        ", ".join(f"{value:.4g}" for value in channel.first_values[:3]),
+        "—" if channel.kind is None else str(channel.kind),
+        "; ".join(channel.remarks),
+    )

@@ -13,7 +13,7 @@ from service.api.alarms import AlarmOut, AlarmsOut
 from service.api.axes import AxisOut
 from service.api.jobs import JobsOut
 from service.api.trend import TrendOut, TrendPointOut
-from service.cli.output import json_option, print_json, print_table
+from service.cli.output import json_option, print_json, print_line, print_table
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
 from service.cli.replay import post_session
@@ -48,14 +48,14 @@ def demo(stay: bool | None, as_json: bool) -> None:
     with tempfile.TemporaryDirectory(prefix="preload-demo-") as folder:
         settings = Settings(data_dir=Path(folder), port=0, host="127.0.0.1", database_url=None)
         with embedded_service(settings) as url, Client(url) as client:
-            click.echo(f"dashboard: {url}/", err=True)
+            print_line(f"dashboard: {url}/", err=True)
             found = run_demo(client, _bundled(settings))
             if as_json:
                 print_json(_document(found))
             else:
                 _print(found)
             if stay:
-                click.echo(f"The dashboard stays up at {url}/ until you press Ctrl-C.")
+                print_line(f"The dashboard stays up at {url}/ until you press Ctrl-C.")
                 _wait()
 
 
@@ -122,7 +122,7 @@ def demonstration_axis(sessions: Path) -> JsonObject:
 
 def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> WindowCounts:
     """Post one bundled session to the axis of its name, which is registered."""
-    click.echo(f"replaying {session} ({description})", err=True)
+    print_line(f"replaying {session} ({description})", err=True)
     with open_session(sessions / f"{session}{SUFFIX}") as reader:
         return post_session(reader, client, session).windows
 
@@ -191,9 +191,9 @@ def _print(found: Demonstration) -> None:
         ],
     )  # fmt: skip
     for name, alarm, _ in alarms:
-        click.echo(f"{name}: {alarm.explanation.sentence}")
+        print_line(f"{name}: {alarm.explanation.sentence}")
     silent = [axis.name for axis in found.axes if not axis.alarms]
-    click.echo(
+    print_line(
         f"{found.windows.windows_posted} windows posted, {found.windows.windows_refused} refused; "
         f"no alarm on: {', '.join(silent) or 'none'}"
     )
@@ -221,4 +221,4 @@ def _wait() -> None:
     try:
         input()
     except (KeyboardInterrupt, EOFError):
-        click.echo("stopped")
+        print_line("stopped")

@@ -14,7 +14,8 @@ from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import judge_session, with_session_doubts
-from service.cli.inputs.session import axis_settings, is_session, watched_session
+from service.cli.inputs.formats import calibration_at, is_session
+from service.cli.inputs.session import axis_settings, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import estimate_document, refusal_document
 from service.json_types import JsonObject
@@ -28,7 +29,7 @@ from service.json_types import JsonObject
 @json_option
 def estimate(data: Path, calibration_file: Path, as_json: bool) -> None:
     """Turn natural frequencies or a recorded session into preload."""
-    calibration = read_calibration(calibration_file)
+    calibration = read_calibration(calibration_at(calibration_file))
     estimates = _of_session(data, calibration) if is_session(data) else _of_table(data, calibration)
     if as_json:
         print_json({"estimates": [_document(item) for item in estimates]})

@@ -15,13 +15,14 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.recording import MotionRecord
-from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.units import metres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
 from monitor_core.recordings.motion_csv import read_motion_record
+from monitor_core.recordings.recognition import FRF_SET, MODAL_TABLE, MOTION_RECORD, SESSION, require_format
+from service.cli.inputs.formats import model_at
 from service.cli.inputs.model import NumbersCommand
 from service.cli.inputs.session import (
     accelerometer_option,
@@ -30,7 +31,7 @@ from service.cli.inputs.session import (
     require_session,
     responses_of_file,
 )
-from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.documents.explanation import explanation_document
 from service.report import write_report
 from service.report.content import Cell, EffectContent, ReportContent, report_content
@@ -92,7 +93,7 @@ def explain(
     if any(path.resolve() == data.resolve() for path in healthy_files):
         raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
     measured, assumptions = _measured(data, band_hz, accelerometer)
-    baseline = read_model_file(baseline_path)
+    baseline = read_model_file(model_at(baseline_path))
     options = ExplainOptions(
         hold_out=tuple(metres(position) for position in hold_out_mm),
         effects=() if effects_path is None else read_effect_file(effects_path),
@@ -113,7 +114,7 @@ def explain(
     else:
         _print(report_content(explanation))
         for path in _written(report_dir, out):
-            click.echo(f"Written: {path}")
+            print_line(f"Written: {path}")
 
 
 def _require_writable(baseline: AxisDescription, effects: tuple[Effect[Any], ...]) -> None:
@@ -138,25 +139,18 @@ def _measured(
     data: Path, band_hz: tuple[float, float] | None, accelerometer: str | None
 ) -> tuple[Measured, tuple[str, ...]]:
     """Return what was measured, and what was settled on the way, in sentences."""
-    kind = format_of(data)
-    require_session(accelerometer, of_session=kind == "preload-session")
-    if band_hz is not None and kind != "preload-session":
+    kind = require_format(data, FRF_SET, SESSION, MODAL_TABLE, MOTION_RECORD)
+    require_session(accelerometer, of_session=kind == SESSION)
+    if band_hz is not None and kind != SESSION:
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
-    match kind:
-        case "preload-frf-set":
-            return read_frf_set(data).observations, ()
-        case "preload-session":
-            session = responses_of_file(data, axis_settings(band_hz))
-            return session.observations, session.sentences
-        case "motion-record":
-            return read_motion_record(data), ()
-        case "modal-table":
-            return tuple(row.observation for row in read_modal_table(data)), ()
-    got = "a text with other columns" if kind == "csv" else kind
-    raise RecordingFormatError(
-        f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
-        f"motion record (time_s,position_m,force_n or torque_nm); got {got}"
-    )
+    if kind == FRF_SET:
+        return read_frf_set(data).observations, ()
+    if kind == SESSION:
+        session = responses_of_file(data, axis_settings(band_hz))
+        return session.observations, session.sentences
+    if kind == MOTION_RECORD:
+        return read_motion_record(data), ()
+    return tuple(row.observation for row in read_modal_table(data)), ()
 
 
 def _files(paths: Iterable[Path]) -> Iterator[Path]:
@@ -185,9 +179,9 @@ def _watched(name: str) -> Iterator[Callable[[str], None]]:
 
 
 def _print(content: ReportContent) -> None:
-    click.echo(content.headline)
+    print_line(content.headline)
     for aside in content.asides:
-        click.echo(aside)
+        print_line(aside)
     if content.misfits:
         rows = [_texts(row[:3]) for row in content.misfits[:_MOST_PLACES]]
         print_table(content.misfits_heading, ("where", "misfit, rms", "looks like"), rows)
@@ -199,10 +193,10 @@ def _print(content: ReportContent) -> None:
         )
     for found in content.effects:
         for remark in found.effect.remarks:
-            click.echo(f"- {found.effect.key}: {remark}.")
+            print_line(f"- {found.effect.key}: {remark}.")
     print_table("Gap", ("", "fitted data", "held-out data", "noise floor"), [_texts(row) for row in content.gap])
     for number, step in enumerate(content.steps, start=1):
-        click.echo(f"{number}. {step}")
+        print_line(f"{number}. {step}")
     candidates = content.candidates[:_MOST_CANDIDATES]
     more = len(content.candidates) - len(candidates)
     if candidates:
@@ -211,11 +205,11 @@ def _print(content: ReportContent) -> None:
             ("effect", "ΔBIC", "tried", "detection limit"),
             [_texts((*row[:3], row[4])) for row in candidates],
         )
-        click.echo(content.threshold)
+        print_line(content.threshold)
     if more:
-        click.echo(f"{more} more: --report DIR or --json lists them.")
+        print_line(f"{more} more: --report DIR or --json lists them.")
     if content.next_measurement:
-        click.echo(f"Measure next: {content.next_measurement}")
+        print_line(f"Measure next: {content.next_measurement}")
 
 
 def _found_rows(found: EffectContent) -> Iterator[tuple[str, ...]]:

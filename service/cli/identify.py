@@ -22,17 +22,18 @@ from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
+from monitor_core.recordings.recognition import FRF_SET, MODAL_TABLE, SESSION, require_format
 from monitor_core.uncertainty import Estimate
+from service.cli.inputs.formats import model_at
 from service.cli.inputs.model import NumbersCommand
 from service.cli.inputs.session import (
     accelerometer_option,
     axis_settings,
     band_option,
-    is_session,
     require_session,
     responses_of_file,
 )
-from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.documents.identification import OBJECTIVES, held_out_kind, identification_document
 
 
@@ -105,9 +106,10 @@ def identify(
             raise click.UsageError(f"--calibration also needs {_listed(missing)}")
         source = ExcitationSource(excitation_source)
         prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
-    require_session(accelerometer, of_session=_is_session(data))
-    measured, assumptions = _measured(data, band_hz)
-    axis = read_model_file(model_path)
+    kind = require_format(data, FRF_SET, SESSION, MODAL_TABLE)
+    require_session(accelerometer, of_session=kind == SESSION)
+    measured, assumptions = _measured(data, kind, band_hz)
+    axis = read_model_file(model_at(model_path))
     options = IdentifyOptions(
         hold_out=tuple(metres(position) for position in hold_out_mm),
         limits={name: (low, high) for name, low, high in limits},
@@ -133,21 +135,17 @@ def identify(
 
 
 def _measured(
-    data: Path, band_hz: tuple[float, float] | None
+    data: Path, kind: str, band_hz: tuple[float, float] | None
 ) -> tuple[tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...], tuple[str, ...]]:
     """Return what was measured, and what was settled on the way, in sentences."""
-    if band_hz is not None and not _is_session(data):
+    if band_hz is not None and kind != SESSION:
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
-    if data.name.endswith(".frf.h5"):
+    if kind == FRF_SET:
         return read_frf_set(data).observations, ()
-    if _is_session(data):
+    if kind == SESSION:
         session = responses_of_file(data, axis_settings(band_hz))
         return session.observations, session.sentences
     return tuple(row.observation for row in read_modal_table(data)), ()
-
-
-def _is_session(data: Path) -> bool:
-    return is_session(data) and not data.name.endswith(".frf.h5")
 
 
 @contextmanager
@@ -174,9 +172,9 @@ def _print(data: Path, found: IdentifiedJoints) -> None:
         [_joint_row(name, joint) for name, joint in found.joints.items()],
     )
     for sentence in found.assumptions:
-        click.echo(sentence)
+        print_line(sentence)
     for sentence in (*found.not_identifiable, *found.missing_modes):
-        click.echo(f"- {sentence}.")
+        print_line(f"- {sentence}.")
     rows = [
         ("starts that agree", f"{100 * quality.starts_agreeing:.0f} % of {quality.starts}"),
         ("residuals over their uncertainty", f"{quality.residual_standard_deviation:.3g}"),

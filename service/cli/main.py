@@ -86,7 +86,9 @@ def main() -> None:
 
 
 def _refuse(message: str) -> None:
-    click.echo("preload: " + " ".join(message.split()), err=True)
+    from service.cli.output import print_line  # noqa: PLC0415  # most commands end well, and `preload --help` at once
+
+    print_line("preload: " + " ".join(message.split()), err=True)
     sys.exit(2)
 
 

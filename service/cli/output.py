@@ -1,30 +1,49 @@
-"""Print results: JSON for programs, tables for people, progress on standard error."""
+"""Print results: JSON for programs, tables for people, progress on standard error.
+
+All that is printed goes through here, and what a file, a service or an option brought along is shown and never obeyed:
+characters that move the cursor, ring, colour or turn the direction of writing appear as their codes.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from service.documents.measurement import finite_or_null
+from service.documents.printable import printable
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 
 
+def print_line(text: str, *, err: bool = False) -> None:
+    """Print one line, on standard error if ``err``."""
+    click.echo(printable(text), err=err)
+
+
+def print_lines(text: str, *, err: bool = False) -> None:
+    """Print a text of several lines, whose line ends are ours."""
+    for line in text.split("\n"):
+        print_line(line, err=err)
+
+
 def print_json(document: Mapping[str, object]) -> None:
     """Print one document; what is not finite becomes null, since JSON has no other word for it."""
-    click.echo(json.dumps(finite_or_null(document), indent=2, allow_nan=False))
+    text = json.dumps(finite_or_null(document), indent=2, allow_nan=False)
+    click.echo(text.replace("\x7f", "\\u007f"))  # json writes the codes of all other characters that are not ASCII's
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table for a person."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=Text(printable(title)), title_justify="left")
     for column in columns:
-        table.add_column(column, justify="right" if rows and _is_number(rows[0][columns.index(column)]) else "left")
+        justify = "right" if rows and _is_number(rows[0][columns.index(column)]) else "left"
+        table.add_column(Text(printable(column)), justify=justify, overflow="fold")  # type: ignore[arg-type]  # a str, not the literal
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(printable(cell)) for cell in row))
     Console(width=None if Console().is_terminal else 140).print(table)
 
 
@@ -32,9 +51,17 @@ def progress_bar() -> Progress:
     """Return a progress bar on standard error; it stays silent where that is no terminal."""
     console = Console(stderr=True)
     return Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        _Description(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
         console=console, disable=not console.is_terminal,
     )  # fmt: skip
+
+
+class _Description(ProgressColumn):
+    """What is being done, which may name a file."""
+
+    def render(self, task: Task) -> Text:
+        """Return the description as it is, without markup."""
+        return Text(printable(task.description))
 
 
 def _is_number(text: str) -> bool:

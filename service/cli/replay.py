@@ -8,7 +8,8 @@ import click
 
 from monitor_core.recording import RejectionReason
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session
-from service.cli.output import json_option, print_json, progress_bar
+from service.cli.inputs.formats import session_at
+from service.cli.output import json_option, print_json, print_line, print_lines, progress_bar
 from service.cli.remote.client import Client, MeasurementOutcome
 from service.operations.monitoring.replay import Pace, WindowCounts
 
@@ -23,15 +24,15 @@ from service.operations.monitoring.replay import Pace, WindowCounts
 @json_option
 def replay(session: Path, url: str, axis: str, speed: float | None, as_json: bool) -> None:
     """Post a recorded session, one measurement a request; windows that are there already are passed over."""
-    with open_session(session) as reader, Client(url) as client:
+    with open_session(session_at(session)) as reader, Client(url) as client:
         if client.register_if_new(axis):
-            click.echo(f"axis '{axis}' was not registered: registered with default settings", err=True)
+            print_line(f"axis '{axis}' was not registered: registered with default settings", err=True)
         posted = post_session(reader, client, axis, speed)
     if as_json:
         refused = dict(posted.measurements_refused)
         print_json({**asdict(posted.windows), "measurements": posted.measurements, "measurements_refused": refused})
     else:
-        click.echo(_sentence(posted))
+        print_lines(_sentence(posted))
 
 
 @dataclass(frozen=True, slots=True)

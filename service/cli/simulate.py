@@ -19,7 +19,7 @@ from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.model import NumbersCommand, built_model
 from service.cli.inputs.session import SESSION_SUFFIXES
-from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.json_types import JsonObject
 
 #: A fixed instant, so that the same seed gives the same file whenever it is written.
@@ -111,7 +111,7 @@ def simulate(
     write_session(out, Session(model.stem, recorded, f"simulated from {model.name} with seed {seed}"))
     measurements = [(f"m{i:04d}", c, _first_mode(drive, c, settings)) for i, c in enumerate(conditions)]
     if not all(mode.damping_ratio > 0.0 for _, _, mode in measurements):
-        click.echo("the model states no damping: its mode rings on beyond the windows and cannot be fitted", err=True)
+        print_line("the model states no damping: its mode rings on beyond the windows and cannot be fitted", err=True)
     if as_json:
         documents = [_document(*item) for item in measurements]
         print_json({"session": str(out), "windows": len(recorded), "seed": seed, "measurements": documents})

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from monitor_core.errors import OutsideValidityError, RecordingFormatError
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recordings import FileReport, check_file
+from monitor_core.recordings import check_file
 from monitor_core.recordings.elements.units import response_unit
 from monitor_core.recordings.frf_set import (
     FrequencyResponseSet,
@@ -208,7 +208,8 @@ def test_fixed_length_texts_and_arrays_of_one_are_what_matlab_writes(tmp_path):
     with h5py.File(path, "r+") as file:
         file.attrs["format"] = np.bytes_(b"preload-frf-set")
     assert only(path).conditions.position == 0.1234
-    assert check_file(path) == FileReport("preload-frf-set", True, ())
+    report = check_file(path)
+    assert (report.format, report.valid, report.problems) == ("preload-frf-set", True, ())
 
 
 SPELLINGS = {
@@ -510,11 +511,15 @@ def checked(path) -> tuple[int, dict]:
 
 
 def test_check_reports_a_good_set(frf_file):
-    assert checked(frf_file) == (0, {"format": "preload-frf-set", "valid": True, "problems": []})
+    exit_code, document = checked(frf_file)
+    assert exit_code == 0
+    assert [document[key] for key in ("format", "valid", "problems", "channels")] == ["preload-frf-set", True, [], []]
+    assert document["usable_by"] == ["identify", "explain"]
 
 
 def test_check_knows_a_set_whatever_its_name(frf_file):
-    assert check_file(frf_file.rename(frf_file.with_name("a.h5"))) == FileReport("preload-frf-set", True, ())
+    report = check_file(frf_file.rename(frf_file.with_name("a.h5")))
+    assert (report.format, report.valid, report.problems) == ("preload-frf-set", True, ())
 
 
 def test_check_lists_every_bad_condition(frf_file):

@@ -199,11 +199,11 @@ def test_a_file_that_does_not_fit_its_map_is_refused(tmp_path, case):
     assert str(caught.value).startswith("hit.npz")
 
 
-def test_an_unknown_ending_is_refused(tmp_path):
+def test_a_file_that_is_no_recording_is_refused_by_what_it_is(tmp_path):
     (tmp_path / "map.toml").write_text(MAP)
-    (tmp_path / "a.wav").write_bytes(b"RIFF")
-    with pytest.raises(RecordingFormatError, match=r"expected a file of \.tdms.*; got '\.wav'"):
-        read_mapped(tmp_path / "a.wav", read_channel_map(tmp_path / "map.toml"))
+    (tmp_path / "a.csv").write_bytes(b"%PDF-1.7\n")
+    with pytest.raises(RecordingFormatError, match=r"expected a raw file \(\.tdms.*got a PDF document: export"):
+        read_mapped(tmp_path / "a.csv", read_channel_map(tmp_path / "map.toml"))
 
 
 @pytest.fixture

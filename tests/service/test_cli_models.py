@@ -248,7 +248,8 @@ def test_a_file_that_is_there_is_kept_unless_forced(preload: Any, tmp_path: Path
 def test_check_tells_a_drive_model(preload: Any, tmp_path: Path) -> None:
     for name in FAMILIES:
         report = preload("check", MODELS / f"{name}.toml", "--json").json()
-        assert report == {"format": "preload-model", "valid": True, "problems": []}
+        assert [report[key] for key in ("format", "valid", "problems")] == ["preload-model", True, []]
+        assert report["usable_by"] == ["modes", "simulate", "identify", "explain"]
     bad = tmp_path / "bad.toml"
     bad.write_text('family = "hybrid"\n[parameters]\n')
     answer = preload("check", bad, "--json")

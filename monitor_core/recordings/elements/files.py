@@ -18,8 +18,11 @@ def require_file(path: Path) -> Path:
     """
     if not path.exists():
         raise RecordingFormatError(f"{path.name}: expected a file; nothing is at this path")
+    if path.is_dir():
+        name = path.resolve().name or str(path)  # "." and ".." have no name of their own
+        raise RecordingFormatError(f"{name}: expected a file; got a folder: name one of the files in it")
     if not path.is_file():
-        raise RecordingFormatError(f"{path.name}: expected a regular file; got a folder, pipe or device")
+        raise RecordingFormatError(f"{path.name}: expected a regular file; got a pipe or device")
     if path.stat().st_size == 0:
         raise RecordingFormatError(f"{path.name}: expected a recording; the file is empty (0 bytes)")
     return path

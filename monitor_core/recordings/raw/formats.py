@@ -1,11 +1,11 @@
-"""Find the reader of a raw file by the ending of its name."""
+"""Find the reader of a raw file by what it holds."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.recognition import raw_ending
 
 #: Ending of the file name → reader of its channels.
 READERS: dict[str, Callable[[Path], Channels]] = {
@@ -21,13 +21,8 @@ READERS: dict[str, Callable[[Path], Channels]] = {
 
 
 def read_channels(path: Path) -> Channels:
-    """Read the channels of a raw file by the ending of its name.
+    """Read the channels of a raw file by what it holds; only texts are told from each other by the ending of the name.
 
-    ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
+    ``RecordingFormatError`` if the file is no raw file, or damaged; the sentence says what it is and the next step.
     """
-    try:
-        reader = READERS[path.suffix.lower()]
-    except KeyError:
-        known = ", ".join(READERS)
-        raise RecordingFormatError(f"{path.name}: expected a file of {known}; got {path.suffix!r}") from None
-    return reader(path)
+    return READERS[raw_ending(path, READERS)](path)

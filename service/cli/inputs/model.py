@@ -8,6 +8,7 @@ import click
 from monitor_core.models import DriveModel
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.model_file import read_model_file
+from service.cli.inputs.formats import model_at
 
 
 class NumbersCommand(click.Command):
@@ -27,7 +28,7 @@ class NumbersCommand(click.Command):
 def built_model(path: Path) -> DriveModel:
     """Read a model file and build the model; what keeps it from being built is a fault of the file."""
     with naming(path.name):
-        return read_model_file(path).build()
+        return read_model_file(model_at(path)).build()
 
 
 def _repeated(args: list[str], repeatable: set[str]) -> Iterator[str]:

@@ -1,0 +1,138 @@
+"""Propose what a channel measures, from its name, its unit and its values. A proposal is for a person to confirm."""
+
+import re
+from enum import StrEnum
+
+import numpy as np
+
+from monitor_core.arrays import SampleArray
+from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quantity, canonical_unit
+
+
+class ChannelKind(StrEnum):
+    """What a channel looks like."""
+
+    TORQUE = "torque"
+    FORCE = "force"
+    ACCELERATION = "acceleration"
+    POSITION = "position"
+    TIME = "time"
+    FREQUENCY = "frequency"
+
+
+#: How words in the name of a channel begin, in the languages of controls and loggers; the first kind that fits counts.
+_BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
+    None: ("veloc", "speed", "geschw", "vitesse", "rpm", "drehzahl", "temp", "volt", "spann", "status", "phase"),
+    ChannelKind.ACCELERATION: ("acc", "beschl", "vibr", "schwing"),
+    ChannelKind.TORQUE: ("torq", "trq", "drehmo", "moment", "couple", "coppia"),
+    ChannelKind.FORCE: ("forc", "kraft", "hammer", "impact", "impuls", "loadcell", "forza"),
+    ChannelKind.POSITION: ("pos", "lage", "weg", "displ", "encod", "travel", "stroke", "geber"),
+    ChannelKind.FREQUENCY: ("freq", "hz"),
+    ChannelKind.TIME: ("time", "zeit", "elapsed"),
+}
+#: A drive's current stands for its torque, where no other word says what is current ("current position").
+_CURRENT = ("current", "strom", "courant", "ampere", "iq")
+#: Whole names that people give.
+_WHOLE = {
+    "a": ChannelKind.ACCELERATION, "ax": ChannelKind.ACCELERATION, "ay": ChannelKind.ACCELERATION,
+    "az": ChannelKind.ACCELERATION, "f": ChannelKind.FORCE, "fx": ChannelKind.FORCE, "fy": ChannelKind.FORCE,
+    "fz": ChannelKind.FORCE, "m": ChannelKind.TORQUE, "tq": ChannelKind.TORQUE, "i": ChannelKind.TORQUE,
+    "t": ChannelKind.TIME,
+    "sec": ChannelKind.TIME, "seconds": ChannelKind.TIME, "sek": ChannelKind.TIME,
+}  # fmt: skip
+_PLANNED = re.compile(r"set|soll|target|ref|c(omman|m)d|error|fehler|nom", re.IGNORECASE)
+_IN_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
+_ENDING = re.compile(r"[_ ]((?:[a-zA-Z]+\d?)(?:_s2|ps2|/s2|/s\^2|/s²)?)$")
+#: Units as names of columns spell them.
+_IN_NAMES = {
+    "nm": "N.m", "mnm": "mN.m", "ncm": "N.cm", "knm": "kN.m", "n": "N", "mn": "mN", "kn": "kN", "g": "g",
+    "ms2": "m/s2", "mps2": "m/s2", "m_s2": "m/s2", "m_per_s2": "m/s2", "mms2": "mm/s2", "m": "m", "mm": "mm",
+    "um": "um", "s": "s", "ms": "ms", "us": "us", "sec": "s", "v": "V", "mv": "mV", "a": "A", "ma": "mA",
+    "counts": "count", "count": "count",
+}  # fmt: skip
+_FREQUENCY_UNITS = frozenset(("Hz", "kHz", "rad/s"))
+
+
+def kind_of_name(name: str) -> ChannelKind | None:
+    """Return what the name says; the last part of a name with slashes counts first."""
+    for part in (re.split(r"[/\\.]", name)[-1], name):
+        whole = _WHOLE.get(_without_unit(part).strip().lower())
+        if whole is not None:
+            return whole
+        words = _words(_without_unit(part))
+        for kind, beginnings in _BEGINNINGS.items():
+            if any(word.startswith(beginnings) for word in words):
+                return kind
+        if any(word.startswith(_CURRENT) for word in words):
+            return ChannelKind.TORQUE
+    return None
+
+
+def kind_of_unit(unit: str | None) -> ChannelKind | None:
+    """Return what a unit belongs to; a current is taken for a torque, a voltage for nothing."""
+    if unit is not None and unit.strip() in _FREQUENCY_UNITS:
+        return ChannelKind.FREQUENCY
+    known = canonical_unit(unit)
+    for quantity, factors in FACTOR_TO_SI.items():
+        if known in factors:
+            return ChannelKind(str(quantity))
+    return ChannelKind.TORQUE if known in ("A", "mA") else None
+
+
+def unit_in_name(name: str) -> str | None:
+    """Return the unit that the name of a channel states: ``Force [kN]``, ``acc (g)``, ``time_ms``; None if none.
+
+    A single letter at the end is a unit only of what the rest of the name says: ``force_n``, but not ``axis_a``.
+    """
+    if (bracket := _IN_BRACKETS.search(name)) is not None:
+        return canonical_unit(bracket[1]) or _IN_NAMES.get(bracket[1].strip().lower())
+    if (ending := _ENDING.search(name)) is None:
+        return None
+    unit = canonical_unit(ending[1]) or _IN_NAMES.get(ending[1].lower().replace("/", ""))
+    if unit is None or unit in RAW_UNITS:
+        says = kind_of_name(name[: ending.start()])
+        return unit if unit is not None and says is not None else None
+    fits = kind_of_name(name[: ending.start()])
+    return unit if (fits is None and len(ending[1]) > 1) or fits == kind_of_unit(unit) else None
+
+
+def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
+    """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
+    by_name = kind_of_name(name)
+    if by_name is not None:
+        return by_name
+    by_unit = kind_of_unit(unit or unit_in_name(name))
+    if by_unit is not None:
+        return by_unit
+    return ChannelKind.TIME if unit is None and rises_evenly(samples) else None
+
+
+def is_planned(name: str) -> bool:
+    """Tell whether a name is that of a set point or an error, which was not measured."""
+    return _PLANNED.search(name) is not None
+
+
+def rises_evenly(samples: SampleArray) -> bool:
+    """Tell whether values rise by one step, as sampling times and lines of a spectrum do."""
+    if samples.ndim != 1 or samples.size < 3 or not np.all(np.isfinite(samples)):
+        return False
+    steps = np.diff(samples.astype(np.float64))
+    middle = float(np.median(steps))
+    return middle > 0.0 and bool(steps.min() > 0.0) and bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)
+
+
+def units_of(kind: ChannelKind) -> tuple[str, ...]:
+    """Return the units that a channel of a kind may have, raw ones last."""
+    if kind is ChannelKind.FREQUENCY:
+        return ("Hz",)
+    raw = () if kind is ChannelKind.TIME else tuple(RAW_UNITS)
+    return (*FACTOR_TO_SI[Quantity(str(kind))], *raw)
+
+
+def _without_unit(name: str) -> str:
+    return _IN_BRACKETS.sub("", name)
+
+
+def _words(name: str) -> list[str]:
+    separated = re.sub(r"(?<=[^\W\d_])(?=[^\W\d_])(?<![A-ZÄÖÜ])(?=[A-ZÄÖÜ])", " ", name)
+    return [word.lower() for word in re.split(r"[\W\d_]+", separated) if word]

@@ -1,0 +1,257 @@
+"""Look at the channels of a raw file: what the file states of each, and what its values show."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from datetime import datetime
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from monitor_core.arrays import SampleArray
+from monitor_core.quality import is_clipped, is_stuck, longest_run
+from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
+from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of, kind_of_name, kind_of_unit, unit_in_name
+from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
+from monitor_core.recordings.raw.formats import READERS
+from monitor_core.recordings.recognition import raw_ending
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+#: How many values of a channel are shown.
+N_FIRST = 5
+#: A channel that holds one value off its rest level for such a share of the record is stuck (as in the quality gate).
+STUCK_SHARE = 0.1
+#: Runs of one length so often are a slower record whose values were repeated.
+_HELD_SHARE = 0.9
+#: Steps of time that differ by more than this share of the middle one are no even sampling, however they are printed.
+_UNEVEN = 0.5
+#: No drive is sampled more slowly to show a mode, none faster: times outside are doubted.
+_PLAUSIBLE_RATE = (20.0, 5e6)  # [Hz]
+_LONGEST_AXIS = 20.0  # [m]
+_GRAVITY = 9.80665  # 3rd CGPM, 1901 [m/s²]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSummary:
+    """A channel as the file states it, figures of its values, and what is remarkable of them."""
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str | None = None  # as spelled in the file
+    sample_rate: float | None = None  # [Hz]; None where the file does not say it
+    started_at: datetime | None = None
+    clock: str | None = None  # channel of its sampling times
+    kind: ChannelKind | None = None  # what it looks like: to be confirmed
+    first_values: tuple[float, ...] = ()
+    minimum: float | None = None  # of the finite values; None if none is
+    maximum: float | None = None
+    n_not_finite: int = 0
+    is_constant: bool = False
+    is_stuck: bool = False  # off its rest level for a tenth of the record
+    is_clipped: bool = False
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()  # that the numbers are of the quantity that name or unit says
+
+
+def inspect(path: Path, layout: object | None = None) -> tuple[ChannelSummary, ...]:
+    """Read the channels of a raw file and look at each; ``layout`` is how a text file is written, where not plain.
+
+    ``RecordingFormatError`` if the file cannot be read; ``MissingReaderError`` if that needs a library that is not
+    installed.
+    """
+    return summaries_of(read_recognised(path, layout))
+
+
+def read_recognised(path: Path, layout: object | None = None) -> Channels:
+    """Read a raw file by what it holds, whatever its name ends in; raises as :func:`inspect`."""
+    reader = cast(Callable[..., Channels], READERS[raw_ending(path, READERS)])
+    return reader(path) if layout is None else reader(path, layout)
+
+
+def read_as_proposed(path: Path, name: str) -> tuple[Channels, object | None]:
+    """Read a raw file of a format, a text in the layout that is proposed for it; return that layout, too."""
+    layout = proposed_layout(path) if name == "csv" else None
+    return read_recognised(path, layout), layout
+
+
+def proposed_layout(path: Path) -> object | None:
+    """Return how a text file seems to be written where that is not plain; None where the plain reader takes it."""
+    try:
+        text_layout = import_module("monitor_core.recordings.raw.text_layout")
+    except ModuleNotFoundError:
+        return None
+    layout: object | None = text_layout.propose_layout(path)
+    return layout
+
+
+def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:
+    """Look at each channel of a file, and for channels that hold the same values."""
+    summaries, seen = [], dict[bytes, str]()
+    for channel in channels.channels:
+        summary = summary_of(channel)
+        if not summary.is_constant and channel.samples.size > 1:
+            digest = hashlib.blake2b(channel.samples.tobytes(), digest_size=16).digest()
+            if (earlier := seen.setdefault(digest, channel.name)) != channel.name:
+                summary = replace(summary, remarks=(*summary.remarks, f"holds the values of {earlier!r}"))
+        summaries.append(summary)
+    return tuple(summaries)
+
+
+def summary_of(channel: Channel) -> ChannelSummary:
+    """Look at one channel."""
+    samples = channel.samples.reshape(-1)
+    is_finite = np.isfinite(samples)
+    finite = samples if bool(is_finite.all()) else samples[is_finite]
+    kind = kind_of(channel.name, channel.unit, channel.samples)
+    summary = ChannelSummary(
+        name=channel.name,
+        shape=tuple(channel.samples.shape),
+        unit=channel.unit,
+        sample_rate=channel.sample_rate,
+        started_at=channel.started_at,
+        clock=channel.clock,
+        kind=kind,
+        first_values=tuple(float(value) for value in samples[:N_FIRST]),
+        minimum=float(finite.min()) if finite.size else None,
+        maximum=float(finite.max()) if finite.size else None,
+        n_not_finite=samples.size - finite.size,
+    )
+    return _judged(summary, finite)
+
+
+def is_of_time(kind: ChannelKind | None) -> bool:
+    """Tell whether values rise by their nature, so that none of them is stuck or clipped."""
+    return kind in (ChannelKind.TIME, ChannelKind.FREQUENCY)
+
+
+def step_of(samples: SampleArray) -> float | None:
+    """Return the middle step of sampling times; None if they do not rise."""
+    steps = np.diff(samples.reshape(-1).astype(np.float64))
+    middle = float(np.median(steps)) if steps.size else 0.0
+    return middle if np.isfinite(middle) and middle > 0.0 else None
+
+
+def response_remark(response: FrequencyResponse) -> str:
+    """Say in a few words what a frequency response of a file spans."""
+    lines, unit = response.frequency, response.response_unit or "?"
+    per = response.reference_unit or "?"
+    return f"{lines.size} lines, {lines[0]:g} to {lines[-1]:g} Hz, {unit} per {per}" if lines.size else "no lines"
+
+
+def _judged(summary: ChannelSummary, finite: SampleArray) -> ChannelSummary:
+    constant = finite.size > 1 and summary.minimum == summary.maximum
+    stuck = clipped = False
+    remarks = []
+    n_all = int(np.prod(summary.shape))
+    if summary.n_not_finite:
+        remarks.append(f"{summary.n_not_finite} of {n_all} values are not finite")
+    if constant:
+        remarks.append(f"constant: {finite[0]:g} throughout")
+    elif finite.size > 2 and not is_of_time(summary.kind):
+        start, run = longest_run(finite)
+        is_drive = summary.kind in (ChannelKind.TORQUE, ChannelKind.FORCE)
+        stuck = run > STUCK_SHARE * finite.size and is_stuck(finite, start, run, is_excitation=is_drive)
+        at_rest = summary.kind is ChannelKind.POSITION  # an encoder that stands says so
+        stuck, clipped = stuck and not at_rest, not at_rest and (is_clipped(finite) or is_clipped(-finite))
+        if stuck:
+            remarks.append(f"stuck: holds {finite[start]:g} for {run} values that follow each other")
+        if clipped:
+            n_at_end = int(np.count_nonzero((finite == summary.maximum) | (finite == summary.minimum)))
+            remarks.append(f"clipped: piles up at the end of its range ({n_at_end} values)")
+        if (held := _held(finite)) > 1 and not at_rest:
+            remarks.append(f"repeated: each value stands {held} times, so it was recorded at a lower rate")
+    if summary.kind is ChannelKind.TIME and (uneven := _uneven(finite)) is not None:
+        remarks.append(uneven)
+    return replace(
+        summary, is_constant=constant, is_stuck=stuck, is_clipped=clipped,
+        remarks=tuple(remarks), doubts=tuple(_doubts(summary, finite)),
+    )  # fmt: skip
+
+
+def _held(samples: SampleArray) -> int:
+    """Return how often each value stands, where nearly all stand equally often; 1 otherwise."""
+    changes = np.flatnonzero(np.diff(samples))
+    if changes.size < 8 or changes.size > 0.6 * samples.size:
+        return 1
+    lengths = np.diff(changes)
+    usual = int(np.median(lengths))
+    return usual if np.mean(lengths == usual) >= _HELD_SHARE else 1
+
+
+def _uneven(times: SampleArray) -> str | None:
+    if times.size < 3:
+        return None
+    steps = np.diff(times.reshape(-1).astype(np.float64))
+    middle = float(np.median(steps))
+    if steps.min() <= 0.0:
+        return f"times do not rise throughout: a step of {steps.min():g}"
+    if steps.max() - steps.min() <= _UNEVEN * middle:
+        return None
+    return f"uneven: steps of {steps.min():g} to {steps.max():g}, mostly {middle:g}"
+
+
+def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:
+    named, by_name, of_name = unit_in_name(summary.name), kind_of_name(summary.name), canonical_unit(summary.unit)
+    unit = of_name or named
+    doubts = []
+    if named is not None and of_name is not None and named != of_name:
+        doubts.append(f"its name says {named}, its unit is {summary.unit}")
+    by_unit = kind_of_unit(unit)
+    if by_name is not None and unit is not None and by_unit is not by_name:
+        what = f"named like {_with_article(by_name)}, but its numbers are in {unit}"
+        doubts.append(f"{what}, a raw unit: the map needs its sensitivity" if by_unit is None else what)
+    kind = by_name or by_unit
+    if kind is ChannelKind.TIME:
+        doubts += _doubts_of_times(unit, finite)
+    elif finite.size and kind is not None and unit is not None:
+        doubts += _doubts_of_size(kind, unit, finite)
+    return doubts
+
+
+def _doubts_of_times(unit: str | None, times: SampleArray) -> list[str]:
+    step, factors = step_of(times), FACTOR_TO_SI[Quantity.TIME]
+    if step is None or unit not in factors or times.size < 3:
+        return []
+    rate = 1.0 / (step * factors[unit])
+    low, high = _PLAUSIBLE_RATE
+    if low <= rate <= high:
+        return []
+    others = [other for other, factor in factors.items() if low <= 1.0 / (step * factor) <= high]
+    instead = f"; in {others[0]} it would be {1.0 / (step * factors[others[0]]):g} Hz" if others else ""
+    return [f"steps of {step:g} {unit} are a sampling rate of {rate:g} Hz{instead}"]
+
+
+def _doubts_of_size(kind: ChannelKind, unit: str, finite: SampleArray) -> list[str]:
+    mean = abs(float(finite.mean(dtype=np.float64)))
+    if kind is ChannelKind.ACCELERATION:
+        for other, gravity in (("m/s2", _GRAVITY), ("g", 1.0)):
+            if unit in ("m/s2", "g") and unit != other and abs(mean - gravity) < 0.02 * gravity:
+                return [f"its mean of {mean:.3g} {unit} is that of gravity in {other}"]
+    if kind is ChannelKind.POSITION and unit in FACTOR_TO_SI[Quantity.POSITION]:
+        travel = float(np.ptp(finite)) * FACTOR_TO_SI[Quantity.POSITION][unit]
+        if travel > _LONGEST_AXIS:
+            return [f"a travel of {travel:g} m is longer than an axis: are these numbers in another unit than {unit}?"]
+    return []
+
+
+def _with_article(kind: ChannelKind) -> str:
+    return f"{'an' if kind is ChannelKind.ACCELERATION else 'a'} {kind}"
+
+
+def layout_remark(layout: object) -> str:
+    """Say in a few words how a text file seems to be written, entry by entry as in the map's [text]."""
+    return ", ".join(f"{name} {value}" for name, value in layout_entries(layout).items())
+
+
+def layout_entries(layout: object) -> dict[str, str | int]:
+    """Return the entries of [text] that differ from a plain file."""
+    stated = {item.name: getattr(layout, item.name) for item in fields(cast("DataclassInstance", layout))}
+    return {
+        name: int(value) if isinstance(value, int) else str(value)
+        for name, value in stated.items()
+        if value is not None
+    }

@@ -1,0 +1,120 @@
+"""Say which commands take a file as it is, and what the next step with it is."""
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from monitor_core.recordings import recognition
+from monitor_core.recordings.recognition import is_raw
+
+#: What a calibration needs at the least: k1, k2 and k4 from positions, k3 from preloads, and one reading to judge them.
+FEWEST_POSITIONS, FEWEST_PRELOADS, FEWEST_READINGS = 3, 2, 5
+#: Commands that take a raw file together with its channel map.
+WITH_MAP = ("import", "frf", "calibrate", "estimate", "explain", "identify", "replay")
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """A command that takes the file, and how it is called; words in capitals are left to the user."""
+
+    command: str
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """At which settings the readings of a file were taken, as far as it states them."""
+
+    n_readings: int
+    positions_mm: tuple[float, ...]
+    preloads_n: tuple[float, ...]
+    n_with_preload: int
+
+    @property
+    def lacks_for_calibration(self) -> str:
+        """What keeps a calibration from the file, in a few words; empty if nothing does."""
+        if self.n_with_preload < FEWEST_READINGS:
+            return f"{FEWEST_READINGS} measurements with preload_n; it has {self.n_with_preload}"
+        if len(self.positions_mm) < FEWEST_POSITIONS:
+            return f"{FEWEST_POSITIONS} positions; it has {len(self.positions_mm)}"
+        if len(self.preloads_n) < FEWEST_PRELOADS:
+            return f"{FEWEST_PRELOADS} preloads; it has {len(self.preloads_n)}"
+        return ""
+
+
+def uses_of_session(path: Path, settings: Settings) -> tuple[Use, ...]:
+    """Return the commands that take a session; ``calibrate`` only if enough settings were set on purpose."""
+    name = shlex.quote(str(path))
+    uses = [Use("frf", f"preload frf {name}"), *_shared_uses(name, path, settings)]
+    return (*uses, Use("replay", f"preload replay {name} --url URL --axis ID"))
+
+
+def uses_of_table(path: Path, settings: Settings) -> tuple[Use, ...]:
+    """Return the commands that take a modal table."""
+    return tuple(_shared_uses(shlex.quote(str(path)), path, settings))
+
+
+def uses_of(name: str, path: Path) -> tuple[Use, ...]:
+    """Return the commands that take a file of a format that needs no look at what it holds."""
+    shown = shlex.quote(str(path))
+    explain = Use("explain", f"preload explain {shown} --baseline MODEL")
+    if is_raw(name):
+        return (Use("import", f"preload import {shown} --map MAP --out {_stem(path)}.session.h5"),)
+    return {
+        recognition.FRF_SET: (Use("identify", f"preload identify {shown} --model MODEL"), explain),
+        recognition.MOTION_RECORD: (explain,),
+        recognition.CALIBRATION: (
+            Use("estimate", f"preload estimate DATA --calibration {shown}"),
+            Use("calibrate", f"preload calibrate DATA --prior {shown}"),
+        ),
+        recognition.CHANNEL_MAP: (Use("import", f"preload import RAW --map {shown} --out FILE.session.h5"),),
+        recognition.EFFECTS: (Use("explain", f"preload explain DATA --baseline MODEL --effects {shown}"),),
+    }.get(name, ())
+
+
+def uses_of_model(path: Path, *, builds: bool, is_motion: bool) -> tuple[Use, ...]:
+    """Return the commands that take a drive model; ``builds`` says that its natural frequencies can be asked for."""
+    shown = shlex.quote(str(path))
+    explain = Use("explain", f"preload explain DATA --baseline {shown}")
+    if is_motion:
+        return (Use("explain", f"preload explain MOTION.csv --baseline {shown}"),)
+    if not builds:
+        return ()
+    return (
+        Use("modes", f"preload modes {shown} --position-mm X"),
+        Use("simulate", f"preload simulate {shown} --out FILE.session.h5"),
+        Use("identify", f"preload identify DATA --model {shown}"),
+        explain,
+    )
+
+
+def next_step(name: str, path: Path, uses: Sequence[Use], lacks: str = "") -> str:
+    """Return the step that most users take next, as a sentence; ``lacks`` is what keeps a calibration from the file."""
+    shown, stem = shlex.quote(str(path)), _stem(path)
+    lines = {use.command: use.line for use in uses}
+    if is_raw(name):
+        return (
+            f"preload check {shown} --write-map {stem}.toml writes a channel map to fill in; then "
+            f"preload import {shown} --map {stem}.toml --out {stem}.session.h5"
+        )
+    if "calibrate" in lines and name != recognition.CALIBRATION:
+        return f"{lines['calibrate']}; or, with a calibration, {lines['estimate']}"
+    if name in (recognition.SESSION, recognition.MODAL_TABLE):
+        first = [lines["frf"]] if "frf" in lines else []
+        steps = "; ".join([*first, f"with a calibration, {lines['estimate']}"])
+        return f"{steps} (a calibration of its own would need {lacks})"
+    return next(iter(lines.values()), "")
+
+
+def _shared_uses(name: str, path: Path, settings: Settings) -> list[Use]:
+    uses = [Use("estimate", f"preload estimate {name} --calibration CALIBRATION")]
+    if not settings.lacks_for_calibration:
+        uses.append(Use("calibrate", f"preload calibrate {name} --out {_stem(path)}.calibration.json"))
+    uses.append(Use("identify", f"preload identify {name} --model MODEL"))
+    uses.append(Use("explain", f"preload explain {name} --baseline MODEL"))
+    return uses
+
+
+def _stem(path: Path) -> str:
+    return shlex.quote(path.name.partition(".")[0] or path.name)
