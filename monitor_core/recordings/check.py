@@ -146,10 +146,9 @@ def _look_at_modal_table(name: str, path: Path) -> FileReport:
         ("frequencies_hz", (min(row.frequency for row in rows), max(row.frequency for row in rows))),
     ]
     doubts = []
-    if len(settings.positions_mm) > 1 and max(settings.positions_mm) < _LARGEST_PLACE:
-        doubts.append(
-            f"position_mm: positions of at most {max(settings.positions_mm):g} mm: are these numbers in metres?"
-        )
+    positions = {to_millimetres(row.position) for row in rows}
+    if len(positions) > 1 and max(positions) < _LARGEST_PLACE:
+        doubts.append(f"position_mm: positions of at most {max(positions):g} mm: are these numbers in metres?")
     next_step = usability.next_step(name, path, uses, settings.lacks_for_calibration)
     return FileReport(name, True, (), (), tuple(contents), tuple(doubts), uses, next_step)
 
@@ -214,7 +213,12 @@ def _look_at_model(name: str, path: Path) -> FileReport:
         axis.build_motion() if is_motion else axis.build()
     except MonitorCoreError as error:
         return FileReport(name, False, (f"{path.name}: {error}",))
-    uses = usability.uses_of_model(path, builds=True, is_motion=is_motion)
+    uses = usability.uses_of_model(
+        path,
+        is_motion=is_motion,
+        needs_preload="dynamic_load_rating_n" in axis.parameters,
+        has_effects=bool(axis.effects),
+    )
     contents = (("family", axis.family), ("uncertain", tuple(axis.uncertain)), ("effects", tuple(axis.effects)))
     return FileReport(name, True, (), (), contents, (), uses, usability.next_step(name, path, uses))
 

@@ -73,20 +73,22 @@ def uses_of(name: str, path: Path) -> tuple[Use, ...]:
     }.get(name, ())
 
 
-def uses_of_model(path: Path, *, builds: bool, is_motion: bool) -> tuple[Use, ...]:
-    """Return the commands that take a drive model; ``builds`` says that its natural frequencies can be asked for."""
+def uses_of_model(path: Path, *, is_motion: bool, needs_preload: bool, has_effects: bool) -> tuple[Use, ...]:
+    """Return the commands that take a drive model that can be built.
+
+    ``needs_preload``: the rigidity of its nut follows the preload; ``has_effects``: joints are identified in a model
+    without any, and a session is simulated of what modes hold, which not every effect is.
+    """
     shown = shlex.quote(str(path))
-    explain = Use("explain", f"preload explain DATA --baseline {shown}")
     if is_motion:
         return (Use("explain", f"preload explain MOTION.csv --baseline {shown}"),)
-    if not builds:
-        return ()
-    return (
-        Use("modes", f"preload modes {shown} --position-mm X"),
-        Use("simulate", f"preload simulate {shown} --out FILE.session.h5"),
-        Use("identify", f"preload identify DATA --model {shown}"),
-        explain,
-    )
+    preload = " --preload-n P" if needs_preload else ""
+    modes = Use("modes", f"preload modes {shown} --position-mm X{preload}")
+    explain = Use("explain", f"preload explain DATA --baseline {shown}")
+    if has_effects:
+        return (modes, explain)
+    simulate = Use("simulate", f"preload simulate {shown} --out FILE.session.h5{preload}")
+    return (modes, simulate, Use("identify", f"preload identify DATA --model {shown}"), explain)
 
 
 def next_step(name: str, path: Path, uses: Sequence[Use], lacks: str = "") -> str:

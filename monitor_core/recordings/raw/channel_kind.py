@@ -112,6 +112,7 @@ def is_planned(name: str) -> bool:
     return _PLANNED.search(name) is not None
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def rises_evenly(samples: SampleArray) -> bool:
     """Tell whether values rise by one step, as sampling times and lines of a spectrum do."""
     if samples.ndim != 1 or samples.size < 3 or not np.all(np.isfinite(samples)):

@@ -27,8 +27,9 @@ N_FIRST = 5
 STUCK_SHARE = 0.1
 #: Runs of one length so often are a slower record whose values were repeated.
 _HELD_SHARE = 0.9
-#: Steps of time that differ by more than this share of the middle one are no even sampling, however they are printed.
-_UNEVEN = 0.5
+#: Steps of time that differ by more than such a share of the middle one are no even sampling, however they are printed;
+#: by less than the other, they are.
+_UNEVEN, _ROUNDED = 0.4, 0.01
 #: No drive is sampled more slowly to show a mode, none faster: times outside are doubted.
 _PLAUSIBLE_RATE = (20.0, 5e6)  # [Hz]
 _LONGEST_AXIS = 20.0  # [m]
@@ -101,6 +102,7 @@ def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:
     return tuple(summaries)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # numbers near the largest there is are shown like all others
 def summary_of(channel: Channel) -> ChannelSummary:
     """Look at one channel."""
     samples = channel.samples.reshape(-1)
@@ -128,6 +130,7 @@ def is_of_time(kind: ChannelKind | None) -> bool:
     return kind in (ChannelKind.TIME, ChannelKind.FREQUENCY)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def step_of(samples: SampleArray) -> float | None:
     """Return the middle step of sampling times; None if they do not rise."""
     steps = np.diff(samples.reshape(-1).astype(np.float64))
@@ -152,17 +155,18 @@ def _judged(summary: ChannelSummary, finite: SampleArray) -> ChannelSummary:
     if constant:
         remarks.append(f"constant: {finite[0]:g} throughout")
     elif finite.size > 2 and not is_of_time(summary.kind):
+        held = _held(finite)
         start, run = longest_run(finite)
         is_drive = summary.kind in (ChannelKind.TORQUE, ChannelKind.FORCE)
         stuck = run > STUCK_SHARE * finite.size and is_stuck(finite, start, run, is_excitation=is_drive)
         at_rest = summary.kind is ChannelKind.POSITION  # an encoder that stands says so
-        stuck, clipped = stuck and not at_rest, not at_rest and (is_clipped(finite) or is_clipped(-finite))
+        stuck, clipped = stuck and not at_rest, not at_rest and _is_clipped(finite[::held])
         if stuck:
             remarks.append(f"stuck: holds {finite[start]:g} for {run} values that follow each other")
         if clipped:
             n_at_end = int(np.count_nonzero((finite == summary.maximum) | (finite == summary.minimum)))
             remarks.append(f"clipped: piles up at the end of its range ({n_at_end} values)")
-        if (held := _held(finite)) > 1 and not at_rest:
+        if held > 1 and not at_rest:
             remarks.append(f"repeated: each value stands {held} times, so it was recorded at a lower rate")
     if summary.kind is ChannelKind.TIME and (uneven := _uneven(finite)) is not None:
         remarks.append(uneven)
@@ -170,6 +174,10 @@ def _judged(summary: ChannelSummary, finite: SampleArray) -> ChannelSummary:
         summary, is_constant=constant, is_stuck=stuck, is_clipped=clipped,
         remarks=tuple(remarks), doubts=tuple(_doubts(summary, finite)),
     )  # fmt: skip
+
+
+def _is_clipped(samples: SampleArray) -> bool:
+    return is_clipped(samples) or is_clipped(-samples)
 
 
 def _held(samples: SampleArray) -> int:
@@ -189,9 +197,10 @@ def _uneven(times: SampleArray) -> str | None:
     middle = float(np.median(steps))
     if steps.min() <= 0.0:
         return f"times do not rise throughout: a step of {steps.min():g}"
-    if steps.max() - steps.min() <= _UNEVEN * middle:
+    spread, ends = float(steps.max() - steps.min()), f"steps of {steps.min():g} to {steps.max():g}"
+    if spread <= _ROUNDED * middle:
         return None
-    return f"uneven: steps of {steps.min():g} to {steps.max():g}, mostly {middle:g}"
+    return f"uneven: {ends}, mostly {middle:g}" if spread > _UNEVEN * middle else f"{ends}: rounded in print, or uneven"
 
 
 def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:

@@ -1,0 +1,280 @@
+"""What ``check`` lists of a file: channels with figures of their values, faults that are seen, quantities in doubt."""
+
+from datetime import UTC, datetime, timedelta
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from monitor_core.recording import Conditions, Session, Window
+from monitor_core.recordings import check_file, write_session
+from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, unit_in_name
+from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.inspection import inspect, summaries_of, summary_of
+from tests.conftest import PROJECT_ROOT
+
+RATE = 10_000.0
+TIME = np.arange(5000) / RATE
+MOVE = np.sin(2 * np.pi * 35.0 * TIME) * np.exp(-10.0 * TIME)
+
+
+def noise(seed=0):
+    return np.random.default_rng(seed).normal(size=TIME.size)
+
+
+# ---- figures and faults -------------------------------------------------------------------------------------------
+
+
+def test_a_channel_is_listed_with_shape_first_values_and_extremes(tmp_path):
+    np.savez(tmp_path / "a.npz", torque=np.array([1.0, -2.5, 4.0]), acc=np.arange(12.0).reshape(3, 4))
+    torque, acc = inspect(tmp_path / "a.npz")
+    assert (torque.name, torque.shape, torque.unit, torque.sample_rate) == ("torque", (3,), None, None)
+    assert (torque.first_values, torque.minimum, torque.maximum) == ((1.0, -2.5, 4.0), -2.5, 4.0)
+    assert (acc.shape, acc.first_values) == ((3, 4), (0.0, 1.0, 2.0, 3.0, 4.0))
+
+
+def test_unit_rate_and_start_of_the_file_are_listed(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    properties = {
+        "unit_string": "g", "wf_increment": 1e-4, "wf_start_time": np.datetime64("2025-03-01T06:00:00"),
+    }  # fmt: skip
+    with nptdms.TdmsWriter(str(tmp_path / "a.tdms")) as writer:
+        writer.write_segment([nptdms.ChannelObject("Nut", "Acc", noise(), properties=properties)])
+    (channel,) = inspect(tmp_path / "a.tdms")
+    assert (channel.name, channel.shape, channel.unit) == ("Nut/Acc", (5000,), "g")
+    assert channel.sample_rate == pytest.approx(RATE)
+    assert channel.started_at == datetime(2025, 3, 1, 6, tzinfo=UTC)
+
+
+def test_values_that_are_not_finite_are_counted_and_do_not_hide_the_extremes():
+    samples = MOVE.copy()
+    samples[[3, 7]], samples[11] = np.nan, np.inf
+    summary = summary_of(Channel("torque", samples))
+    assert summary.n_not_finite == 3
+    assert summary.maximum == pytest.approx(MOVE.max())
+    assert "3 of 5000 values are not finite" in summary.remarks
+    nothing = summary_of(Channel("torque", np.full(4, np.nan)))
+    assert (nothing.n_not_finite, nothing.minimum, nothing.maximum) == (4, None, None)
+
+
+STUCK = np.where((TIME > 0.2) & (TIME < 0.3), 0.7, MOVE + 0.01 * noise())
+FAULTS = {
+    "constant": (np.full(5000, 2.5), "is_constant", "constant: 2.5 throughout"),
+    "stuck": (STUCK, "is_stuck", "stuck: holds 0.7 for 999 values"),
+    "clipped above": (np.minimum(noise(), 0.8), "is_clipped", "clipped: piles up at the end of its range"),
+    "clipped below": (np.maximum(noise(), -0.8), "is_clipped", "clipped"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_faulty_channel_is_seen(fault):
+    samples, flag, words = FAULTS[fault]
+    summary = summary_of(Channel("acceleration", samples, "m/s2"))
+    flags = {name: getattr(summary, name) for name in ("is_constant", "is_stuck", "is_clipped")}
+    assert flags == {**dict.fromkeys(flags, False), flag: True}
+    assert words in summary.remarks[0]
+
+
+@pytest.mark.parametrize("samples", [noise(), MOVE, np.concatenate([np.zeros(3000), noise()[:2000]]), TIME])
+def test_a_sound_channel_has_no_remark(samples):
+    assert summary_of(Channel("acceleration", samples, "m/s2")).remarks == ()
+
+
+def test_values_that_were_held_are_said_to_be_slower():
+    summary = summary_of(Channel("torque", np.repeat(noise()[:1250], 4)))
+    assert summary.remarks == ("repeated: each value stands 4 times, so it was recorded at a lower rate",)
+
+
+def test_one_signal_on_two_channels_is_said():
+    one, other = Channel("a", noise()), Channel("b", noise())
+    _, second, third = summaries_of(Channels("x", (one, other, Channel("c", noise(1)))))
+    assert second.remarks == ("holds the values of 'a'",)
+    assert third.remarks == ()
+
+
+def test_uneven_and_falling_times_are_said():
+    jumpy = np.cumsum(np.tile([0.012, 0.021], 50))
+    assert "uneven: steps of 0.012 to 0.021" in summary_of(Channel("time", jumpy, "s")).remarks[0]
+    back = np.concatenate([TIME[:100], TIME[:100]])
+    assert "do not rise" in summary_of(Channel("time", back, "s")).remarks[0]
+    printed = np.round(np.arange(1000) / 3000.0, 4)  # a rate that is no whole number of the last digit
+    assert summary_of(Channel("time", printed, "s")).remarks == (
+        "steps of 0.0003 to 0.0004: rounded in print, or uneven",
+    )
+    assert summary_of(Channel("time", TIME, "s")).remarks == ()
+
+
+# ---- what it looks like -------------------------------------------------------------------------------------------
+
+NAMES = {
+    "Drive/Current": (ChannelKind.TORQUE, None),
+    "Nut/Acceleration": (ChannelKind.ACCELERATION, None),
+    "fActTorque": (ChannelKind.TORQUE, None),
+    "MAIN.Axis1.ActPos": (ChannelKind.POSITION, None),
+    "CurrentPosition": (ChannelKind.POSITION, None),
+    "Zeit": (ChannelKind.TIME, None),
+    "time_ms": (ChannelKind.TIME, "ms"),
+    "t [s]": (ChannelKind.TIME, "s"),
+    "Kraft (N)": (ChannelKind.FORCE, "N"),
+    "Hammer": (ChannelKind.FORCE, None),
+    "MotorTorque_Nm": (ChannelKind.TORQUE, "N.m"),
+    "acc_m_s2": (ChannelKind.ACCELERATION, "m/s2"),
+    "Beschleunigung": (ChannelKind.ACCELERATION, None),
+    "Velocity [mm/s]": (None, None),
+    "axis_a": (None, None),
+    "temperature_c": (None, None),
+    "frequency_hz": (ChannelKind.FREQUENCY, None),
+    "AI0": (None, None),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_say_what_a_channel_measures(name):
+    assert (kind_of_name(name), unit_in_name(name)) == NAMES[name]
+
+
+def test_a_column_without_a_name_that_rises_evenly_looks_like_a_time():
+    kinds = [summary_of(Channel(str(number), values)).kind for number, values in enumerate((TIME, MOVE), start=1)]
+    assert kinds == [ChannelKind.TIME, None]
+
+
+# ---- numbers of another quantity ----------------------------------------------------------------------------------
+
+DOUBTED = {
+    "milliseconds as seconds": (Channel("time_s", 0.1 * np.arange(200)), "rate of 10 Hz; in ms it would be 10000 Hz"),
+    "unit of the file": (Channel("time", 0.2 * np.arange(200), "s"), "steps of 0.2 s are a sampling rate of 5 Hz"),
+    "force in volts": (Channel("Force", MOVE, "V"), "named like a force, but its numbers are in V, a raw unit"),
+    "force in N.m": (Channel("Hammer force", MOVE, "Nm"), "named like a force, but its numbers are in N.m"),
+    "torque in N": (Channel("torque_n", MOVE, "N"), "named like a torque, but its numbers are in N"),
+    "two units": (Channel("acc_g", MOVE, "m/s^2"), "its name says g, its unit is m/s^2"),
+    "gravity in g": (Channel("acc", MOVE + 9.81, "g"), "is that of gravity in m/s2"),
+    "gravity in m/s2": (Channel("acc", MOVE + 1.0, "m/s2"), "is that of gravity in g"),
+    "millimetres as metres": (Channel("position_m", 100 * np.abs(MOVE)), "longer than an axis"),
+}
+
+
+@pytest.mark.parametrize("case", DOUBTED)
+def test_numbers_of_another_quantity_are_doubted_by_name(case):
+    channel, words = DOUBTED[case]
+    assert any(words in doubt for doubt in summary_of(channel).doubts), summary_of(channel).doubts
+
+
+SOUND = {
+    "time_s": (TIME, None), "time_ms": (1e3 * TIME, None), "Force": (MOVE, "N"), "acc_g": (MOVE, "g"),
+    "Torque": (MOVE, "Nm"), "Current": (MOVE, "A"), "pos_mm": (300 * np.abs(MOVE), "mm"), "u": (MOVE, "V"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_numbers_that_fit_are_not_doubted(name):
+    assert summary_of(Channel(name, *SOUND[name])).doubts == ()
+
+
+# ---- reports ------------------------------------------------------------------------------------------------------
+
+
+def test_a_motion_record_in_milliseconds_is_valid_and_in_doubt(tmp_path):
+    rows = [f"{k},{k / 1000},{np.sin(k)}" for k in range(200)]
+    (tmp_path / "m.csv").write_text("\n".join(["time_s,position_m,force_n", *rows]))
+    report = check_file(tmp_path / "m.csv")
+    assert (report.format, report.valid, report.usable_by) == ("motion-record", True, ("explain",))
+    assert "time_s: steps of 1 s are a sampling rate of 1 Hz; in ms it would be 1000 Hz" in report.doubts
+    assert [channel.name for channel in report.channels] == ["time_s", "position_m", "force_n"]
+
+
+def test_a_modal_table_in_metres_is_in_doubt(tmp_path):
+    (tmp_path / "t.csv").write_text("position_mm,frequency_hz\n0.25,189\n0.75,172\n")
+    report = check_file(tmp_path / "t.csv")
+    assert report.doubts == ("position_mm: positions of at most 0.75 mm: are these numbers in metres?",)
+
+
+def session_of(path, settings, *, n_windows=2):
+    start, windows = datetime(2025, 3, 1, tzinfo=UTC), []
+    for number, (position, preload) in enumerate(settings):
+        for window in range(n_windows):
+            at = start + timedelta(minutes=number, seconds=window)
+            conditions = Conditions(position, None, None, preload)
+            windows.append(Window(noise(window), noise(7), RATE, at, conditions, f"m{number}"))
+    write_session(path, Session("mill-3-x", tuple(windows)))
+
+
+GRID = [(position, preload) for position in (0.25, 0.5, 0.75) for preload in (100.0, 200.0)]
+
+
+def test_a_session_says_windows_measurements_positions_and_who_takes_it(tmp_path):
+    session_of(tmp_path / "a.session.h5", GRID)
+    report = check_file(tmp_path / "a.session.h5")
+    contents = dict(report.contents)
+    assert (contents["axis_id"], contents["windows"], contents["measurements"]) == ("mill-3-x", 12, 6)
+    assert (contents["positions_mm"], contents["preloads_n"]) == ((250.0, 500.0, 750.0), (100.0, 200.0))
+    assert [(channel.name, channel.shape, channel.unit) for channel in report.channels] == [
+        ("excitation", (12, 5000), "N.m"), ("response", (12, 5000), "m/s2"),
+    ]  # fmt: skip
+    assert set(report.usable_by) == {"frf", "estimate", "calibrate", "identify", "explain", "replay"}
+    assert "preload calibrate" in report.next_step
+
+
+@pytest.mark.parametrize(
+    ("settings", "lacks"),
+    [
+        ([(0.25, None)], "5 measurements with preload_n; it has 0"),
+        ([*GRID[:2] * 3], "3 positions; it has 1"),
+        ([(position, 100.0) for position, _ in GRID], "2 preloads; it has 1"),
+    ],
+)
+def test_a_session_that_is_no_calibration_says_what_that_would_need(tmp_path, settings, lacks):
+    session_of(tmp_path / "a.session.h5", settings)
+    report = check_file(tmp_path / "a.session.h5")
+    assert "calibrate" not in report.usable_by
+    assert lacks in report.next_step
+    assert report.next_step.startswith("preload frf ")
+
+
+def test_bad_windows_of_a_session_are_counted_by_channel(tmp_path):
+    path = tmp_path / "a.session.h5"
+    session_of(path, GRID)
+    with h5py.File(path, "r+") as file:
+        file["windows/000001/response"][5] = np.nan
+        file["windows/000002/excitation"][:] = 3.0
+    excitation, response = check_file(path).channels
+    assert (excitation.remarks, response.remarks) == (
+        ("constant in 1 of 12 windows",),
+        ("not finite in 1 of 12 windows",),
+    )
+    assert response.n_not_finite == 1
+
+
+def test_valid_is_never_the_whole_answer(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"x": noise()})
+    (tmp_path / "own.py").write_text("EFFECTS = ()\n")
+    session_of(tmp_path / "a.session.h5", GRID[:1])
+    replay_data = PROJECT_ROOT / "replay_data"
+    files = [
+        *tmp_path.iterdir(), replay_data / "published" / "nguyen_table2.csv", *(replay_data / "models").iterdir(),
+    ]  # fmt: skip
+    for path in files:
+        report = check_file(path)
+        assert report.valid, report.problems
+        assert report.usable_by
+        assert report.next_step
+
+
+def test_a_program_is_not_run_to_be_looked_at(tmp_path):
+    (tmp_path / "own.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\nEFFECTS = ()\n")
+    assert check_file(tmp_path / "own.py").format == "effect-file"
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_model_that_cannot_be_built_is_not_valid(tmp_path):
+    text = (PROJECT_ROOT / "replay_data" / "models" / "lumped.toml").read_text(encoding="utf-8")
+    (tmp_path / "bad.toml").write_text(f"{text}\n[effects.no-such-effect]\nx = 1.0\n")
+    report = check_file(tmp_path / "bad.toml")
+    assert (report.format, report.valid, report.usable_by) == ("preload-model", False, ())
+
+
+def test_a_motion_model_goes_with_a_motion_record(tmp_path):
+    (tmp_path / "m.toml").write_text('family = "motion"\n[parameters]\nmoving_mass_kg = 95.0\n')
+    report = check_file(tmp_path / "m.toml")
+    assert (report.valid, report.usable_by) == (True, ("explain",))
+    assert "preload explain MOTION.csv --baseline" in report.next_step

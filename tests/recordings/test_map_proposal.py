@@ -1,0 +1,256 @@
+"""The map that ``check`` writes: few edits make it right, what is missing is refused by name, and it hides nothing.
+
+The truth is the arrays that the files were written from, by the libraries of the formats.
+"""
+
+import re
+import tomllib
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recording import ExcitationQuantity, ExcitationSource
+from monitor_core.recordings import read_channel_map, read_mapped
+from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
+from monitor_core.recordings.raw.map_proposal import CONFIRM, FILL_IN, map_text, printed, proposed_map
+
+RATE, N = 10_000.0, 4000
+TIME = np.arange(N) / RATE
+G = 9.80665  # 3rd CGPM, 1901 [m/s²]
+MOST_EDITS = 5
+RNG = np.random.default_rng(3)
+CURRENT, ACCELERATION = RNG.normal(size=N), RNG.normal(size=N)
+POSITION = 250.0 + 0.5 * np.sin(2 * np.pi * TIME)  # [mm]
+START = datetime(2025, 3, 1, 6, tzinfo=UTC)
+
+
+class Filled:
+    """A map under a person's hands, who counts what he writes."""
+
+    def __init__(self, text):
+        self.text, self.edits = text, 0
+
+    def fill(self, name, value, *, at=None):
+        """Fill a place in: take the # away and write the value."""
+        place = re.compile(rf"^# {name} =\s*(?={FILL_IN})", re.MULTILINE)
+        start = 0 if at is None else self.text.index(f"[{at}]")
+        found = place.search(self.text, start)
+        assert found, f"no place for {name}"
+        self.text = f"{self.text[: found.start()]}{name} = {value} {self.text[found.end() :]}"
+        self.edits += 1
+        return self
+
+    def correct(self, name, value):
+        """Write another value where one was proposed."""
+        line = re.compile(rf"^{name} = .*?(?={CONFIRM})", re.MULTILINE)
+        assert line.search(self.text), f"{name} was not proposed to be confirmed"
+        self.text = line.sub(f"{name} = {value} ", self.text, count=1)
+        self.edits += 1
+        return self
+
+    @property
+    def places(self):
+        return re.findall(rf"^# (\w+) =\s*{FILL_IN}", self.text, re.MULTILINE)
+
+    def session(self, raw):
+        path = raw.with_suffix(".toml")
+        path.write_text(self.text, encoding="utf-8")
+        return read_mapped(raw, read_channel_map(path))
+
+
+def tdms(path):
+    nptdms = pytest.importorskip("nptdms")
+    times = {"wf_increment": 1 / RATE, "wf_start_time": np.datetime64("2025-03-01T06:00:00")}
+    columns = {
+        ("Drive", "Iq actual"): (CURRENT, "A"),
+        ("Drive", "Position setpoint"): (POSITION, "mm"),
+        ("Drive", "Position actual"): (POSITION + 0.001, "mm"),
+        ("Nut", "Acceleration Z"): (ACCELERATION, "g"),
+    }
+    with nptdms.TdmsWriter(str(path)) as writer:
+        objects = [
+            nptdms.ChannelObject(*name, values, properties={**times, "unit_string": unit})
+            for name, (values, unit) in columns.items()
+        ]
+        writer.write_segment(objects)
+    return path
+
+
+def mat(path, **more):
+    scipy.io.savemat(path, {"torque": CURRENT, "accel": ACCELERATION, **more})
+    return path
+
+
+def csv(path):
+    rows = (
+        f"{1e3 * t!r},{f!r},{a!r}"
+        for t, f, a in zip(TIME.tolist(), CURRENT.tolist(), ACCELERATION.tolist(), strict=True)
+    )
+    path.write_text("\n".join(["Zeit [ms],Kraft (N),Beschleunigung (m/s^2)", *rows]))
+    return path
+
+
+def test_a_tdms_of_a_drive_needs_the_torque_constant_and_the_name_of_the_axis(tmp_path):
+    raw = tdms(tmp_path / "2025-03-01.tdms")
+    filled = Filled(map_text(raw))
+    assert filled.places == ["sensitivity"]
+    session = filled.fill("sensitivity", 0.74).correct("axis_id", '"mill-3-x"').session(raw)
+    assert filled.edits <= MOST_EDITS
+    (window,) = session.windows
+    assert session.axis_id == "mill-3-x"
+    assert (window.excitation_quantity, window.excitation_source) == (ExcitationQuantity.TORQUE, ExcitationSource.DRIVE)
+    assert (window.sample_rate, window.started_at) == (pytest.approx(RATE), START)
+    np.testing.assert_array_equal(window.excitation, CURRENT * 0.74)
+    np.testing.assert_array_equal(window.response, ACCELERATION * G)
+    np.testing.assert_array_equal(window.position_trace, (POSITION + 0.001) * 1e-3)  # measured, not the set point
+
+
+def test_a_mat_without_any_unit_or_time_needs_five_edits(tmp_path):
+    raw = mat(tmp_path / "mill-3-x.mat")
+    filled = Filled(map_text(raw))
+    assert filled.places == ["unit", "unit", "sample_rate_hz", "started_at", "position_mm"]
+    filled.fill("unit", '"N.m"', at="excitation").fill("unit", '"g"', at="response").fill("sample_rate_hz", RATE)
+    filled.fill("started_at", "2025-03-01T06:00:00Z").fill("position_mm", 250)
+    assert filled.edits <= MOST_EDITS
+    session = filled.session(raw)
+    (window,) = session.windows
+    assert (session.axis_id, window.sample_rate, window.started_at) == ("mill-3-x", RATE, START)
+    assert (window.conditions.position, window.position_span) == (0.25, 0.0)
+    np.testing.assert_array_equal(window.excitation, CURRENT)
+    np.testing.assert_array_equal(window.response, ACCELERATION * G)
+
+
+def test_a_mat_with_times_needs_no_rate(tmp_path):
+    raw = mat(tmp_path / "mill-3-x.mat", t=TIME)
+    filled = Filled(map_text(raw))
+    filled.fill("unit", '"N.m"', at="excitation").fill("unit", '"g"', at="response")
+    filled.fill("started_at", "2025-03-01T06:00:00Z").fill("position_mm", 250)
+    assert filled.edits <= MOST_EDITS
+    assert filled.session(raw).windows[0].sample_rate == pytest.approx(RATE)
+
+
+def test_a_csv_with_units_in_its_names_needs_start_place_and_axis(tmp_path):
+    raw = csv(tmp_path / "hits.csv")
+    filled = Filled(map_text(raw))
+    filled.fill("started_at", "2025-03-01T06:00:00Z").fill("position_mm", 250).correct("axis_id", '"mill-3-x"')
+    assert filled.edits <= MOST_EDITS
+    (window,) = filled.session(raw).windows
+    assert (window.excitation_quantity, window.excitation_source) == (ExcitationQuantity.FORCE, ExcitationSource.SENSOR)
+    assert window.sample_rate == pytest.approx(RATE)  # times in ms
+    np.testing.assert_array_equal(window.excitation, CURRENT)
+    np.testing.assert_array_equal(window.response, ACCELERATION)
+
+
+def test_columns_without_names_are_proposed_in_their_order(tmp_path):
+    raw = tmp_path / "hit.txt"
+    np.savetxt(raw, np.column_stack([TIME, CURRENT, ACCELERATION]))
+    filled = Filled(map_text(raw))
+    filled.fill("quantity", '"force"').fill("unit", '"N"', at="excitation").fill("unit", '"m/s2"', at="response")
+    filled.fill("started_at", "2025-03-01T06:00:00Z").fill("position_mm", 0)
+    assert filled.edits <= MOST_EDITS
+    np.testing.assert_allclose(filled.session(raw).windows[0].response, ACCELERATION, rtol=1e-15)
+
+
+def test_windows_in_an_array_are_proposed_by_its_shape(tmp_path):
+    raw = tmp_path / "hits.npz"
+    np.savez(raw, force=CURRENT.reshape(20, 200), acceleration=ACCELERATION.reshape(20, 200), number=np.arange(20.0))
+    filled = Filled(map_text(raw))
+    assert 'windows_in = "rows"' in filled.text
+    assert "[time]" not in filled.text  # twenty numbers are not the times of 200 samples
+    for name, value in {"sample_rate_hz": RATE, "started_at": START.isoformat(), "position_mm": 1}.items():
+        filled.fill(name, value)
+    filled.fill("unit", '"N"', at="excitation").fill("unit", '"g"', at="response").fill("window_interval_s", 60)
+    assert len(filled.session(raw).windows) == 20
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_each_place_that_is_not_filled_in_is_refused_by_name(tmp_path, number):
+    raw = mat(tmp_path / "mill-3-x.mat")
+    values = [("unit", '"N.m"'), ("unit", '"g"'), ("sample_rate_hz", RATE), ("started_at", START.isoformat()),
+              ("position_mm", 250)]  # fmt: skip
+    filled = Filled(map_text(raw))
+    for place, (name, value) in enumerate(values):
+        if place == number:
+            filled.text = filled.text.replace(f"# {name} =", "# left", 1)  # so that the next of this name is filled
+        else:
+            filled.fill(name, value)
+    with pytest.raises(RecordingFormatError) as caught:
+        filled.session(raw)
+    sentence = str(caught.value)
+    assert {"sample_rate_hz": "sample rate"}.get(values[number][0], values[number][0]) in sentence
+    assert "\n" not in sentence
+
+
+def test_every_entry_is_commented_and_every_proposal_is_marked(tmp_path):
+    for raw in (tdms(tmp_path / "a.tdms"), mat(tmp_path / "a.mat"), csv(tmp_path / "a.csv")):
+        for line in map_text(raw).splitlines():
+            if not line.startswith("#") and " = " in line:
+                entry, mark, remark = line.partition("#")
+                assert entry.strip()
+                assert mark
+                assert remark.strip()
+                assert CONFIRM in line or "as the file says" in line, line
+
+
+def test_a_map_as_it_is_proposed_is_toml(tmp_path):
+    for raw in (tdms(tmp_path / "a.tdms"), mat(tmp_path / "a.mat"), csv(tmp_path / "a.csv")):
+        assert "excitation" in tomllib.loads(map_text(raw))
+
+
+def test_position_and_force_alone_are_a_motion_record():
+    columns = {"t": TIME, "Position [m]": POSITION, "Position ref [m]": POSITION, "Force [N]": CURRENT}
+    read = Channels("axis.csv", tuple(Channel(name, values) for name, values in columns.items()))
+    proposed = tomllib.loads(proposed_map(read))
+    assert proposed["motion"]["position"] == {"channel": "Position [m]", "unit": "m"}
+    assert proposed["motion"]["force"] == {"channel": "Force [N]", "unit": "N"}
+    assert proposed["motion"]["reference"] == {"channel": "Position ref [m]", "unit": "m"}
+    assert proposed["time"] == {"channel": "t", "unit": "s"}
+
+
+def test_columns_of_a_frequency_response_are_a_set_of_responses():
+    columns = {"Frequency (Hz)": np.arange(1.0, 100.0), "Real": np.ones(99), "Imag": np.ones(99)}
+    read = Channels("frf.csv", tuple(Channel(name, values) for name, values in columns.items()))
+    proposed = tomllib.loads(proposed_map(read))["frf"]
+    assert proposed["frequency"] == {"channel": "Frequency (Hz)", "unit": "Hz"}
+    assert (proposed["real"]["channel"], proposed["imaginary"]["channel"]) == ("Real", "Imag")
+
+
+def test_responses_of_an_analyser_are_proposed():
+    response = FrequencyResponse("Point 1", np.arange(1.0, 9.0), np.ones(8, complex), "m/s^2", "N")
+    text = proposed_map(Channels("a.uff", (), (response,)))
+    assert tomllib.loads(text)["frf"]["response"] == {"channel": "Point 1"}
+    assert "the file says m/s^2 per N" in text
+
+
+def test_two_clocks_ask_for_a_rate():
+    channels = (
+        Channel("Torque", CURRENT, "Nm", clock="Time 1"), Channel("Acceleration", ACCELERATION, "g", clock="Time 2"),
+        Channel("Time 1", TIME, "s"), Channel("Time 2", TIME, "s"),
+    )  # fmt: skip
+    filled = Filled(proposed_map(Channels("scope.csv", channels)))
+    assert "[resample]" in filled.text
+    assert filled.places == ["sample_rate_hz", "started_at", "position_mm"]
+
+
+@given(st.text(st.characters(exclude_categories=("Cs",))))
+def test_any_name_is_read_back_from_the_map_and_moves_no_cursor(name):
+    assert tomllib.loads(f"channel = {printed(name)}") == {"channel": name}
+    assert all(letter.isprintable() for letter in printed(name))
+
+
+EVIL = "\x1b[2J\x07\x9b31m\r\nx = 1\u202e\u2066"
+
+
+def test_a_name_of_control_characters_neither_moves_the_cursor_nor_adds_a_line(tmp_path):
+    raw = tmp_path / "a.npz"
+    np.savez(raw, **{f"torque{EVIL}": CURRENT, f"acc{EVIL}": ACCELERATION})
+    text = map_text(raw)
+    assert all(letter.isprintable() for letter in text.replace("\n", ""))
+    proposed = tomllib.loads(text)
+    assert proposed["excitation"]["channel"] == f"torque{EVIL}"
+    assert "x" not in proposed
