@@ -1,6 +1,7 @@
 """Check a file: recognise its format by its content, read it to the end, and say what is in it and who can use it."""
 
 import ast
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -14,7 +15,9 @@ from monitor_core.recordings.modal_csv import ModalRow, read_modal_table
 from monitor_core.recordings.raw import inspection
 from monitor_core.recordings.raw.channel_map import read_channel_map
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.raw.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
     CHANNEL_MAP,
@@ -161,7 +164,7 @@ def _settings_of(rows: Sequence[ModalRow]) -> Settings:
 
 def _look_at_motion(name: str, path: Path) -> FileReport:
     record = motion_csv.read_motion_record(path)
-    channels = inspection.summaries_of(inspection.read_recognised(path))
+    channels = inspection.summaries_of(read_channels(path))
     contents = [
         ("samples", int(record.position.size)),
         ("sample_rate_hz", record.sample_rate),
@@ -180,9 +183,11 @@ def _look_at_raw(name: str, path: Path) -> FileReport:
     return FileReport(name, True, (), channels, _contents_of_raw(read, layout), _doubts(channels), uses, next_step)
 
 
-def _contents_of_raw(read: Channels, layout: object | None) -> tuple[tuple[str, object], ...]:
+def _contents_of_raw(read: Channels, layout: inspection.Layout | None) -> tuple[tuple[str, object], ...]:
     responses = tuple(f"{each.name}: {inspection.response_remark(each)}" for each in read.responses)
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
+    if texts := columns_of_texts(read):
+        contents.append(("columns_of_texts", tuple(f"{name}: {values[0]}" for name, values in texts.items() if values)))
     if layout is not None:
         contents.append(("text", inspection.layout_remark(layout)))
     return tuple(contents)
@@ -231,7 +236,8 @@ def _look_at_map(name: str, path: Path) -> FileReport:
 def _look_at_effects(name: str, path: Path) -> FileReport:
     """Look at a file of effects without running it."""
     try:
-        tree = ast.parse(read_text(path))
+        with warnings.catch_warnings(action="ignore"):  # of its spelling, which Python would print
+            tree = ast.parse(read_text(path))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise RecordingFormatError(f"{path.name}: expected a Python file of effects; {error}") from error
     names = {target.id for node in ast.walk(tree) for target in _targets(node) if isinstance(target, ast.Name)}

@@ -127,8 +127,9 @@ _DRIVE_MODEL = re.compile(r"""^\s*(["']?family["']?\s*=|\[(parameters|uncertain|
 _OF_CALIBRATION = re.compile(r'"(format|coefficients)"')
 #: How columns of a modal table begin, besides the frequency: a table of frequencies alone may be a response.
 _OF_MODAL_TABLE = ("position", "preload", "mode", "damping", "n_readings", "payload", "temperature", "started_at")
+_OF_TEXTS = (".csv", ".lvm")
 #: Endings that a text has only by mistake.
-_BY_ENDING = {kind.ending: name for name, kind in KINDS.items() if kind.ending not in (None, ".csv", ".lvm")}
+_BY_ENDING = {kind.ending: name for name, kind in KINDS.items() if kind.ending not in (None, *_OF_TEXTS)}
 _TEXT_MEMBERS = frozenset(b"\t\n\f\r\x1b")
 _HEAD = 65536  # a format shows within so many bytes
 
@@ -186,7 +187,7 @@ def raw_ending(path: Path, known: Collection[str]) -> str:
     got = format_of(path)
     kind = KINDS[got]
     own = path.suffix.lower()
-    if kind.ending == ".csv" and own in known and own not in _BY_ENDING:
+    if kind.ending in _OF_TEXTS and own in known and own not in _BY_ENDING:
         return own
     if kind.ending in known:
         return str(kind.ending)

@@ -16,7 +16,7 @@ from service.errors import ServiceError
 COMMANDS = {
     "backup": "Copy the data folder while the service runs, verified.",
     "calibrate": "Fit k1…k4 to natural frequencies at several positions and preloads.",
-    "check": "Tell whether the program can read a file, and if not, why.",
+    "check": "Say what is in a file, who can use it, and what to do next with it.",
     "demo": "Replay the bundled sessions through an embedded service.",
     "estimate": "Turn natural frequencies or a recorded session into preload.",
     "explain": "Find which effect a model lacks, add it, and show the gap shrink.",

@@ -1,5 +1,6 @@
 """What ``check`` lists of a file: channels with figures of their values, faults that are seen, quantities in doubt."""
 
+import re
 from datetime import UTC, datetime, timedelta
 
 import h5py
@@ -87,8 +88,8 @@ def test_values_that_were_held_are_said_to_be_slower():
 
 
 def test_one_signal_on_two_channels_is_said():
-    one, other = Channel("a", noise()), Channel("b", noise())
-    _, second, third = summaries_of(Channels("x", (one, other, Channel("c", noise(1)))))
+    first, copy = Channel("a", noise()), Channel("b", noise())
+    _, second, third = summaries_of(Channels("x", (first, copy, Channel("c", noise(1)))))
     assert second.remarks == ("holds the values of 'a'",)
     assert third.remarks == ()
 
@@ -278,3 +279,12 @@ def test_a_motion_model_goes_with_a_motion_record(tmp_path):
     report = check_file(tmp_path / "m.toml")
     assert (report.valid, report.usable_by) == (True, ("explain",))
     assert "preload explain MOTION.csv --baseline" in report.next_step
+
+
+@pytest.mark.parametrize("page", ["reference/recordings.md", "how-to/explain.md"])
+def test_the_motion_model_of_the_documentation_is_one(tmp_path, page):
+    text = (PROJECT_ROOT / "docs" / page).read_text(encoding="utf-8")
+    (example,) = re.findall(r'```toml\n(family = "motion".*?)```', text, flags=re.DOTALL)
+    (tmp_path / "rigid-axis.toml").write_text(example)
+    report = check_file(tmp_path / "rigid-axis.toml")
+    assert (report.format, report.problems, dict(report.contents)["family"]) == ("preload-model", (), "motion")

@@ -5,6 +5,7 @@ The truth is the arrays that the files were written from, by the libraries of th
 
 import re
 import tomllib
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -18,6 +19,7 @@ from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings import read_channel_map, read_mapped
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.map_proposal import CONFIRM, FILL_IN, map_text, printed, proposed_map
+from monitor_core.recordings.raw.text_times import TextTimes, text_times
 
 RATE, N = 10_000.0, 4000
 TIME = np.arange(N) / RATE
@@ -223,8 +225,9 @@ def test_columns_of_a_frequency_response_are_a_set_of_responses():
 def test_responses_of_an_analyser_are_proposed():
     response = FrequencyResponse("Point 1", np.arange(1.0, 9.0), np.ones(8, complex), "m/s^2", "N")
     text = proposed_map(Channels("a.uff", (), (response,)))
-    assert tomllib.loads(text)["frf"]["response"] == {"channel": "Point 1"}
-    assert "the file says m/s^2 per N" in text
+    assert tomllib.loads(text)["frf"]["response"] == {"channel": "Point 1", "unit": "m/s2/N"}
+    unknown = proposed_map(Channels("a.uff", (), (replace(response, response_unit="furlong"),)))
+    assert "fill in: unit of the response, such as m/(N.s2); the file says furlong per N" in unknown
 
 
 def test_two_clocks_ask_for_a_rate():
@@ -241,6 +244,53 @@ def test_two_clocks_ask_for_a_rate():
 def test_any_name_is_read_back_from_the_map_and_moves_no_cursor(name):
     assert tomllib.loads(f"channel = {printed(name)}") == {"channel": name}
     assert all(letter.isprintable() for letter in printed(name))
+
+
+# ---- texts --------------------------------------------------------------------------------------------------------
+
+TEXTS = {
+    "iso with zone": (
+        {"t": ["2025-03-01T06:00:00.5+01:00"]},
+        TextTimes("t", None, "iso", is_dated=True, has_zone=True),
+    ),
+    "iso": ({"t": ["2025-03-01 06:00:00"]}, TextTimes("t", None, "iso", is_dated=True, has_zone=False)),
+    "german, split": (
+        {"Datum": ["25.03.2025"], "Uhrzeit": ["06:00:00,001"]},
+        TextTimes("Uhrzeit", "Datum", "%d.%m.%Y %H:%M:%S,%f", is_dated=True, has_zone=False),
+    ),
+    "american, a late day": (
+        {"t": ["3/1/2025 6:00:00", "3/25/2025 6:00:00"]},
+        TextTimes("t", None, "%m/%d/%Y %H:%M:%S", is_dated=True, has_zone=False),
+    ),
+    "a day that may be a month": ({"t": ["3/1/2025 6:00"]}, TextTimes("t", None, None, is_dated=True, has_zone=False)),
+    "time of day": ({"t": ["06:00:00.25"]}, TextTimes("t", None, "%H:%M:%S.%f", is_dated=False, has_zone=False)),
+    "remarks": ({"remark": ["start", "stop"], "none": []}, None),
+}
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_texts_of_date_and_time_are_proposed_and_never_settled_by_a_guess(case):
+    columns, expected = TEXTS[case]
+    assert text_times(columns) == expected
+
+
+def test_the_pattern_that_is_proposed_reads_the_times_as_python_does():
+    columns, proposed = TEXTS["german, split"]
+    text = f"{columns['Datum'][0]} {columns['Uhrzeit'][0]}"
+    expected = datetime(2025, 3, 25, 6, 0, 0, 1000, tzinfo=UTC)
+    assert datetime.strptime(text, proposed.form).replace(tzinfo=UTC) == expected
+
+
+def test_how_a_text_is_written_is_proposed_with_it(tmp_path):
+    pytest.importorskip("monitor_core.recordings.raw.text_layout")
+    rows = [f"25.03.2025;06:00:{k // 100:02d},{k % 100:02d};1,{k % 7};0,{k % 5}" for k in range(500)]
+    head = ["Logger XY 2000", "", "Datum;Uhrzeit;Kraft [N];Beschleunigung [m/s²]"]
+    (tmp_path / "log.csv").write_bytes("\r\n".join([*head, *rows]).encode("latin-1"))
+    text = map_text(tmp_path / "log.csv")
+    proposed = tomllib.loads(text)
+    assert proposed["text"] == {"separator": "semicolon", "decimal": "comma", "header_row": 3, "encoding": "latin-1"}
+    assert proposed["time"] == {"channel": "Uhrzeit", "date": "Datum", "format": "%d.%m.%Y %H:%M:%S,%f"}
+    assert Filled(text).places == ["zone", "position_mm"]
 
 
 EVIL = "\x1b[2J\x07\x9b31m\r\nx = 1\u202e\u2066"

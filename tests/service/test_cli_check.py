@@ -243,7 +243,7 @@ def evil_units(folder: Path) -> tuple[str | Path, ...]:
 
 
 def evil_cell(folder: Path) -> tuple[str | Path, ...]:
-    (folder / "evil.csv").write_text("a,b\n1,\x1b[2J\x07\u202e\n")
+    (folder / "evil.csv").write_text("position_mm,frequency_hz\n1,\x1b[2J\x07\u202e\n")
     return ("check", "evil.csv")
 
 

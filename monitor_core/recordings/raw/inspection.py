@@ -1,12 +1,12 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import Protocol
 
 import numpy as np
 
@@ -15,16 +15,13 @@ from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of, kind_of_name, kind_of_unit, unit_in_name
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
-from monitor_core.recordings.raw.formats import READERS
-from monitor_core.recordings.recognition import raw_ending
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+from monitor_core.recordings.raw.formats import read_channels
 
 #: How many values of a channel are shown.
 N_FIRST = 5
 #: A channel that holds one value off its rest level for such a share of the record is stuck (as in the quality gate).
 STUCK_SHARE = 0.1
+SHORTEST_RUN = 4
 #: Runs of one length so often are a slower record whose values were repeated.
 _HELD_SHARE = 0.9
 #: Steps of time that differ by more than such a share of the middle one are no even sampling, however they are printed;
@@ -34,6 +31,14 @@ _UNEVEN, _ROUNDED = 0.4, 0.01
 _PLAUSIBLE_RATE = (20.0, 5e6)  # [Hz]
 _LONGEST_AXIS = 20.0  # [m]
 _GRAVITY = 9.80665  # 3rd CGPM, 1901 [m/s²]
+
+
+class Layout(Protocol):
+    """How a text file is written, where it is not plain."""
+
+    def entries(self) -> Mapping[str, str | int]:
+        """Return the entries of the map's [text]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,34 +63,28 @@ class ChannelSummary:
     doubts: tuple[str, ...] = ()  # that the numbers are of the quantity that name or unit says
 
 
-def inspect(path: Path, layout: object | None = None) -> tuple[ChannelSummary, ...]:
+def inspect(path: Path, layout: Layout | None = None) -> tuple[ChannelSummary, ...]:
     """Read the channels of a raw file and look at each; ``layout`` is how a text file is written, where not plain.
 
     ``RecordingFormatError`` if the file cannot be read; ``MissingReaderError`` if that needs a library that is not
     installed.
     """
-    return summaries_of(read_recognised(path, layout))
+    return summaries_of(read_channels(path, layout))
 
 
-def read_recognised(path: Path, layout: object | None = None) -> Channels:
-    """Read a raw file by what it holds, whatever its name ends in; raises as :func:`inspect`."""
-    reader = cast(Callable[..., Channels], READERS[raw_ending(path, READERS)])
-    return reader(path) if layout is None else reader(path, layout)
-
-
-def read_as_proposed(path: Path, name: str) -> tuple[Channels, object | None]:
+def read_as_proposed(path: Path, name: str) -> tuple[Channels, Layout | None]:
     """Read a raw file of a format, a text in the layout that is proposed for it; return that layout, too."""
     layout = proposed_layout(path) if name == "csv" else None
-    return read_recognised(path, layout), layout
+    return read_channels(path, layout), layout
 
 
-def proposed_layout(path: Path) -> object | None:
+def proposed_layout(path: Path) -> Layout | None:
     """Return how a text file seems to be written where that is not plain; None where the plain reader takes it."""
     try:
         text_layout = import_module("monitor_core.recordings.raw.text_layout")
     except ModuleNotFoundError:
         return None
-    layout: object | None = text_layout.propose_layout(path)
+    layout: Layout | None = text_layout.propose_layout(path)
     return layout
 
 
@@ -158,7 +157,9 @@ def _judged(summary: ChannelSummary, finite: SampleArray) -> ChannelSummary:
         held = _held(finite)
         start, run = longest_run(finite)
         is_drive = summary.kind in (ChannelKind.TORQUE, ChannelKind.FORCE)
-        stuck = run > STUCK_SHARE * finite.size and is_stuck(finite, start, run, is_excitation=is_drive)
+        stuck = run > max(STUCK_SHARE * finite.size, SHORTEST_RUN) and is_stuck(
+            finite, start, run, is_excitation=is_drive
+        )
         at_rest = summary.kind is ChannelKind.POSITION  # an encoder that stands says so
         stuck, clipped = stuck and not at_rest, not at_rest and _is_clipped(finite[::held])
         if stuck:
@@ -251,16 +252,6 @@ def _with_article(kind: ChannelKind) -> str:
     return f"{'an' if kind is ChannelKind.ACCELERATION else 'a'} {kind}"
 
 
-def layout_remark(layout: object) -> str:
+def layout_remark(layout: Layout) -> str:
     """Say in a few words how a text file seems to be written, entry by entry as in the map's [text]."""
-    return ", ".join(f"{name} {value}" for name, value in layout_entries(layout).items())
-
-
-def layout_entries(layout: object) -> dict[str, str | int]:
-    """Return the entries of [text] that differ from a plain file."""
-    stated = {item.name: getattr(layout, item.name) for item in fields(cast("DataclassInstance", layout))}
-    return {
-        name: int(value) if isinstance(value, int) else str(value)
-        for name, value in stated.items()
-        if value is not None
-    }
+    return ", ".join(f"{name} {value}" for name, value in layout.entries().items())

@@ -13,7 +13,8 @@ from monitor_core.arrays import SampleArray
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind, is_planned, kind_of, unit_in_name, units_of
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.inspection import layout_entries, read_as_proposed, step_of
+from monitor_core.recordings.raw.inspection import Layout, read_as_proposed, step_of
+from monitor_core.recordings.raw.text_times import TextTimes, columns_of_texts, text_times
 from monitor_core.recordings.recognition import KINDS, require_format
 
 CONFIRM, FILL_IN = "# confirm:", "# fill in"
@@ -55,16 +56,16 @@ def map_text(path: Path) -> str:
     return proposed_map(*read_as_proposed(path, require_format(path, *_TAKEN)))
 
 
-def proposed_map(channels: Channels, layout: object | None = None) -> str:
+def proposed_map(channels: Channels, layout: Layout | None = None) -> str:
     """Return a channel map for channels that were read; ``layout`` is how a text is written, where not plain."""
     parts = _parts(channels)
     kinds = {part.kind for part in parts}
     if channels.responses or ChannelKind.FREQUENCY in kinds:
         body = _frf_lines(channels, parts)
     elif _is_motion(kinds):
-        body = _motion_lines(parts)
+        body = _motion_lines(parts, text_times(columns_of_texts(channels)))
     else:
-        body = _session_lines(parts)
+        body = _session_lines(parts, text_times(columns_of_texts(channels)))
     lines = [*_head(channels, parts), *_text_lines(layout), *body]
     return "\n".join(lines) + "\n"
 
@@ -159,7 +160,7 @@ def _blank(name: str, remark: str) -> str:
     return f"{f'# {name} =':<38} {FILL_IN}: {remark}"
 
 
-def _text_lines(layout: object | None) -> Iterator[str]:
+def _text_lines(layout: Layout | None) -> Iterator[str]:
     if layout is None:
         return
     yield ""
@@ -174,19 +175,19 @@ def _text_lines(layout: object | None) -> Iterator[str]:
         "encoding": "utf-8 | latin-1 | utf-16",
         "sheet": "of the workbook",
     }
-    for name, value in layout_entries(layout).items():
+    for name, value in layout.entries().items():
         written = printed(value) if isinstance(value, str) else str(value)
         yield _entry(name, written, f"{CONFIRM} {remarks.get(name, 'how the text is written')}")
 
 
-def _session_lines(parts: Sequence[Part]) -> Iterator[str]:
+def _session_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[str]:
     excitation, response = _signals(parts)
     shapes = {part.samples.shape for part in (excitation, response) if part is not None}
     alike = [part for part in parts if part.samples.shape in shapes or not shapes]
     position = _first(alike, (ChannelKind.POSITION,), (excitation, response))
     lengths = {max(shape) for shape in shapes}
     fitting = [part for part in parts if part.samples.size in lengths or not lengths]
-    times = _first(fitting, (ChannelKind.TIME,), (excitation, response, position))
+    times: Part | TextTimes | None = _first(fitting, (ChannelKind.TIME,), (excitation, response, position)) or texts
     yield ""
     yield "[excitation]"
     yield from _excitation_lines(excitation, parts)
@@ -284,7 +285,7 @@ def _choice(kind: ChannelKind | None) -> str:
     return " | ".join(printed(unit) for unit in units_of(kind))
 
 
-def _time_lines(times: Part | None, signals: Sequence[Part]) -> Iterator[str]:
+def _time_lines(times: Part | TextTimes | None, signals: Sequence[Part]) -> Iterator[str]:
     clocks = {part.channel.clock for part in signals}
     stated = any(part.channel.sample_rate is not None for part in signals)
     if clocks - {None}:
@@ -295,9 +296,12 @@ def _time_lines(times: Part | None, signals: Sequence[Part]) -> Iterator[str]:
         return
     if stated or times is None:
         return
-    unit, remark = _unit_of_times(times)
     yield ""
     yield "[time]                                 # channel of the sampling times"
+    if isinstance(times, TextTimes):
+        yield from _text_time_lines(times)
+        return
+    unit, remark = _unit_of_times(times)
     yield _entry("channel", printed(times.channel.name), f"{CONFIRM} rises evenly, or is named so")
     if times.entry is not None:
         yield _entry(times.entry, str(times.number), f"{CONFIRM} {times.entry} of the array, counted from 1")
@@ -305,6 +309,20 @@ def _time_lines(times: Part | None, signals: Sequence[Part]) -> Iterator[str]:
         yield _blank("unit", _choice(ChannelKind.TIME))
     else:
         yield _entry("unit", printed(unit), remark)
+
+
+def _text_time_lines(times: TextTimes) -> Iterator[str]:
+    yield _entry(
+        "channel", printed(times.channel), f"{CONFIRM} texts of {'a date and time' if times.is_dated else 'a time'}"
+    )
+    if times.date is not None:
+        yield _entry("date", printed(times.date), f"{CONFIRM} the dates that belong to them")
+    if times.form is None:
+        yield _blank("format", '"iso", or a pattern such as "%d/%m/%Y %H:%M:%S": is the day or the month in front?')
+    else:
+        yield _entry("format", printed(times.form), f"{CONFIRM} iso, or a pattern of day, month, hour …")
+    if times.is_dated and not times.has_zone:
+        yield _blank("zone", 'zone of these times, such as "+01:00" or "Z"')
 
 
 def _unit_of_times(times: Part) -> tuple[str | None, str]:
@@ -320,7 +338,7 @@ def _unit_of_times(times: Part) -> tuple[str | None, str]:
     return unit, f"{CONFIRM} steps of {step:g} {unit} are {1.0 / (step * factors[unit]):g} Hz"
 
 
-def _window_lines(signals: Sequence[Part], times: Part | None, *, has_position: bool) -> Iterator[str]:
+def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, has_position: bool) -> Iterator[str]:
     arrays = [part.samples for part in signals if part.samples.ndim == 2]
     rates = [part.channel.sample_rate for part in signals if part.channel.sample_rate is not None]
     starts = [part.channel.started_at for part in signals if part.channel.started_at is not None]
@@ -333,6 +351,8 @@ def _window_lines(signals: Sequence[Part], times: Part | None, *, has_position: 
         yield _blank("sample_rate_hz", "samples of a channel in a second; the file does not say it")
     if starts:
         yield f"# started_at is left out: the file says {starts[0].isoformat()}"
+    elif isinstance(times, TextTimes) and times.is_dated and not rates and not clocks:
+        yield "# started_at is left out: [time] says it"
     else:
         yield _blank("started_at", "when the record began, with its zone, such as 2025-03-01T06:00:00Z")
     if not has_position:
@@ -350,11 +370,11 @@ def _window_lines(signals: Sequence[Part], times: Part | None, *, has_position: 
     yield "# payload_kg = 0.0                     # optional, as temperature_c and direction (+ | - | both)"
 
 
-def _motion_lines(parts: Sequence[Part]) -> Iterator[str]:
+def _motion_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[str]:
     drive = _first(parts, (ChannelKind.FORCE, ChannelKind.TORQUE))
     position = _first(parts, (ChannelKind.POSITION,), (drive,))
     others = [part for part in parts if part.kind is ChannelKind.POSITION and part is not position]
-    times = _first(parts, (ChannelKind.TIME,))
+    times = _first(parts, (ChannelKind.TIME,)) or texts
     signals = [part for part in (drive, position) if part is not None]
     yield ""
     yield "# position and drive without an acceleration: a motion record, for preload explain (family motion)"
@@ -380,13 +400,17 @@ def _frf_lines(channels: Channels, parts: Sequence[Part]) -> Iterator[str]:
     yield _blank(
         "output", '"acceleration-at-table" | "acceleration-at-nut" | "displacement-at-table" | "angle-at-motor"'
     )
-    yield _blank("standard_deviation", "of real and of imaginary part, in the unit of the response")
+    yield _blank("standard_deviation", "of real and imaginary part, in the unit of the response; or relative = 0.01")
     if channels.responses:
         response = channels.responses[0]
         names = ", ".join(printed(other.name) for other in channels.responses[1:5])
         yield "[frf.response]"
         yield _entry("channel", printed(response.name), f"{CONFIRM} a frequency response{names and f'; also {names}'}")
-        yield _blank("unit", f"unit of the response, such as m/(N.s2); the file says {_ratio(channels)}")
+        above, below = canonical_unit(response.response_unit), canonical_unit(response.reference_unit)
+        if above is None or below is None:
+            yield _blank("unit", f"unit of the response, such as m/(N.s2); the file says {_ratio(channels)}")
+        else:
+            yield _entry("unit", printed(f"{above}/{below}"), f"{CONFIRM} as the file says: {_ratio(channels)}")
     else:
         yield from _columns_of_response(parts)
     yield ""
