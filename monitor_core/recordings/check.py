@@ -17,6 +17,7 @@ from monitor_core.recordings.raw.channel_map import read_channel_map
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.raw.map_proposal import made_of
 from monitor_core.recordings.raw.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
@@ -178,7 +179,7 @@ def _look_at_motion(name: str, path: Path) -> FileReport:
 def _look_at_raw(name: str, path: Path) -> FileReport:
     read, layout = inspection.read_as_proposed(path, name)
     channels = inspection.summaries_of(read)
-    uses = usability.uses_of(name, path)
+    uses = usability.uses_of(name, path, made_of(read))
     next_step = usability.next_step(name, path, uses)
     return FileReport(name, True, (), channels, _contents_of_raw(read, layout), _doubts(channels), uses, next_step)
 

@@ -55,12 +55,15 @@ def uses_of_table(path: Path, settings: Settings) -> tuple[Use, ...]:
     return tuple(_shared_uses(shlex.quote(str(path)), path, settings))
 
 
-def uses_of(name: str, path: Path) -> tuple[Use, ...]:
-    """Return the commands that take a file of a format that needs no look at what it holds."""
+def uses_of(name: str, path: Path, made: str = ".session.h5") -> tuple[Use, ...]:
+    """Return the commands that take a file of a format that needs no look at what it holds.
+
+    ``made`` is the ending of what an import makes of a raw file.
+    """
     shown = shlex.quote(str(path))
     explain = Use("explain", f"preload explain {shown} --baseline MODEL")
     if is_raw(name):
-        return (Use("import", f"preload import {shown} --map MAP --out {_stem(path)}.session.h5"),)
+        return (Use("import", f"preload import {shown} --map MAP --out {_stem(path)}{made}"),)
     return {
         recognition.FRF_SET: (Use("identify", f"preload identify {shown} --model MODEL"), explain),
         recognition.MOTION_RECORD: (explain,),
@@ -98,7 +101,7 @@ def next_step(name: str, path: Path, uses: Sequence[Use], lacks: str = "") -> st
     if is_raw(name):
         return (
             f"preload check {shown} --write-map {stem}.toml writes a channel map to fill in; then "
-            f"preload import {shown} --map {stem}.toml --out {stem}.session.h5"
+            f"{lines['import'].replace('--map MAP', f'--map {stem}.toml')}"
         )
     if "calibrate" in lines and name != recognition.CALIBRATION:
         return f"{lines['calibrate']}; or, with a calibration, {lines['estimate']}"

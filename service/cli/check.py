@@ -202,14 +202,14 @@ def _print(file: Path, report: FileReport, map_path: Path | None, written: Seque
     for path in written:
         print_line(f"Written: {path}")
     if map_path is not None and map_path in written:
-        print_line(f"Next: {_step_with_map(file, map_path)}")
+        print_line(f"Next: {_step_with_map(report, map_path)}")
 
 
-def _step_with_map(file: Path, map_path: Path) -> str:
-    n_places = sum(FILL_IN in line for line in map_path.read_text(encoding="utf-8").splitlines()[3:])
+def _step_with_map(report: FileReport, map_path: Path) -> str:
+    n_places = sum(f"{FILL_IN}:" in line for line in map_path.read_text(encoding="utf-8").splitlines())
     places = f"fill in its {n_places} marked places, look at what is marked to confirm" if n_places else "look at it"
-    shown, stem = shlex.quote(str(file)), shlex.quote(file.name.partition(".")[0])
-    return f"{places}, then preload import {shown} --map {shlex.quote(str(map_path))} --out {stem}.session.h5"
+    (use,) = report.uses
+    return f"{places}, then {use.line.replace('--map MAP', f'--map {shlex.quote(str(map_path))}')}"
 
 
 def _facts(report: FileReport) -> Iterator[str]:

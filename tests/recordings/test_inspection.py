@@ -288,3 +288,12 @@ def test_the_motion_model_of_the_documentation_is_one(tmp_path, page):
     (tmp_path / "rigid-axis.toml").write_text(example)
     report = check_file(tmp_path / "rigid-axis.toml")
     assert (report.format, report.problems, dict(report.contents)["family"]) == ("preload-model", (), "motion")
+
+
+def test_the_next_step_names_what_an_import_makes(tmp_path):
+    columns = {"t": TIME, "Position_m": MOVE, "Force_n": MOVE}
+    np.savez(tmp_path / "axis.npz", **columns)
+    np.savez(tmp_path / "lines.npz", frequency=TIME[1:], real=MOVE[1:], imag=MOVE[1:])
+    np.savez(tmp_path / "hits.npz", force=MOVE, acc=MOVE)
+    made = {path.stem: check_file(path).uses[0].line.rpartition(" ")[2] for path in tmp_path.iterdir()}
+    assert made == {"axis": "axis.motion.csv", "lines": "lines.frf.h5", "hits": "hits.session.h5"}

@@ -20,6 +20,8 @@ class ChannelKind(StrEnum):
     FREQUENCY = "frequency"
 
 
+#: So many values at the beginning show what a channel is.
+MOST_STEPS = 100_000
 #: How words in the name of a channel begin, in the languages of controls and loggers; the first kind that fits counts.
 _BEGINNINGS: dict[ChannelKind | None, tuple[str, ...]] = {
     None: ("veloc", "speed", "geschw", "vitesse", "rpm", "drehzahl", "temp", "volt", "spann", "status", "phase"),
@@ -115,9 +117,10 @@ def is_planned(name: str) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def rises_evenly(samples: SampleArray) -> bool:
     """Tell whether values rise by one step, as sampling times and lines of a spectrum do."""
-    if samples.ndim != 1 or samples.size < 3 or not np.all(np.isfinite(samples)):
+    first = samples[:MOST_STEPS]
+    if first.ndim != 1 or first.size < 3 or not np.all(np.isfinite(first)):
         return False
-    steps = np.diff(samples.astype(np.float64))
+    steps = np.diff(first.astype(np.float64))
     middle = float(np.median(steps))
     return middle > 0.0 and bool(steps.min() > 0.0) and bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)
 

@@ -13,7 +13,14 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of, kind_of_name, kind_of_unit, unit_in_name
+from monitor_core.recordings.raw.channel_kind import (
+    MOST_STEPS,
+    ChannelKind,
+    kind_of,
+    kind_of_name,
+    kind_of_unit,
+    unit_in_name,
+)
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import read_channels
 
@@ -94,7 +101,8 @@ def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:
     for channel in channels.channels:
         summary = summary_of(channel)
         if not summary.is_constant and channel.samples.size > 1:
-            digest = hashlib.blake2b(channel.samples.tobytes(), digest_size=16).digest()
+            values = np.ascontiguousarray(channel.samples).data.cast("B")
+            digest = hashlib.blake2b(values, digest_size=16).digest()
             if (earlier := seen.setdefault(digest, channel.name)) != channel.name:
                 summary = replace(summary, remarks=(*summary.remarks, f"holds the values of {earlier!r}"))
         summaries.append(summary)
@@ -132,7 +140,7 @@ def is_of_time(kind: ChannelKind | None) -> bool:
 @np.errstate(over="ignore", invalid="ignore")
 def step_of(samples: SampleArray) -> float | None:
     """Return the middle step of sampling times; None if they do not rise."""
-    steps = np.diff(samples.reshape(-1).astype(np.float64))
+    steps = np.diff(samples.reshape(-1)[:MOST_STEPS].astype(np.float64))
     middle = float(np.median(steps)) if steps.size else 0.0
     return middle if np.isfinite(middle) and middle > 0.0 else None
 

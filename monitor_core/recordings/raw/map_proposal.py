@@ -7,6 +7,7 @@ in. Nothing that a file leaves open is given a value by itself.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 from monitor_core.arrays import SampleArray
@@ -56,16 +57,29 @@ def map_text(path: Path) -> str:
     return proposed_map(*read_as_proposed(path, require_format(path, *_TAKEN)))
 
 
+class Made(StrEnum):
+    """What a raw file seems to hold, by the ending of the file that an import makes of it."""
+
+    SESSION = ".session.h5"
+    FRF_SET = ".frf.h5"
+    MOTION = ".motion.csv"
+
+
+def made_of(channels: Channels) -> Made:
+    """Return what channels seem to be: lines of a frequency response, a motion without acceleration, or a session."""
+    return _made_of(channels, _parts(channels))
+
+
 def proposed_map(channels: Channels, layout: Layout | None = None) -> str:
     """Return a channel map for channels that were read; ``layout`` is how a text is written, where not plain."""
-    parts = _parts(channels)
-    kinds = {part.kind for part in parts}
-    if channels.responses or ChannelKind.FREQUENCY in kinds:
-        body = _frf_lines(channels, parts)
-    elif _is_motion(kinds):
-        body = _motion_lines(parts, text_times(columns_of_texts(channels)))
-    else:
-        body = _session_lines(parts, text_times(columns_of_texts(channels)))
+    parts, texts = _parts(channels), text_times(columns_of_texts(channels))
+    match _made_of(channels, parts):
+        case Made.FRF_SET:
+            body = _frf_lines(channels, parts)
+        case Made.MOTION:
+            body = _motion_lines(parts, texts)
+        case Made.SESSION:
+            body = _session_lines(parts, texts)
     lines = [*_head(channels, parts), *_text_lines(layout), *body]
     return "\n".join(lines) + "\n"
 
@@ -84,6 +98,13 @@ def _escaped(letter: str) -> str:
         return letter
     code = ord(letter)
     return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"
+
+
+def _made_of(channels: Channels, parts: Sequence[Part]) -> Made:
+    kinds = {part.kind for part in parts}
+    if channels.responses or ChannelKind.FREQUENCY in kinds:
+        return Made.FRF_SET
+    return Made.MOTION if _is_motion(kinds) else Made.SESSION
 
 
 def _is_motion(kinds: set[ChannelKind | None]) -> bool:
