@@ -103,10 +103,11 @@ def read_session(path: Path) -> Session:
         return Session(reader.axis_id, tuple(reader.windows()), reader.description, reader.created)
 
 
-def write_session(path: Path, session: Session) -> None:
+def write_session(path: Path, session: Session, *, tolerances: Mapping[str, float | None] | None = None) -> None:
     """Write a session; the same session gives the same bytes, whenever it is written.
 
-    ``path``: usually ``*.session.h5``; an existing file is replaced; ``session``: windows in time order.
+    ``path``: usually ``*.session.h5``; an existing file is replaced; ``session``: windows in time order;
+    ``tolerances``: how well settings are known, by the names of root attributes; ``None`` is not stated.
     ``RecordingFormatError`` if the session holds no window, names no axis, or is not in time order.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
@@ -118,6 +119,7 @@ def write_session(path: Path, session: Session) -> None:
             file.attrs["description"] = session.description
         if session.created is not None:
             file.attrs["created"] = format_instant(session.created)
+        write_attributes(file, tolerances or {})
         windows = file.create_group("windows")
         for number, window in enumerate(session.windows):
             _write_window(windows.create_group(f"{number:06d}"), window)

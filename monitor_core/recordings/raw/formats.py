@@ -6,22 +6,24 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.text_layout import TextLayout
 
 #: Ending of the file name → reader of its channels.
-READERS: dict[str, Callable[[Path], Channels]] = {
+READERS: dict[str, Callable[..., Channels]] = {
     ".tdms": tdms.read_channels,
     ".uff": uff58.read_channels,
     ".unv": uff58.read_channels,
     ".mat": mat.read_channels,
     ".npz": npz.read_channels,
+    ".npy": npz.read_channels,
     ".csv": csv_samples.read_channels,
     ".tsv": csv_samples.read_channels,
     ".txt": csv_samples.read_channels,
 }
 
 
-def read_channels(path: Path) -> Channels:
-    """Read the channels of a raw file by the ending of its name.
+def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
+    """Read the channels of a raw file by the ending of its name; the layout is of a text file.
 
     ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
     """
@@ -30,4 +32,4 @@ def read_channels(path: Path) -> Channels:
     except KeyError:
         known = ", ".join(READERS)
         raise RecordingFormatError(f"{path.name}: expected a file of {known}; got {path.suffix!r}") from None
-    return reader(path)
+    return reader(path) if layout is None else reader(path, layout)

@@ -1,4 +1,7 @@
-"""Read NumPy archives, ``*.npz``: every array of real numbers is a channel of its name. Nothing is unpickled."""
+"""Read NumPy archives, ``*.npz``, and single arrays, ``*.npy``; nothing is unpickled.
+
+Every array of real numbers in an archive is a channel of its name; a single array is the channel ``array``.
+"""
 
 import zipfile
 from pathlib import Path
@@ -18,6 +21,8 @@ def read_channels(path: Path) -> Channels:
     channels and are left out. ``RecordingFormatError`` if the archive or an array in it is damaged, or if a header
     promises what the file does not hold.
     """
+    if path.suffix.lower() == ".npy":
+        return _read_array(path)
     channels = []
     with refusing(path.name, "a NumPy archive (.npz)"), zipfile.ZipFile(require_file(path)) as archive:
         for member in archive.infolist():
@@ -37,6 +42,25 @@ def read_channels(path: Path) -> Channels:
                 values = np.lib.format.read_array(stream, allow_pickle=False)
             channels.append(Channel(name, native_samples(values)))
     return Channels(path.name, tuple(channels))
+
+
+def _read_array(path: Path) -> Channels:
+    n_bytes = require_file(path).stat().st_size
+    with refusing(path.name, "a NumPy array (.npy)"), path.open("rb") as stream:
+        shape, dtype = _header(stream)
+        if dtype.kind not in "fiu" or len(shape) not in (1, 2):
+            raise RecordingFormatError(
+                f"{path.name}: expected real numbers in one or two dimensions; got {dtype} of shape {shape}"
+            )
+        n_values = int(np.prod(shape, dtype=object))
+        require_plausible_length(n_values, path.name)
+        if n_bytes < n_values * dtype.itemsize:
+            raise RecordingFormatError(
+                f"{path.name}: expected {n_values} values as its header says; got {n_bytes} bytes in all"
+            )
+        stream.seek(0)
+        values = np.lib.format.read_array(stream, allow_pickle=False)
+    return Channels(path.name, (Channel("array", native_samples(values)),))
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
