@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from monitor_core.fitting.response_modes import ModesAtConditions, modes_by_conditions
+from monitor_core.response_modes import ModesAtConditions, modes_by_conditions
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
