@@ -11,6 +11,7 @@ bytes (index, reference count, four reserved bytes, size) and its bytes, padded 
 space at the end. The library follows these sizes without looking at them; here they are looked at before it does.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_expansion, unpacked_size
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
 
@@ -33,6 +35,10 @@ from typing import BinaryIO
 _COLLECTION = b"GCOL\x01"
 _HEADER = struct.Struct("<HH4xQ")
 _LEAST_SIZE = 4096
+#: Filters of HDF5 that are known to stay within their chunk, or are looked at before.
+_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF = 1, 2, 3, 32000
+_FILTERS = frozenset((_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF))
+_LARGEST_LZF_CHUNK = 2**22  # unpacked by the library without a look at its size, which is at most ninety times that
 _BLOCK = 2**20  # read in pieces, so that memory stays flat however large the session is
 
 
@@ -172,12 +178,23 @@ def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -
         raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dataset.dtype}")
     if dataset.ndim != 1:
         raise RecordingFormatError(f"{place}: expected one dimension; got shape {dataset.shape}")
+    require_readable(dataset, place)
+    return dataset
+
+
+def require_readable(dataset: "h5py.Dataset", place: str) -> None:
+    """Refuse numbers that are elsewhere, were announced and never written, or unpack to more than announced.
+
+    ``RecordingFormatError``; the library itself inflates a packed chunk to whatever size it has.
+    """
     if dataset.is_virtual or dataset.external:
         raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
     require_plausible_length(dataset.size, place)
+    require_plausible_expansion(dataset.size * dataset.dtype.itemsize, dataset.file.id.get_filesize(), place)
     if _unwritten(dataset):
         raise RecordingFormatError(f"{place}: expected {dataset.size} numbers; they were announced but never written")
-    return dataset
+    if dataset.chunks is not None and dataset.size:
+        _require_sound_chunks(dataset, place)
 
 
 def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
@@ -190,5 +207,48 @@ def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
 def _unwritten(dataset: "h5py.Dataset") -> bool:
     """Tell whether numbers were announced and never written; HDF5 answers fill values for them."""
     if dataset.chunks is not None:
-        return bool(dataset.id.get_num_chunks() < -(-dataset.size // dataset.chunks[0]))
+        per_axis = (-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True))
+        return bool(dataset.id.get_num_chunks() < math.prod(per_axis))
     return bool(dataset.id.get_storage_size() < dataset.size * dataset.dtype.itemsize)
+
+
+def _require_sound_chunks(dataset: "h5py.Dataset", place: str) -> None:
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if size > max(FREE_BYTES, dataset.size * dataset.dtype.itemsize):
+        raise RecordingFormatError(f"{place}: expected chunks of at most {FREE_BYTES} bytes; got {size}")
+    settings = dataset.id.get_create_plist()
+    filters = [settings.get_filter(i)[0] for i in range(settings.get_nfilters())]
+    if not _FILTERS.issuperset(filters) or len(set(filters)) < len(filters):
+        raise RecordingFormatError(
+            f"{place}: expected samples packed by gzip or lzf, or not packed; got HDF5 filters {filters}"
+        )
+    if _LZF in filters and size > _LARGEST_LZF_CHUNK:
+        raise RecordingFormatError(
+            f"{place}: expected lzf chunks of at most {_LARGEST_LZF_CHUNK} bytes; got {size}: pack it by gzip"
+        )
+    if _DEFLATE in filters:
+        for stored in _stored_chunks(dataset):
+            _require_sound_chunk(dataset, stored, filters, size, place)
+
+
+def _stored_chunks(dataset: "h5py.Dataset") -> list["h5py.h5d.StoreInfo"]:
+    chunks: list[h5py.h5d.StoreInfo] = []
+    dataset.id.chunk_iter(chunks.append)
+    return chunks
+
+
+def _require_sound_chunk(
+    dataset: "h5py.Dataset", stored: "h5py.h5d.StoreInfo", filters: list[int], size: int, place: str
+) -> None:
+    """Unpack a chunk piece by piece, and refuse it if it becomes more than it says. ``size``: of a chunk [bytes]."""
+    position = filters.index(_DEFLATE)
+    if stored.filter_mask >> position & 1:  # was left as it is
+        return
+    # gzip never adds more than this; a checksum takes four bytes
+    if stored.size > size + size // 1000 + 64:
+        raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes to be packed; it takes {stored.size}")
+    _, packed = dataset.id.read_direct_chunk(stored.chunk_offset)
+    checksum = _CHECKSUM in filters
+    most = size + (4 if checksum and filters.index(_CHECKSUM) < position else 0)
+    if unpacked_size(packed, most) > most:
+        raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes; its packed samples become more")

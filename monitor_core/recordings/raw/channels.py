@@ -1,7 +1,9 @@
 """Record of a raw file before a channel map gives it a meaning: named channels, named frequency responses."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -43,10 +45,21 @@ class Channels:
     file_name: str
     channels: tuple[Channel, ...]
     responses: tuple[FrequencyResponse, ...] = ()
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # columns of texts, such as dates and times
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "texts", MappingProxyType(dict(self.texts)))
         if not self.channels and not self.responses:
             raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got none")
+
+    def text(self, name: str) -> tuple[str, ...]:
+        """Return the column of texts of a name; ``RecordingFormatError`` if there is no such column of texts."""
+        if name in self.texts:
+            return self.texts[name]
+        if name in self.names:
+            raise RecordingFormatError(f"{self.file_name}: expected {name!r} to hold texts; it holds numbers")
+        there = ", ".join(map(repr, self.texts)) or "no columns of texts"
+        raise RecordingFormatError(f"{self.file_name}: expected a column of texts {name!r}; the file has {there}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -58,16 +71,24 @@ class Channels:
         for channel in self.channels:
             if channel.name == name:
                 return channel
+        if name in self.texts:
+            first = next(iter(self.texts[name]), "")
+            raise RecordingFormatError(
+                f"{self.file_name}: expected numbers in {name!r}; it holds texts such as {first[:40]!r}"
+            )
         there = ", ".join(repr(n) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
         raise RecordingFormatError(f"{self.file_name}: expected a channel {name!r}; the file has {there}")
 
 
 def native_samples(values: npt.NDArray[np.generic]) -> SampleArray:
-    """Return real numbers in the byte order of this machine: float32 stays, all else becomes float64."""
+    """Return real numbers in the byte order of this machine: float32 stays, all else becomes float64.
+
+    Numbers that are so already are not copied: they must be the reader's own.
+    """
     samples: SampleArray
     if values.dtype.kind == "f" and values.dtype.itemsize == 4:
-        samples = values.astype(np.float32)
+        samples = np.ascontiguousarray(values, np.float32)
     else:
-        samples = values.astype(np.float64)
+        samples = np.ascontiguousarray(values, np.float64)
     samples.setflags(write=False)
     return samples
