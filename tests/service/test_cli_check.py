@@ -126,7 +126,7 @@ REFUSED: dict[str, tuple[tuple[str | Path, ...], str]] = {
     "raw to identify": (("identify", "moves.mat", "--model", MODEL), "preload check moves.mat --write-map"),
     "table as calibration": (("estimate", TABLE, "--calibration", TABLE), "got a modal table: preload calibrate"),
     "table as prior": (("calibrate", TABLE, "--prior", TABLE), "expected a calibration; got a modal table"),
-    "model as data": (("estimate", MODEL, "--calibration", TABLE), "expected a calibration"),
+    "model as data": (("estimate", MODEL, "--calibration", MODEL), "got a drive model in TOML"),
     "model to calibrate": (("calibrate", MODEL), "got a drive model in TOML: preload modes"),
     "data as model": (("modes", TABLE, "--position-mm", "1"), "expected a drive model in TOML; got a modal table"),
     "folder": (("check", "."), ": expected a file; got a folder"),

@@ -147,9 +147,9 @@ def step_of(samples: SampleArray) -> float | None:
 
 def response_remark(response: FrequencyResponse) -> str:
     """Say in a few words what a frequency response of a file spans."""
-    lines, unit = response.frequency, response.response_unit or "?"
-    per = response.reference_unit or "?"
-    return f"{lines.size} lines, {lines[0]:g} to {lines[-1]:g} Hz, {unit} per {per}" if lines.size else "no lines"
+    lines, of, per = response.frequency, response.response_unit, response.reference_unit
+    unit = f"{of or 'no unit'} per {per or 'no unit'}" if of or per else "no unit"
+    return f"{lines.size} lines, {lines[0]:g} to {lines[-1]:g} Hz, {unit}" if lines.size else "no lines"
 
 
 def _judged(summary: ChannelSummary, finite: SampleArray) -> ChannelSummary:
