@@ -387,7 +387,7 @@ def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, ha
         yield _entry("windows_in", printed("rows" if in_rows else "columns"), f"{CONFIRM} the array is {shape}")
         yield _blank("window_interval_s", "from the start of one window to the start of the next")
     yield "# samples_per_window = 20000           # optional: cuts a long record into windows that follow each other"
-    yield '# measurement = "at 250 mm"             # optional: several files as one; without it each file is a measurement'
+    yield '# measurement = "at 250 mm"             # optional: joins several files; else each is a measurement'
     yield "# file_interval_s = 60                 # optional: several files, from the start of one to that of the next"
     yield "# preload_n = 300                      # optional: only where it was set on purpose, as for a calibration"
     yield "# payload_kg = 0.0                     # optional, as temperature_c and direction (+ | - | both)"
