@@ -155,7 +155,9 @@ def test_columns_without_names_are_proposed_in_their_order(tmp_path):
     filled.fill("quantity", '"force"').fill("unit", '"N"', at="excitation").fill("unit", '"m/s2"', at="response")
     filled.fill("started_at", "2025-03-01T06:00:00Z").fill("position_mm", 0)
     assert filled.edits <= MOST_EDITS
-    np.testing.assert_allclose(filled.session(raw).windows[0].response, ACCELERATION, rtol=1e-15)
+    (window,) = filled.session(raw).windows
+    assert window.excitation_source is ExcitationSource.SENSOR
+    np.testing.assert_allclose(window.response, ACCELERATION, rtol=1e-15)
 
 
 def test_windows_in_an_array_are_proposed_by_its_shape(tmp_path):
