@@ -162,6 +162,7 @@ def judge_measurement(
 _SIGNS_OF_TWO_MODES = (
     DoubtReason.DAMPING_CHANGED,
     DoubtReason.MASS_OR_MOUNTING_CHANGED,
+    DoubtReason.MOVED_MASS_CHANGED,
     RejectionReason.DAMPING_MISMATCH,
     RejectionReason.MOVED_MASS_MISMATCH,
     RejectionReason.NO_PEAK_IN_BAND,
@@ -247,6 +248,8 @@ def witnesses_of(modal: ModalMeasurement) -> dict[WitnessName, float]:
     }
     if modal.noise_level > 0.0:
         values[WitnessName.NOISE_LEVEL] = modal.noise_level
+    if modal.rigid_line is not None:
+        values[WitnessName.RIGID_LINE] = modal.rigid_line.value
     if modal.friction_torque is not None:
         values[WitnessName.FRICTION_TORQUE] = modal.friction_torque
     return values

@@ -150,7 +150,7 @@ def estimate_preload(
         shares=budget.shares,
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
-        doubts=(*doubts_of(deviations), *_risen(stated_feature, conditions, calibration)),
+        doubts=(*doubts_of(deviations, calibration), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
     )
 
