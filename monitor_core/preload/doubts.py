@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy import special
 
 from monitor_core.preload.calibration import Calibration
 from monitor_core.preload.moved_mass import ResidueCause, causes_of_residue, in_words
@@ -208,42 +207,4 @@ def _sentence(name: WitnessName, deviation: Deviation) -> str:
     return (
         f"the {name.replace('-', ' ')} is {percent:+.1f} % from what the calibration lets expect, "
         f"{abs(deviation.score):.1f} standard deviations: {TOLERANCES[name].meaning}"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class PlaceReading:
-    """What the measurements of one session are compared by."""
-
-    position: float  # [m]
-    logarithm: float  # ln(preload) [-]
-    standard_uncertainty: float  # of it, new in each measurement [-]
-
-
-#: Positions closer than this are one place [m].
-_ONE_PLACE = 0.02
-#: Probability at which the places of an unchanged axis are said to disagree.
-_DISAGREEMENT = 1e-3
-
-
-def places_disagree(readings: Sequence[PlaceReading]) -> Doubt | None:
-    """Test whether the places of one session contradict each other; the preload of an axis is one.
-
-    A straight line of ln(preload) over the position is tested against none, with the stated uncertainties, and the
-    scatter about it by χ²; ``None`` where fewer than two places were measured or they agree.
-    """
-    x = np.array([reading.position for reading in readings])
-    if x.size < 2 or np.ptp(x) < _ONE_PLACE:
-        return None
-    weight = np.array([reading.standard_uncertainty for reading in readings]) ** -2.0
-    y = np.array([reading.logarithm for reading in readings])
-    mean = float(weight @ y / weight.sum())
-    chi_square = float(weight @ (y - mean) ** 2)
-    if special.chdtrc(x.size - 1, chi_square) > _DISAGREEMENT:
-        return None
-    low, high = float(np.exp(y.min())), float(np.exp(y.max()))
-    return Doubt(
-        DoubtReason.PLACES_DISAGREE,
-        f"the places of one session give {low:.0f} to {high:.0f} N where their uncertainties allow "
-        f"{100.0 * float(np.mean(weight)) ** -0.5:.1f} %: are the positions right, and counted from the fixed bearing?",
     )

@@ -97,7 +97,7 @@ def point_out(point: TrendPoint) -> TrendPointOut:
         state=point.state,
         refusal_reason=point.refusal_reason,
         uncharted=point.uncharted,
-        doubt=point.doubt,
+        doubt=next(iter(point.doubts), None),
     )
 
 
