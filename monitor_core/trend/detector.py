@@ -97,13 +97,16 @@ class ClosedSession:
 
 
 def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession | None:
-    """Return the session that ended between two states of a life, the second by a later measurement or a reset."""
+    """Return the session that ended between two states of a life, the second by a later measurement or a reset.
+
+    A session of too few measurements is judged only when a later one ends it, and may alarm then.
+    """
     session = before.session
     if session is None or (after.session is not None and after.session.started_at == session.started_at):
         return None
     if before.baseline is None:
         return ClosedSession(session, None, None, alarmed=False)
-    charts = before.charts
+    charts = before.charts if after.session is None else after.before
     return ClosedSession(session, charts.residual, charts.reference, alarmed=charts.alarm is not None)
 
 

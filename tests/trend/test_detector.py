@@ -193,6 +193,22 @@ def test_a_session_that_ends_is_told_with_what_the_charts_made_of_it(watching):
     assert closed_session(third, reset(third)).session.value == 300.0
 
 
+def test_a_session_of_too_few_measurements_that_alarms_as_it_closes_is_told_as_alarmed():
+    rng, state = np.random.default_rng(8), DetectorState()
+    days = [START + day * DAY for day in range(30)]
+    for at in days[:25]:  # four measurements are a whole session
+        for hour in range(4):
+            state = step(state, Observation(at + timedelta(hours=hour), float(healthy(rng, 1)[0])), design())
+    told = []
+    for at in days[25:]:  # one is none
+        before, state = state, step(state, Observation(at, 270.0), design())
+        told.append((closed_session(before, state).alarmed, before.alarm is not None, state.alarm is not None))
+    first = next(i for i, (alarmed, _, _) in enumerate(told) if alarmed)
+    assert told[first] == (True, False, True)  # nothing stood while it went on: it alarmed as it closed
+    assert not any(alarmed for alarmed, _, _ in told[:first])
+    assert all(alarmed for alarmed, _, _ in told[first:])
+
+
 def test_the_evidence_tells_chart_onset_and_loss(watching):
     steady = 300.0 + 5.0 * np.array([1.0, -1.0] * 10)
     alarm = next(s.alarm for s in run([300.0] * 3 + list(steady - 24.0), state=watching) if s.alarm)
