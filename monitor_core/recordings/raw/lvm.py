@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_rows import Rows
+from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list
 from monitor_core.recordings.raw.text_table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
 
 _SIGNATURE = b"LabVIEW Measurement"
@@ -147,13 +147,13 @@ def _segment_header(found: dict[str, list[str]], rows: Rows, header: _FileHeader
     columns = tuple(stride * i + 1 for i in range(n_channels))
     n_columns = columns[-1] + 1
     if len(labels) < n_columns or any(not labels[column] for column in columns):
-        raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {labels[:20]}")
+        raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {shown_list(labels)}")
     names = list(labels[:n_columns])
     if multi:
         names = [f"X_Value {i // 2 + 1}" if i % 2 == 0 else name for i, name in enumerate(names)]
     if len(set(names)) < n_columns:
         twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingFormatError(f"{where}: expected channels of different names; got {twice!r} twice")
+        raise RecordingFormatError(f"{where}: expected channels of different names; got {shown(twice)} twice")
 
     def stated(key: str, i: int) -> str:
         values = found.get(key, [])
@@ -220,11 +220,11 @@ def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Cha
         n_held = table.n_rows if blank is None else int(np.argmax(blank))
         if blank is not None and not blank[n_held:].all():
             raise RecordingFormatError(
-                f"{where}, {segment.names[column]}: expected a number in each row; got a blank cell behind {n_held}"
+                f"{where}, {shown(segment.names[column])}: expected a number in each row; got a blank cell"
             )
         if n_held == 0 or (stated is not None and n_held < stated):
             raise RecordingFormatError(
-                f"{where}, {segment.names[column]}: expected {stated or 'some'} samples as its header says; "
+                f"{where}, {shown(segment.names[column])}: expected {stated or 'some'} samples as its header says; "
                 f"got {n_held}: the file is cut off"
             )
         if clock is not None and clock not in clocks:
@@ -232,7 +232,7 @@ def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Cha
             yield clocks[clock]
         if clock is not None and clocks[clock].samples.size != n_held:
             raise RecordingFormatError(
-                f"{where}, {segment.names[column]}: expected a value for each x; got {n_held} values and "
+                f"{where}, {shown(segment.names[column])}: expected a value for each x; got {n_held} values and "
                 f"{clocks[clock].samples.size} x"
             )
         # more samples than stated: packets under one header, which does not say that none is missing between them
@@ -246,7 +246,7 @@ def _times(segment: _SegmentHeader, table: Table, clock: int, where: str) -> np.
     blank = table.blank.get(clock)
     n_held = table.n_rows if blank is None else int(np.argmax(blank))
     if blank is not None and not blank[n_held:].all():
-        raise RecordingFormatError(f"{where}, {segment.names[clock]}: expected x in each row; got a blank cell")
+        raise RecordingFormatError(f"{where}, {shown(segment.names[clock])}: expected x in each row; got a blank cell")
     return table.numbers[clock][:n_held]
 
 
