@@ -1,7 +1,9 @@
 """Record of a raw file before a channel map gives it a meaning: named channels, named frequency responses."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -43,10 +45,21 @@ class Channels:
     file_name: str
     channels: tuple[Channel, ...]
     responses: tuple[FrequencyResponse, ...] = ()
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # columns of texts, such as dates and times
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "texts", MappingProxyType(dict(self.texts)))
         if not self.channels and not self.responses:
             raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got none")
+
+    def text(self, name: str) -> tuple[str, ...]:
+        """Return the column of texts of a name; ``RecordingFormatError`` if there is no such column of texts."""
+        if name in self.texts:
+            return self.texts[name]
+        if name in self.names:
+            raise RecordingFormatError(f"{self.file_name}: expected {name!r} to hold texts; it holds numbers")
+        there = ", ".join(repr(text[:60]) for text in list(self.texts)[:20]) or "no columns of texts"
+        raise RecordingFormatError(f"{self.file_name}: expected a column of texts {name!r}; the file has {there}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -58,7 +71,12 @@ class Channels:
         for channel in self.channels:
             if channel.name == name:
                 return channel
-        there = ", ".join(repr(n) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
+        if name in self.texts:
+            first = next(iter(self.texts[name]), "")
+            raise RecordingFormatError(
+                f"{self.file_name}: expected numbers in {name!r}; it holds texts such as {first[:40]!r}"
+            )
+        there = ", ".join(repr(n[:60]) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
         raise RecordingFormatError(f"{self.file_name}: expected a channel {name!r}; the file has {there}")
 
 

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings.raw import csv_samples, lvm, mat, npz, tdms, uff58
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.text_layout import TextLayout
 
 #: Ending of the file name → reader of its channels.
 READERS: dict[str, Callable[[Path], Channels]] = {
@@ -17,11 +18,18 @@ READERS: dict[str, Callable[[Path], Channels]] = {
     ".csv": csv_samples.read_channels,
     ".tsv": csv_samples.read_channels,
     ".txt": csv_samples.read_channels,
+    ".lvm": lvm.read_channels,
+}
+#: Readers that take a layout, ``[text]`` of a channel map.
+READERS_WITH_LAYOUT: dict[str, Callable[[Path, TextLayout | None], Channels]] = {
+    ".csv": csv_samples.read_channels,
+    ".tsv": csv_samples.read_channels,
+    ".txt": csv_samples.read_channels,
 }
 
 
-def read_channels(path: Path) -> Channels:
-    """Read the channels of a raw file by the ending of its name.
+def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
+    """Read the channels of a raw file by the ending of its name; a layout says how a text is written.
 
     ``RecordingFormatError`` if the ending is none of those in :data:`READERS`, or the file is not what its ending says.
     """
@@ -30,4 +38,10 @@ def read_channels(path: Path) -> Channels:
     except KeyError:
         known = ", ".join(READERS)
         raise RecordingFormatError(f"{path.name}: expected a file of {known}; got {path.suffix!r}") from None
-    return reader(path)
+    if layout is None:
+        return reader(path)
+    if path.suffix.lower() not in READERS_WITH_LAYOUT:
+        raise RecordingFormatError(
+            f"{path.name}: expected no table [text] in the map of a file that says how it is written"
+        )
+    return READERS_WITH_LAYOUT[path.suffix.lower()](path, layout)

@@ -1,0 +1,270 @@
+"""Read LabVIEW measurement files, ``*.lvm``, as their specification (NI, versions 0.92 to 2.0) describes them.
+
+This is a reader of our own: lvm-read takes what it cannot parse for NaN, and by default unpickles a file that lies next
+to the recording.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.raw.channels import Channel, Channels
+from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list
+from monitor_core.recordings.raw.text_table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
+
+_SIGNATURE = b"LabVIEW Measurement"
+_END = "***End_of_Header***"
+_SEPARATORS = {"tab": "\t", "comma": ","}
+_MOST_HEADER_ROWS = 1000
+_MOST_SEGMENTS = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class _FileHeader:
+    separator: str
+    decimal: str
+    columns_of_x: str  # "No" | "One" | "Multi"
+
+
+@dataclass(frozen=True, slots=True)
+class _SegmentHeader:
+    names: tuple[str, ...]
+    columns: tuple[int, ...]  # of the channels, counted from 0
+    clocks: tuple[int | None, ...]
+    n_samples: tuple[int | None, ...]
+    units: tuple[str | None, ...]
+    steps: tuple[float | None, ...]  # [s]; None: x is no time, or no step is stated
+    n_columns: int
+
+
+def is_lvm(head: bytes) -> bool:
+    """Tell an LVM file by how it begins."""
+    return head.removeprefix(b"\xef\xbb\xbf").startswith(_SIGNATURE)
+
+
+def read_channels(path: Path) -> Channels:
+    """Read the channels of an LVM file with their units and rates.
+
+    Where x stands in columns ("X_Columns" One or Multi), these are channels too, and the clocks of the others; else the
+    rate is that of ``Delta_X``. Dates and times in the header carry no zone, so there is no start. Channels without
+    samples are left out. Several segments of equal channels are rows of two-dimensional arrays; where they differ,
+    channels are named "segment/channel". ``RecordingFormatError`` if the file is damaged or cut off.
+    """
+    rows = Rows(path, _encoding(path))
+    header = _file_header(rows)
+    segments: list[tuple[Channel, ...]] = []
+    while _skip_blank(rows):
+        if len(segments) == _MOST_SEGMENTS:
+            raise RecordingFormatError(f"{path.name}: expected at most {_MOST_SEGMENTS} segments; got more")
+        segments.append(_segment(rows, header, path.stat().st_size))
+    if not segments:
+        raise RecordingFormatError(f"{path.name}: expected a segment of samples behind the header; the file ends there")
+    return Channels(path.name, _joined(segments))
+
+
+def _encoding(path: Path) -> str:
+    """Return UTF-8 if the file is that, else Latin-1: the program writes in the code page of its machine."""
+    try:
+        for _ in Rows(path).blocks():
+            pass
+    except RecordingFormatError:
+        return "latin-1"
+    return "utf-8"
+
+
+def _file_header(rows: Rows) -> _FileHeader:
+    where, found = rows.file_name, dict[str, str]()
+    for line in _header_rows(rows):
+        key, _, value = line.replace(",", "\t", 1).partition("\t") if "\t" not in line else line.partition("\t")
+        found[key.strip()] = value if value == "," else value.strip("\t ").rstrip(",")
+    separator = found.get("Separator", "Tab")
+    if separator.lower() not in _SEPARATORS:
+        raise RecordingFormatError(f"{where}, Separator: expected Tab or Comma; got {separator[:40]!r}")
+    decimal = found.get("Decimal_Separator", ".") or ","
+    if decimal not in (".", ",") or (decimal, separator.lower()) == (",", "comma"):
+        raise RecordingFormatError(
+            f"{where}, Decimal_Separator: expected a point, or a comma in columns of tabs; got {decimal[:40]!r}"
+        )
+    of_x = found.get("X_Columns", "One").capitalize()
+    if of_x not in ("No", "One", "Multi"):
+        raise RecordingFormatError(f"{where}, X_Columns: expected No, One or Multi; got {of_x[:40]!r}")
+    return _FileHeader(_SEPARATORS[separator.lower()], decimal, of_x)
+
+
+def _header_rows(rows: Rows) -> Iterator[str]:
+    """Take the rows of a header up to its end; special blocks inside are no part of it."""
+    special = False
+    for _ in range(_MOST_HEADER_ROWS):
+        line = rows.take()
+        if line is None:
+            raise RecordingFormatError(f"{rows.file_name}: expected {_END}; the file ends in row {rows.row - 1}")
+        if line.startswith(_END):
+            return
+        if line.startswith(("***Start_Special***", "***End_Special***")):
+            special = line.startswith("***Start")
+        elif not special and line.strip():
+            yield line
+    raise RecordingFormatError(f"{rows.file_name}: expected {_END} within {_MOST_HEADER_ROWS} rows; got none by then")
+
+
+def _skip_blank(rows: Rows) -> bool:
+    while line := rows.ahead(1):
+        if line[0].strip("\t ,"):
+            return True
+        rows.take()
+    return False
+
+
+def _segment(rows: Rows, header: _FileHeader, n_bytes: int) -> tuple[Channel, ...]:
+    where = f"{rows.file_name}, row {rows.row}"
+    found: dict[str, list[str]] = {}
+    for line in _header_rows(rows):
+        require_columns(line, header.separator, where)
+        key, *values = line.split(header.separator)
+        found[key.strip()] = [value.strip() for value in values]
+    segment = _segment_header(found, rows, header, where)
+    names = tuple(segment.names)
+    form = TableForm(names, header.separator, header.decimal, blanks=True, ends_at_blank=True)
+    table = read_table(_table_rows(rows, header, segment), form, n_bytes, f"{rows.file_name}, row")
+    return tuple(_channels(segment, table, where))
+
+
+def _segment_header(found: dict[str, list[str]], rows: Rows, header: _FileHeader, where: str) -> _SegmentHeader:
+    line = rows.take() or ""
+    require_columns(line, header.separator, where)
+    labels = [cell.strip() for cell in line.split(header.separator)]
+    n_channels = _whole(found.get("Channels", [""])[0], f"{where}, Channels")
+    if labels[0] != "X_Value" or not 0 < n_channels <= MAX_COLUMNS:
+        raise RecordingFormatError(
+            f"{where}: expected the channels of a segment and a row of their names that begins with 'X_Value'; "
+            f"got {n_channels} channels and {labels[0][:40]!r}"
+        )
+    multi = header.columns_of_x == "Multi"
+    stride = 2 if multi else 1
+    columns = tuple(stride * i + 1 for i in range(n_channels))
+    n_columns = columns[-1] + 1
+    if len(labels) < n_columns or any(not labels[column] for column in columns):
+        raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {shown_list(labels)}")
+    names = list(labels[:n_columns])
+    if multi:
+        names = [f"X_Value {i // 2 + 1}" if i % 2 == 0 else name for i, name in enumerate(names)]
+    if len(set(names)) < n_columns:
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingFormatError(f"{where}: expected channels of different names; got {shown(twice)} twice")
+
+    def stated(key: str, i: int) -> str:
+        values = found.get(key, [])
+        at = columns[i] - 1
+        return values[at] if at < len(values) else ""
+
+    of_time = [stated("X_Dimension", i).lower() in ("time", "") for i in range(n_channels)]
+    steps = [_step(stated("Delta_X", i), header.decimal, f"{where}, Delta_X") for i in range(n_channels)]
+    no_clock = header.columns_of_x == "No"
+    return _SegmentHeader(
+        tuple(names),
+        columns,
+        tuple(None if no_clock else column - 1 if multi else 0 for column in columns),
+        tuple(_whole(text, f"{where}, Samples") if (text := stated("Samples", i)) else None for i in range(n_channels)),
+        tuple(stated("Y_Unit_Label", i) or None for i in range(n_channels)),
+        tuple(step if of_time[i] and no_clock else None for i, step in enumerate(steps)),
+        n_columns,
+    )
+
+
+def _whole(text: str, where: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise RecordingFormatError(f"{where}: expected a whole number; got {text[:40]!r}")
+    return int(text)
+
+
+def _step(text: str, decimal: str, where: str) -> float | None:
+    if not text:
+        return None
+    plain = text.replace(decimal, ".")
+    if not is_number(plain) or not (0.0 < float(plain) < np.inf):
+        raise RecordingFormatError(f"{where}: expected a positive step; got {text[:40]!r}")
+    return float(plain)
+
+
+def _table_rows(rows: Rows, header: _FileHeader, segment: _SegmentHeader) -> Iterator[tuple[int, list[str]]]:
+    """Take the rows of a segment without their comments; a blank row ends it, and is left for the next."""
+    separator, n_separators = header.separator, segment.n_columns - 1
+    while lines := rows.at_hand():
+        n_taken = next((i for i, line in enumerate(lines) if not line or line.isspace()), len(lines))
+        first_row = rows.row
+        rows.skip(n_taken)
+        if n_taken:
+            yield (
+                first_row,
+                [
+                    separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
+                    if line.count(separator) > n_separators
+                    else line
+                    for line in lines[:n_taken]
+                ],
+            )
+        if n_taken < len(lines):
+            return
+
+
+def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Channel]:
+    clocks: dict[int, Channel] = {}
+    for i, column in enumerate(segment.columns):
+        samples, blank, clock = table.numbers[column], table.blank.get(column), segment.clocks[i]
+        stated = segment.n_samples[i]
+        if stated == 0 and blank is not None and blank.all():
+            continue
+        n_held = table.n_rows if blank is None else int(np.argmax(blank))
+        if blank is not None and not blank[n_held:].all():
+            raise RecordingFormatError(
+                f"{where}, {shown(segment.names[column])}: expected a number in each row; got a blank cell"
+            )
+        if n_held == 0 or (stated is not None and n_held < stated):
+            raise RecordingFormatError(
+                f"{where}, {shown(segment.names[column])}: expected {stated or 'some'} samples as its header says; "
+                f"got {n_held}: the file is cut off"
+            )
+        if clock is not None and clock not in clocks:
+            clocks[clock] = Channel(segment.names[clock], _times(segment, table, clock, where), "s")
+            yield clocks[clock]
+        if clock is not None and clocks[clock].samples.size != n_held:
+            raise RecordingFormatError(
+                f"{where}, {shown(segment.names[column])}: expected a value for each x; got {n_held} values and "
+                f"{clocks[clock].samples.size} x"
+            )
+        # more samples than stated: packets under one header, which does not say that none is missing between them
+        step = segment.steps[i] if stated in (None, n_held) else None
+        yield Channel(segment.names[column], samples[:n_held], segment.units[i],
+                      sample_rate=None if step is None else 1.0 / step,
+                      clock=None if clock is None else segment.names[clock])  # fmt: skip
+
+
+def _times(segment: _SegmentHeader, table: Table, clock: int, where: str) -> np.ndarray:
+    blank = table.blank.get(clock)
+    n_held = table.n_rows if blank is None else int(np.argmax(blank))
+    if blank is not None and not blank[n_held:].all():
+        raise RecordingFormatError(f"{where}, {shown(segment.names[clock])}: expected x in each row; got a blank cell")
+    return table.numbers[clock][:n_held]
+
+
+def _joined(segments: Sequence[tuple[Channel, ...]]) -> tuple[Channel, ...]:
+    """Join segments of equal channels to arrays of a row each, or number them."""
+    if len(segments) == 1:
+        return segments[0]
+    alike = {
+        tuple((c.name, c.samples.shape, c.unit, c.sample_rate, c.clock) for c in channels) for channels in segments
+    }
+    if len(alike) == 1 and all(channel.clock is None for channel in segments[0]) and segments[0][0].sample_rate:
+        return tuple(
+            Channel(same[0].name, np.stack([channel.samples for channel in same]), same[0].unit, same[0].sample_rate)
+            for same in zip(*segments, strict=True)
+        )
+    return tuple(
+        Channel(f"{number}/{c.name}", c.samples, c.unit, c.sample_rate,
+                clock=None if c.clock is None else f"{number}/{c.clock}")
+        for number, channels in enumerate(segments, start=1)
+        for c in channels
+    )  # fmt: skip

@@ -1,0 +1,367 @@
+"""Propose how a text file of columns is written, for a person to confirm; and say why the plain reader refuses it."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.files import require_file
+from monitor_core.recordings.elements.units import canonical_unit
+from monitor_core.recordings.raw import lvm, siemens_trace, twincat
+from monitor_core.recordings.raw.text_layout import SEPARATORS, TextLayout
+from monitor_core.recordings.raw.text_rows import Rows, shown, split_cells
+from monitor_core.recordings.raw.text_table import MAX_COLUMNS, is_number
+
+_HEAD = 2**18
+_TAIL = 2**12
+_MOST_ROWS = 400
+_MOST_CELLS = 20_000  # looked at for each way to write a table
+_FEWEST_ROWS = 2
+_BOM_8 = b"\xef\xbb\xbf"
+_BOMS_16 = (b"\xff\xfe", b"\xfe\xff")
+_COMMENT = re.compile(r"#+|%+|//|!|\*+|;(?=\s*\D)")
+_WORD = re.compile(r"[^\W\d_][^\s;,\t]{0,19}")
+_MOMENT = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d\d", re.ASCII)
+_LETTER = re.compile(r"[^\W\d_]|[µ°%]")
+#: Spellings of units in rows of them, besides those that the product converts.
+_UNITS = frozenset((
+    "rpm", "1/min", "u/min", "min-1", "deg", "°", "°c", "c", "degc", "k", "%", "hz", "khz", "bar", "pa", "mpa",
+    "w", "kw", "rad", "rad/s", "m/s", "mm/s", "mm/min", "m/min", "ns", "min", "h", "-", "1", "counts", "inc",
+    "lsb", "nm", "a", "v", "arms", "vrms", "second", "seconds", "sec", "volt", "volts", "ampere", "newton",
+    "mv", "lbf", "ft", "in", "kg",
+))  # fmt: skip
+_NAMES_OF_SEPARATORS = {"tab": "tab", "semicolon": "semicolon", "comma": "comma", "blank": "blanks"}
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """How a file seems to be written, and in what that is not plain."""
+
+    layout: TextLayout
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """Rows that fit each other, if the file is written in one way."""
+
+    separator: str  # word of the layout
+    decimal: str  # word of the layout
+    begin: int  # index of the first row of numbers
+    end: int  # behind the last of them
+    n_cells: int
+    n_texts: int
+    n_numbers: int
+
+
+def propose(path: Path) -> Proposal | None:
+    """Propose a layout; ``None`` where the reader takes the file without one."""
+    head = _head(path)
+    if lvm.is_lvm(head) or twincat.is_twincat(head):
+        return None
+    encoding = _encoding(path, head)
+    lines = _lines(path, encoding)
+    readings = [
+        reading for separator, decimal in _ways(lines) if (reading := _reading(lines, separator, decimal)) is not None
+    ]
+    if not readings:
+        raise RecordingFormatError(
+            f"{path.name}: expected rows of numbers; found none in the first {len(lines)} rows: it is no text "
+            "of columns, or of columns that no entry of [text] describes"
+        )
+    best, (header, units) = max(
+        ((reading, _heads(lines, reading)) for reading in readings), key=lambda found: _rank(found[0], found[1][0])
+    )
+    comment = _comment(lines, best, header, path)
+    layout = TextLayout(
+        separator=best.separator,
+        decimal=best.decimal,
+        header_row=0 if header is None else header + 1,
+        unit_row=None if units is None else units + 1,
+        first_row=best.begin + 1,
+        comment=comment,
+        encoding=encoding,
+    )
+    reasons = _reasons(lines, best, layout)
+    return Proposal(layout, reasons) if reasons else None
+
+
+def _rank(reading: _Reading, header: int | None) -> tuple[int, ...]:
+    """Return what to compare: long tables first, then such with few texts, with names, and with many numbers."""
+    single_blank = reading.n_cells == 1 and reading.separator == "blank"
+    return reading.end - reading.begin, -reading.n_texts, header is not None, reading.n_numbers, int(single_blank)
+
+
+def next_step(path: Path) -> str:
+    """Return what to add to the refusal of a file: in what it is not plain, and the command that goes on."""
+    try:
+        found = propose(path)
+    except RecordingFormatError:
+        return ""
+    command = f"`preload check {path.name} --write-map MAP`"
+    if found is None:
+        return (
+            f"; where the file is to stay as it is, a table [text] in a channel map says how it is written ({command})"
+        )
+    return f"; the file has {_listed(found.reasons)}: {command} writes a channel map with a table [text] that says so"
+
+
+def _listed(reasons: Sequence[str]) -> str:
+    return reasons[0] if len(reasons) == 1 else f"{', '.join(reasons[:-1])} and {reasons[-1]}"
+
+
+def _head(path: Path) -> bytes:
+    with require_file(path).open("rb") as stream:
+        return stream.read(_HEAD)
+
+
+def _encoding(path: Path, head: bytes) -> str:
+    if head.startswith(_BOMS_16) or (len(head) > 3 and head[1::2].count(0) > len(head) // 3):
+        return "utf-16"
+    if head.count(0):
+        raise RecordingFormatError(f"{path.name}: expected text; byte {head.index(0)} is 0x00")
+    try:
+        for _ in Rows(path).blocks():
+            pass
+    except RecordingFormatError:
+        strange = sum(byte < 9 or 13 < byte < 32 or 127 <= byte < 160 for byte in head)
+        if strange > len(head) // 100:
+            raise
+        return "latin-1"
+    return "utf-8"
+
+
+def _lines(path: Path, encoding: str) -> list[str]:
+    rows = Rows(path, encoding)
+    lines = rows.ahead(_MOST_ROWS)
+    while len(lines) > 1 and not lines[-1].strip():
+        lines = lines[:-1]
+    return lines
+
+
+def _ways(lines: list[str]) -> list[tuple[str, str]]:
+    """Return the ways in which the rows may be written: words for separator and decimal sign."""
+    some = "\n".join(lines)
+    ways = [
+        (word, decimal)
+        for word, sign in SEPARATORS.items()
+        for decimal in ("point", "comma")
+        if (sign is None or sign in some) and (decimal == "point" or "," in some)
+    ]
+    return [way for way in ways if way != ("comma", "comma") or '"' in some]
+
+
+def _kinds(line: str, separator: str | None, decimal: str) -> str:
+    """Return a letter for each cell: number, text, or blank."""
+    kinds = []
+    for cell in split_cells(line, separator):
+        number = cell if decimal == "point" else "x" if "." in cell else cell.replace(",", ".")
+        kinds.append("B" if not cell else "N" if is_number(number) else "T")
+    return "".join(kinds)
+
+
+def _reading(lines: list[str], separator: str, decimal: str) -> _Reading | None:
+    sign, n_cells_seen = SEPARATORS[separator], 0
+    best: _Reading | None = None
+    begin, merged, n_rows = 0, "", 0
+    last = 0
+    for i, line in enumerate(lines):
+        n_cells = len(line.split()) if sign is None else line.count(sign) + 1
+        n_cells_seen += min(n_cells, MAX_COLUMNS)
+        if n_cells_seen > _MOST_CELLS and i > _FEWEST_ROWS:
+            break
+        if _COMMENT.match(line) and n_rows:  # comments may stand between the rows
+            continue
+        kinds = _kinds(line, sign, decimal) if 0 < n_cells <= MAX_COLUMNS + 1 else ""
+        fit = _merged(merged, kinds) if n_rows else None
+        if fit is not None:
+            merged, n_rows = fit, n_rows + 1
+        elif "N" in kinds:
+            begin, merged, n_rows = i, kinds, 1
+        else:
+            n_rows = 0
+            continue
+        last = i
+        cells = merged[:-1].upper() if len(merged) > 1 and merged[-1] == "B" else merged.upper()
+        n_texts, n_numbers = cells.count("T"), cells.count("N")
+        if n_texts and n_rows < _FEWEST_ROWS:  # prose has numbers, too
+            continue
+        found = _Reading(separator, decimal, begin, last + 1, len(cells), n_texts, n_numbers)
+        if best is None or found.end - found.begin >= best.end - best.begin:
+            best = found
+    return best
+
+
+def _merged(before: str, kinds: str) -> str | None:
+    """Return what the cells of two rows are together; ``None`` if the rows are of different tables.
+
+    A small letter says that some cells of the column are blank.
+    """
+    if len(before) != len(kinds):
+        longer, shorter = (before, kinds) if len(before) > len(kinds) else (kinds, before)
+        if len(longer) - len(shorter) > 1 or longer[-1] != "B":
+            return None
+        before, kinds = longer, f"{shorter}B"
+    merged = []
+    for a, b in zip(before, kinds, strict=True):
+        if a == "B" or b == "B":
+            merged.append("B" if a == b else (a if b == "B" else b).lower())
+        elif a.upper() == b:
+            merged.append(a)
+        else:
+            return None
+    return "".join(merged)
+
+
+def _heads(lines: list[str], reading: _Reading) -> tuple[int | None, int | None]:
+    """Return where the names and the units stand above the numbers."""
+    sign = SEPARATORS[reading.separator]
+    candidates: list[tuple[int, list[str]]] = []
+    for i in range(reading.begin - 1, max(reading.begin - 8, -1), -1):
+        line = _without_comment(lines[i])
+        if not line.strip():
+            continue
+        cells = split_cells(line, sign)
+        if len(cells) == reading.n_cells + 1 and not cells[-1]:
+            cells.pop()
+        if len(cells) != reading.n_cells:
+            if candidates:
+                break
+            continue
+        if any(is_number(cell.replace(",", ".")) for cell in cells):  # a table above this one
+            break
+        if any(_LETTER.search(cell) for cell in cells):
+            candidates.append((i, cells))
+    for number, (i, cells) in enumerate(candidates):
+        above = candidates[number + 1 :]
+        if _are_units(cells) and above and _are_names(above[0][1]):
+            return above[0][0], i
+        if _are_names(cells) or siemens_trace.time_columns(cells):
+            if above and _repeat(cells) and _are_names(above[0][1]):
+                return above[0][0], i
+            return i, None
+        if above and _repeat(cells) and _are_names(above[0][1]):
+            return above[0][0], i
+    return None, None
+
+
+def _without_comment(line: str) -> str:
+    found = _COMMENT.match(line)
+    return line[found.end() :] if found else line
+
+
+def _are_names(cells: list[str]) -> bool:
+    named = [cell for cell in cells if cell]
+    times = siemens_trace.time_columns(cells) is not None
+    return (
+        bool(named)
+        and (len(set(named)) == len(named) or times)
+        and all(_LETTER.search(cell) and not is_number(cell.replace(",", ".")) for cell in named)
+    )
+
+
+def _are_units(cells: list[str]) -> bool:
+    named = [cell for cell in cells if cell]
+    return bool(named) and all(
+        siemens_trace.is_bracketed(cell) or canonical_unit(cell) is not None or cell.lower() in _UNITS for cell in named
+    )
+
+
+def _repeat(cells: list[str]) -> bool:
+    named = [cell for cell in cells if cell]
+    return len(named) > 1 and len(set(named)) < len(named)
+
+
+def _comment(lines: list[str], reading: _Reading, header: int | None, path: Path) -> str | None:
+    """Return how the lines begin that are to be left out among or below the numbers, or ahead of the names."""
+    for i in range(reading.begin, len(lines)):
+        if found := _COMMENT.match(lines[i]):
+            return found.group()
+    if header is not None and (found := _COMMENT.match(lines[header])):
+        return found.group()
+    below = lines[reading.end :] if reading.end < len(lines) else _tail(path)
+    for line in below:
+        if found := _WORD.match(line.strip().strip('"')):
+            return line[: line.index(found.group()) + len(found.group())]
+    return None
+
+
+def _tail(path: Path) -> list[str]:
+    """Return the last row of a file, if it is ASCII and one that begins with a letter."""
+    with path.open("rb") as stream:
+        stream.seek(max(path.stat().st_size - _TAIL, 0))
+        rows = stream.read(_TAIL).rstrip().splitlines()
+    if len(rows) < _FEWEST_ROWS or not rows[-1].isascii() or not re.match(rb"[A-Za-z#]", rows[-1]):
+        return []
+    text = rows[-1].decode("ascii")
+    return [text] if "," not in text and ";" not in text and "\t" not in text else []
+
+
+def _reasons(lines: list[str], reading: _Reading, layout: TextLayout) -> tuple[str, ...]:
+    """Return in what a file is not plain; nothing where the plain reader takes it."""
+    header_row = layout.header_row or 0
+    reasons = [*_reasons_above(lines, reading, layout), *_reasons_in_table(lines, reading, layout)]
+    if len(reasons) == 1 and header_row == 1 and layout.comment is not None and not _has_comments(lines[1:], layout):
+        return ()  # the names begin with the sign, and nothing else does: "# t"
+    if not reasons and header_row and _repeated_times(lines[header_row - 1], SEPARATORS[reading.separator]):
+        return ()
+    return tuple(reasons)
+
+
+def _reasons_above(lines: list[str], reading: _Reading, layout: TextLayout) -> Iterator[str]:
+    header_row, n_numbers = layout.header_row or 0, reading.n_numbers
+    n_above = (header_row or reading.begin + 1) - 1
+    if layout.encoding != "utf-8":
+        yield "the encoding UTF-16" if layout.encoding == "utf-16" else "letters in Latin-1"
+    if n_above:
+        yield f"{n_above} row{'s' if n_above > 1 else ''} above its {'names' if header_row else 'numbers'}"
+    elif not header_row and _kinds(lines[0], SEPARATORS[reading.separator], reading.decimal).count("N") < n_numbers:
+        yield "no names of its columns"
+    if layout.unit_row is not None:
+        yield "a row of units"
+    if header_row and reading.begin > max(header_row, layout.unit_row or 0):
+        yield "rows between names and numbers"
+
+
+def _reasons_in_table(lines: list[str], reading: _Reading, layout: TextLayout) -> Iterator[str]:
+    sign, table = SEPARATORS[reading.separator], lines[reading.begin : reading.end]
+    plain = next((word for word in ("tab", "semicolon", "comma") if (SEPARATORS[word] or "") in lines[0]), "blank")
+    if layout.decimal == "comma":
+        yield "decimal commas"
+    at_top = (layout.header_row or reading.begin + 1) == 1
+    if plain != reading.separator and at_top and reading.n_cells > 1:
+        yield f"the separator {_NAMES_OF_SEPARATORS[reading.separator]}"
+    if any('"' in line for line in table):
+        yield "cells in quotes"
+    if sign is not None and reading.n_cells < table[0].count(sign) + 1 and table[0].rstrip(" ").endswith(sign):
+        yield f"a {_NAMES_OF_SEPARATORS[reading.separator]} at the end of each row"
+    if reading.n_texts:
+        yield _texts(lines, reading, layout)
+    if layout.comment is not None:
+        yield f"rows that begin with {layout.comment!r}"
+
+
+def _has_comments(lines: list[str], layout: TextLayout) -> bool:
+    return any(line.startswith(layout.comment or "#") for line in lines)
+
+
+def _texts(lines: list[str], reading: _Reading, layout: TextLayout) -> str:
+    """Say which columns hold texts, and whether these are dates and times."""
+    sign, header_row = SEPARATORS[reading.separator], layout.header_row or 0
+    names = split_cells(_without_comment(lines[header_row - 1]), sign) if header_row else []
+    cells = split_cells(lines[reading.begin], sign)
+    kinds = _kinds(lines[reading.begin], sign, reading.decimal)
+    texts = [i for i, kind in enumerate(kinds) if kind == "T"]
+    moments = all(_MOMENT.match(cells[i]) for i in texts)
+    named = [shown(names[i] if i < len(names) else str(i + 1)) for i in texts[:3]]
+    word = "dates and times" if moments else "texts"
+    return (
+        f"{word} in column{'s' if len(texts) > 1 else ''} {', '.join(named)}{', …' if len(texts) > len(named) else ''}"
+    )
+
+
+def _repeated_times(header: str, sign: str | None) -> bool:
+    cells = split_cells(header, sign)
+    return siemens_trace.time_columns(cells) is not None and any(a == b for a, b in pairwise(cells[0::2]))
