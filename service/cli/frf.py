@@ -5,10 +5,10 @@ from pathlib import Path
 
 import click
 
-from monitor_core.response_modes import ModesAtConditions, modes_by_conditions
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.response_modes import ModesAtConditions, modes_by_conditions
 from monitor_core.session import MeasuredModes, SessionMeasurement, judge_session, modes_of_session
 from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option, opened_session
 from service.cli.inputs.session import axis_settings, band_option
