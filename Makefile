@@ -69,7 +69,7 @@ LOCK_FLAGS := --quiet --strip-extras --generate-hashes --allow-unsafe --no-emit-
 
 lock:            ## resolve the two lock files again from pyproject.toml
 	$(BIN)/pip-compile $(LOCK_FLAGS) --all-extras -o requirements/dev.lock pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --extra tdms --extra uff --extra postgres --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
+	$(BIN)/pip-compile $(LOCK_FLAGS) --extra formats --extra postgres --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -6,13 +6,14 @@ from datetime import datetime, timedelta
 from typing import Protocol
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.modal import ModalMeasurement
+from monitor_core.modal import ModalMeasurement, measure_modes
 from monitor_core.pipeline import (
     AxisSettings,
     MeasurementOutcome,
     calibrate_from_measurements,
     check_window,
     judge_measurement,
+    search_band,
 )
 from monitor_core.preload import Calibration, CoefficientPrior, PreloadEstimate, Weighting
 from monitor_core.preload.doubts import of_whole_session
@@ -88,6 +89,27 @@ def judge_session(
         else:
             outcome = MeasurementOutcome(gated.rejection, gated.rejection, gated.rejection)
         yield SessionMeasurement(gated.name, gated.conditions, outcome, gated.refused)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredModes:
+    """One measurement of a session, with more modes than the axial one; each is measured or refused for itself."""
+
+    measurement: SessionMeasurement
+    modes: tuple[ModalMeasurement | Rejection, ...]  # by rising frequency
+
+
+def modes_of_session(session: RecordedMeasurements, settings: AxisSettings, n_modes: int) -> Iterator[MeasuredModes]:
+    """Judge the measurements of a session without a calibration, with up to so many modes of each."""
+    for gated in gate_session(session, settings):
+        if not gated.accepted:
+            outcome = MeasurementOutcome(gated.rejection, gated.rejection, gated.rejection)
+            modes: tuple[ModalMeasurement | Rejection, ...] = (gated.rejection,)
+        else:
+            outcome = judge_measurement(gated.accepted, settings, None)
+            band = search_band(settings, None, gated.accepted[0])
+            modes = measure_modes(gated.accepted, band=band, gate=settings.mode, n_modes=n_modes)
+        yield MeasuredModes(SessionMeasurement(gated.name, gated.conditions, outcome, gated.refused), modes)
 
 
 #: Measurements farther apart than this are of different sessions.

@@ -2,7 +2,7 @@
 
 from monitor_core.modal.averaging import Candidate, candidate_peaks
 from monitor_core.modal.gates import ModeGate
-from monitor_core.modal.measure import ModalMeasurement, measure_mode
+from monitor_core.modal.measure import ModalMeasurement, measure_mode, measure_modes
 from monitor_core.modal.phase import PhaseReference, calibrate_phase
 from monitor_core.modal.refine import ModeFit, fit_modes
 
@@ -16,4 +16,5 @@ __all__ = [
     "candidate_peaks",
     "fit_modes",
     "measure_mode",
+    "measure_modes",
 ]

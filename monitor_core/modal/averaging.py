@@ -129,7 +129,7 @@ def average_and_fit(
             )
         cross = cross_spectra(spectra.of_windows(kept), taper=taper)
         frf = estimate_frf(cross, quantity=quantity)
-        candidate = _choose(candidate_peaks(frf, band), cross, gate)
+        candidate = next(iter(strongest_peaks(candidate_peaks(frf, band), cross, gate)), None)
         if candidate is None:
             return Rejection(
                 RejectionReason.NO_PEAK_IN_BAND,
@@ -183,12 +183,11 @@ def _drop(flagged: BoolArray, gate: ModeGate) -> BoolArray:
     return ~flagged if flagged.mean() <= gate.maximum_outlying_share else np.ones_like(flagged)
 
 
-def _choose(candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate) -> Candidate | None:
-    """Take the peak that carries most of the response.
+def strongest_peaks(candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate) -> list[Candidate]:
+    """Return the peaks of the best class of coherence, those that carry most of the response first.
 
-    Only peaks of the best class of coherence compete. Not the highest peak of H1: a null of the excitation makes false
-    ones, whose coherence may even pass, but there the axis does not ring. The response explained by the excitation,
-    γ² S_yy = |H1|² S_xx, is small at such a peak.
+    Not the highest peaks of H1: a null of the excitation makes false ones, whose coherence may even pass, but there the
+    axis does not ring. The response explained by the excitation, γ² S_yy = |H1|² S_xx, is small at such a peak.
     """
 
     def explained_response(candidate: Candidate) -> float:
@@ -198,8 +197,8 @@ def _choose(candidates: Sequence[Candidate], cross: CrossSpectra, gate: ModeGate
     for level in (gate.warn_coherence, gate.minimum_coherence, 0.0):
         passing = [candidate for candidate in candidates if candidate.coherence >= level]
         if passing:
-            return max(passing, key=explained_response)
-    return None
+            return sorted(passing, key=explained_response, reverse=True)
+    return []
 
 
 def _fit_peak(spectra: BandSpectra, candidate: Candidate, maximum_modes: int) -> ModeFit | Rejection:

@@ -4,12 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.modal.averaging import AveragedFit, average_and_fit
+from monitor_core.modal.averaging import AveragedFit, average_and_fit, candidate_peaks, strongest_peaks
 from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
 from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
@@ -24,7 +25,14 @@ from monitor_core.recording import (
     Window,
 )
 from monitor_core.response import FrequencyResponse, ModalParameters
-from monitor_core.spectral import BandSpectra, Taper, band_spectra
+from monitor_core.spectral import (
+    BandSpectra,
+    Taper,
+    band_spectra,
+    cross_spectra,
+    estimate_frf,
+    least_leaking_taper,
+)
 from monitor_core.uncertainty import Estimate
 
 
@@ -113,6 +121,29 @@ def measure_mode(
         leaves_response=fit.leaves_response,
         rigid_line=rigid_line(every_line, answer.kept, fit.modes, answer.taper),
     )
+
+
+def measure_modes(
+    windows: Sequence[Window], *, band: tuple[float, float], gate: ModeGate, n_modes: int
+) -> tuple[ModalMeasurement | Rejection, ...]:
+    """Measure up to so many modes in a band, by rising frequency, each as :func:`measure_mode` does it.
+
+    Of the peaks that may be modes, those of the best class of coherence that carry most of the response are taken; each
+    is measured between the middles to its neighbours, on a logarithmic scale, and may be refused for itself. Raises as
+    :func:`measure_mode`; a refusal of the windows or of the whole band stands alone.
+    """
+    if (refusal := _check_windows(windows, gate)) is not None:
+        return (refusal,)
+    _, spectra = _spectra_around(windows, band, band)
+    cross = cross_spectra(spectra, taper=least_leaking_taper(spectra))
+    candidates = candidate_peaks(estimate_frf(cross, quantity="accelerance"), band)
+    peaks = sorted(candidate.frequency for candidate in strongest_peaks(candidates, cross, gate)[:n_modes])
+    if not peaks:
+        detail = f"no significant peak from {band[0]:g} to {band[1]:g} Hz in {len(windows)} averages"
+        return (Rejection(RejectionReason.NO_PEAK_IN_BAND, detail),)
+    middles = [math.sqrt(low * high) for low, high in pairwise(peaks)]
+    bands = pairwise([band[0], *middles, band[1]])
+    return tuple(measure_mode(windows, band=around, gate=gate) for around in bands)
 
 
 def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | None:

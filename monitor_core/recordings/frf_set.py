@@ -211,10 +211,13 @@ def read_frf_set(path: Path) -> FrequencyResponseSet:
         return FrequencyResponseSet(tuple(reader.measured(name) for name in reader.conditions))
 
 
-def write_frf_set(path: Path, responses: FrequencyResponseSet) -> None:
+def write_frf_set(
+    path: Path, responses: FrequencyResponseSet, *, tolerances: Mapping[str, float | None] | None = None
+) -> None:
     """Write an FRF set; the same set gives the same bytes, whenever it is written.
 
-    The name is usually ``*.frf.h5``; an existing file is replaced. ``RecordingFormatError`` if the set holds no
+    The name is usually ``*.frf.h5``; an existing file is replaced. ``tolerances`` say how well settings are known, by
+    the names of root attributes. ``RecordingFormatError`` if the set holds no
     response.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
@@ -223,6 +226,7 @@ def write_frf_set(path: Path, responses: FrequencyResponseSet) -> None:
         raise RecordingFormatError(f"{path.name}: expected at least one condition; got none")
     with h5py.File(path, "w") as file:
         file.attrs.update({"format": FORMAT, "version": VERSION})
+        write_attributes(file, tolerances or {})
         conditions = file.create_group("conditions")
         for number, measured in enumerate(responses.measured):
             write_condition(conditions.create_group(f"{number:04d}"), measured)

@@ -19,6 +19,7 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
+from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.fields import Fields, format_instant
 from monitor_core.recordings.elements.files import naming, refusing
 from monitor_core.recordings.elements.hdf5 import (
@@ -103,10 +104,11 @@ def read_session(path: Path) -> Session:
         return Session(reader.axis_id, tuple(reader.windows()), reader.description, reader.created)
 
 
-def write_session(path: Path, session: Session) -> None:
+def write_session(path: Path, session: Session, *, tolerances: Mapping[str, float | None] | None = None) -> None:
     """Write a session; the same session gives the same bytes, whenever it is written.
 
-    ``path``: usually ``*.session.h5``; an existing file is replaced; ``session``: windows in time order.
+    ``path``: usually ``*.session.h5``; an existing file is replaced; ``session``: windows in time order;
+    ``tolerances``: how well settings are known, by the names of root attributes; ``None`` is not stated.
     ``RecordingFormatError`` if the session holds no window, names no axis, or is not in time order.
     """
     import h5py  # noqa: PLC0415  # file libraries are imported where they are needed
@@ -118,6 +120,7 @@ def write_session(path: Path, session: Session) -> None:
             file.attrs["description"] = session.description
         if session.created is not None:
             file.attrs["created"] = format_instant(session.created)
+        write_attributes(file, tolerances or {})
         windows = file.create_group("windows")
         for number, window in enumerate(session.windows):
             _write_window(windows.create_group(f"{number:06d}"), window)
@@ -162,11 +165,12 @@ def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
     fields.exactly("excitation_unit", EXCITATION_UNIT[quantity])
     fields.exactly("response_quantity", RESPONSE_QUANTITY)
     fields.exactly("response_unit", RESPONSE_UNIT)
-    trace = _samples(group, "position", where) if "position" in group else None
+    excitation, response, *traces = _samples(group, where)
+    trace = traces[0] if traces else None
     with naming(where):
         return Window(
-            excitation=_samples(group, "excitation", where),
-            response=_samples(group, "response", where),
+            excitation=excitation,
+            response=response,
             sample_rate=fields.positive("sample_rate_hz", "Hz"),
             started_at=fields.instant("started_at"),
             conditions=Conditions(
@@ -180,18 +184,24 @@ def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
             excitation_source=fields.choice("excitation_source", ExcitationSource),
             direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
             position_span=_position_span(fields, trace),
-            position_trace=None if trace is None else trace.astype(np.float64),
+            position_trace=None if trace is None else trace.astype(np.float64, copy=False),
         )
 
 
 def _position_span(fields: Fields, trace: SampleArray | None) -> float:
     if "position_span_mm" in fields or trace is None or trace.size == 0:
         return metres(fields.number("position_span_mm", "mm"))
-    return float(np.ptp(trace.astype(np.float64)))
+    return float(np.ptp(trace.astype(np.float64, copy=False)))
 
 
-def _samples(group: "h5py.Group", name: str, where: str) -> SampleArray:
-    return cast(SampleArray, values_of(column(group, name, where, _SAMPLES)))
+def _samples(group: "h5py.Group", where: str) -> list[SampleArray]:
+    """Read excitation, response and, where the window has it, position, after a look at what all of them take."""
+    names = ["excitation", "response", *(["position"] if "position" in group else [])]
+    columns = [column(group, name, where, _SAMPLES) for name in names]
+    require_plausible_channels([(name, c.size) for name, c in zip(names, columns, strict=True)], where)
+    n_bytes = sum(c.size * c.dtype.itemsize for c in columns)
+    require_plausible_expansion(n_bytes, group.file.id.get_filesize(), where)
+    return [cast(SampleArray, values_of(c)) for c in columns]
 
 
 def _write_window(group: "h5py.Group", window: Window) -> None:

@@ -22,12 +22,14 @@ from monitor_core.recordings.calibration_file import (
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import calibrate_session
 from monitor_core.uncertainty import Estimate
-from service.cli.inputs.session import axis_settings, band_option, is_session, watched_session
+from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
+from service.cli.inputs.session import axis_settings, band_option
 from service.cli.output import json_option, print_json, print_table
 
 
 @click.command()
-@click.argument("data", type=click.Path(path_type=Path))
+@data_argument
+@map_option
 @click.option(
     "--weighting",
     type=click.Choice([str(w) for w in Weighting]),
@@ -46,7 +48,8 @@ from service.cli.output import json_option, print_json, print_table
 @band_option
 @json_option
 def calibrate(
-    data: Path,
+    paths: tuple[Path, ...],
+    map_path: Path | None,
     weighting: str | None,
     excitation_source: str | None,
     moving_mass_kg: tuple[float, float] | None,
@@ -56,13 +59,14 @@ def calibrate(
     as_json: bool,
 ) -> None:
     """Fit k1…k4 to measured natural frequencies at several positions and preloads, or join them with a prior."""
+    data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.SESSION))
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
     prior = None if prior_file is None else prior_from_calibration(read_calibration(prior_file), prior_file.name)
-    if is_session(data):
+    if data.is_session:
         calibration = _from_session(data, weighting, mass, band_hz, prior)
     else:
         source = None if excitation_source is None else ExcitationSource(excitation_source)
-        calibration = _from_table(data, weighting, mass, source, prior)
+        calibration = _from_table(data.file, weighting, mass, source, prior)
     if out is not None:
         write_calibration(out, calibration)
     if as_json:
@@ -72,14 +76,14 @@ def calibrate(
 
 
 def _from_session(
-    path: Path,
+    data: Data,
     weighting: str | None,
     mass: Estimate | None,
     band_hz: tuple[float, float] | None,
     prior: CoefficientPrior | None,
 ) -> Calibration:
     settings = axis_settings(band_hz, mass)
-    with watched_session(path) as session:
+    with opened_session(data) as session:
         return calibrate_session(session, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
 
 
@@ -96,7 +100,7 @@ def _from_table(
     return fit_calibration(readings, weighting=chosen, excitation_source=source, moving_mass=mass, prior=prior)
 
 
-def _print(data: Path, found: Calibration) -> None:
+def _print(data: Data, found: Calibration) -> None:
     coefficients = zip(COEFFICIENT_KEYS.values(), found.parameters.values, strict=False)
     print_table(
         f"Calibration from {data.name} ({found.n_readings} readings, weighting {found.weighting})",

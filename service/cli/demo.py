@@ -13,6 +13,7 @@ from service.api.alarms import AlarmOut, AlarmsOut
 from service.api.axes import AxisOut
 from service.api.jobs import JobsOut
 from service.api.trend import TrendOut, TrendPointOut
+from service.cli.inputs.session import counted_session
 from service.cli.output import json_option, print_json, print_table
 from service.cli.remote.client import Client
 from service.cli.remote.server import embedded_service
@@ -123,8 +124,8 @@ def demonstration_axis(sessions: Path) -> JsonObject:
 def replay_bundled(client: Client, sessions: Path, session: str, description: str) -> WindowCounts:
     """Post one bundled session to the axis of its name, which is registered."""
     click.echo(f"replaying {session} ({description})", err=True)
-    with open_session(sessions / f"{session}{SUFFIX}") as reader:
-        return post_session(reader, client, session).windows
+    with open_session(sessions / f"{session}{SUFFIX}") as reader, counted_session(reader, session) as counted:
+        return post_session(counted, client, session).windows
 
 
 def _wait_for_causes(client: Client, axis: str) -> None:

@@ -14,22 +14,25 @@ from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.session import judge_session, with_session_doubts
-from service.cli.inputs.session import axis_settings, is_session, watched_session
+from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
+from service.cli.inputs.session import axis_settings
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import estimate_document, refusal_document
 from service.json_types import JsonObject
 
 
 @click.command()
-@click.argument("data", type=click.Path(path_type=Path))
+@data_argument
+@map_option
 @click.option(
     "--calibration", "calibration_file", required=True, type=click.Path(path_type=Path), help="From preload calibrate."
 )
 @json_option
-def estimate(data: Path, calibration_file: Path, as_json: bool) -> None:
+def estimate(paths: tuple[Path, ...], map_path: Path | None, calibration_file: Path, as_json: bool) -> None:
     """Turn natural frequencies or a recorded session into preload."""
+    data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.SESSION))
     calibration = read_calibration(calibration_file)
-    estimates = _of_session(data, calibration) if is_session(data) else _of_table(data, calibration)
+    estimates = _of_session(data, calibration) if data.is_session else _of_table(data.file, calibration)
     if as_json:
         print_json({"estimates": [_document(item) for item in estimates]})
         return
@@ -52,9 +55,9 @@ class _Estimated:
     refused_windows: Mapping[str, int] = field(default_factory=dict)  # by reason
 
 
-def _of_session(path: Path, calibration: Calibration) -> list[_Estimated]:
+def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
     estimates = []
-    with watched_session(path) as session:
+    with opened_session(data) as session:
         judged = list(judge_session(session, axis_settings(None), calibration))
         for item in with_session_doubts(judged, calibration):
             modal = item.outcome.modal

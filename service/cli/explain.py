@@ -15,20 +15,26 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.recording import MotionRecord
-from monitor_core.recordings.check import format_of
 from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.units import metres
-from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
-from monitor_core.recordings.motion_csv import read_motion_record
 from service.cli.inputs.model import NumbersCommand
+from service.cli.inputs.raw import (
+    Data,
+    DataKind,
+    data_argument,
+    data_of,
+    frf_set_of,
+    map_option,
+    motion_of,
+    responses_of_data,
+)
 from service.cli.inputs.session import (
     accelerometer_option,
     axis_settings,
     band_option,
     require_session,
-    responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.documents.explanation import explanation_document
@@ -40,7 +46,8 @@ _MOST_PLACES, _MOST_CANDIDATES = 3, 5
 
 
 @click.command(cls=NumbersCommand)
-@click.argument("data", type=click.Path(path_type=Path))
+@data_argument
+@map_option
 @click.option(
     "--baseline", "baseline_path", type=click.Path(path_type=Path), required=True,
     help="Drive model, TOML: what the axis is said to be. What a fit may adjust stands in its [uncertain].",
@@ -71,7 +78,8 @@ _MOST_PLACES, _MOST_CANDIDATES = 3, 5
 @band_option
 @json_option
 def explain(
-    data: Path,
+    paths: tuple[Path, ...],
+    map_path: Path | None,
     baseline_path: Path,
     report_dir: Path | None,
     hold_out_mm: tuple[float, ...],
@@ -84,12 +92,13 @@ def explain(
 ) -> None:
     """Find where measurements and a model part, name what is missing, add it, and show the gap shrink.
 
-    DATA is a set of frequency responses, a session, a modal table, or a motion record.
+    DATA is a set of frequency responses, a session, a modal table, a motion record, or with --map raw files of one.
     """
     if out is not None and not out.parent.is_dir():
         raise click.UsageError(f"cannot write {out}: folder {out.parent} does not exist")
+    data = data_of(paths, map_path, takes=tuple(DataKind))
     healthy_files = tuple(_files(healthy_paths))
-    if any(path.resolve() == data.resolve() for path in healthy_files):
+    if {path.resolve() for path in healthy_files} & {path.resolve() for path in paths}:
         raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
     measured, assumptions = _measured(data, band_hz, accelerometer)
     baseline = read_model_file(baseline_path)
@@ -121,7 +130,7 @@ def _require_writable(baseline: AxisDescription, effects: tuple[Effect[Any], ...
     model_file_text(replace(baseline, effects={effect.key: effect.null_values() for effect in effects}))
 
 
-def _subject(data: Path, baseline: Path, n_healthy: int) -> str:
+def _subject(data: Data, baseline: Path, n_healthy: int) -> str:
     machines = "machine" if n_healthy == 1 else "machines"
     learnt = f", beyond what {n_healthy} healthy {machines} of its type show" if n_healthy else ""
     return f"{data.name} against {baseline.name}{learnt}"
@@ -135,28 +144,22 @@ def _written(report_dir: Path | None, out: Path | None) -> Iterator[Path]:
 
 
 def _measured(
-    data: Path, band_hz: tuple[float, float] | None, accelerometer: str | None
+    data: Data, band_hz: tuple[float, float] | None, accelerometer: str | None
 ) -> tuple[Measured, tuple[str, ...]]:
     """Return what was measured, and what was settled on the way, in sentences."""
-    kind = format_of(data)
-    require_session(accelerometer, of_session=kind == "preload-session")
-    if band_hz is not None and kind != "preload-session":
+    require_session(accelerometer, of_session=data.is_session)
+    if band_hz is not None and not data.is_session:
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
-    match kind:
-        case "preload-frf-set":
-            return read_frf_set(data).observations, ()
-        case "preload-session":
-            session = responses_of_file(data, axis_settings(band_hz))
+    match data.kind:
+        case DataKind.FRF_SET:
+            return frf_set_of(data).observations, ()
+        case DataKind.SESSION:
+            session = responses_of_data(data, axis_settings(band_hz))
             return session.observations, session.sentences
-        case "motion-record":
-            return read_motion_record(data), ()
-        case "modal-table":
-            return tuple(row.observation for row in read_modal_table(data)), ()
-    got = "a text with other columns" if kind == "csv" else kind
-    raise RecordingFormatError(
-        f"{data.name}: expected a set of frequency responses, a session, a modal table (position_mm,frequency_hz) or a "
-        f"motion record (time_s,position_m,force_n or torque_nm); got {got}"
-    )
+        case DataKind.MOTION:
+            return motion_of(data), ()
+        case DataKind.MODAL_TABLE:
+            return tuple(row.observation for row in read_modal_table(data.file)), ()
 
 
 def _files(paths: Iterable[Path]) -> Iterator[Path]:
@@ -169,7 +172,7 @@ def _files(paths: Iterable[Path]) -> Iterator[Path]:
 
 def _responses(path: Path, band_hz: tuple[float, float] | None) -> tuple[FrequencyResponseObservation, ...]:
     """Return the responses of one machine."""
-    measured, _ = _measured(path, band_hz, None)
+    measured, _ = _measured(data_of((path,), None, takes=tuple(DataKind)), band_hz, None)
     several = () if isinstance(measured, MotionRecord) else measured
     responses = tuple(observation for observation in several if isinstance(observation, FrequencyResponseObservation))
     if not responses:

@@ -1,4 +1,4 @@
-"""``preload frf SESSION``: frequency response, coherence and mode of each measurement."""
+"""``preload frf DATA``: frequency response, coherence and mode of each measurement, or the modes of an FRF set."""
 
 from collections import Counter
 from pathlib import Path
@@ -8,42 +8,74 @@ import click
 from monitor_core.modal import ModalMeasurement
 from monitor_core.recording import Rejection
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.session import SessionMeasurement, judge_session
-from service.cli.inputs.session import axis_settings, band_option, watched_session
+from monitor_core.response_modes import ModesAtConditions, modes_by_conditions
+from monitor_core.session import MeasuredModes, SessionMeasurement, judge_session, modes_of_session
+from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option, opened_session
+from service.cli.inputs.session import axis_settings, band_option
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
 from service.json_types import JsonObject
 
+_MOST_MODES = 30
+
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@data_argument
+@map_option
 @band_option
+@click.option(
+    "--modes", "n_modes", type=click.IntRange(min=1, max=_MOST_MODES), metavar="N",
+    help="List up to N modes of each measurement, those that carry most of the response; of a set of frequency "
+    "responses exactly N, without it one for each peak.",
+)  # fmt: skip
 @json_option
-def frf(session: Path, band_hz: tuple[float, float] | None, as_json: bool) -> None:
-    """Find the axial mode in each measurement of a recorded session."""
+def frf(
+    paths: tuple[Path, ...],
+    map_path: Path | None,
+    band_hz: tuple[float, float] | None,
+    n_modes: int | None,
+    as_json: bool,
+) -> None:
+    """Find the axial mode in each measurement of a recorded session, or the modes of frequency responses."""
     settings = axis_settings(band_hz)
-    with watched_session(session) as recorded:
-        measurements = list(judge_session(recorded, settings))
-    if as_json:
-        print_json({"measurements": [_document(item) for item in measurements]})
+    data = data_of(paths, map_path, takes=(DataKind.SESSION, DataKind.FRF_SET))
+    if data.kind is DataKind.FRF_SET:
+        _of_responses(data, band_hz, n_modes, as_json=as_json)
         return
+    with opened_session(data) as recorded:
+        if n_modes is None:
+            measurements = [MeasuredModes(item, ()) for item in judge_session(recorded, settings)]
+        else:
+            measurements = list(modes_of_session(recorded, settings, n_modes))
+    if as_json:
+        print_json({"measurements": [_document(item, listed=n_modes is not None) for item in measurements]})
+        return
+    rows = [_row(item.measurement) for item in measurements] if n_modes is None else _mode_rows(measurements)
     print_table(
-        f"Modes in {session.name}",
+        f"Modes in {data.name}",
         ("measurement", "position", "frequency", "damping", "coherence", "averages", "remarks"),
-        [_row(item) for item in measurements],
+        rows,
     )
 
 
-def _document(item: SessionMeasurement) -> JsonObject:
-    modal = item.outcome.modal
-    return {
+def _document(measured: MeasuredModes, *, listed: bool) -> JsonObject:
+    item = measured.measurement
+    document: JsonObject = {
         "measurement": item.name,
         "position_mm": to_millimetres(item.conditions.position),
         "preload_n": item.conditions.preload,
         "windows_refused": dict(Counter(str(rejection.reason) for rejection in item.refused_windows)),
-        "refused": False,
-        **(modal_document(modal) if isinstance(modal, ModalMeasurement) else refusal_document(modal)),
+        **_outcome_document(item.outcome.modal),
     }
+    if listed:
+        document["modes"] = [_outcome_document(mode) for mode in measured.modes]
+    return document
+
+
+def _outcome_document(outcome: ModalMeasurement | Rejection) -> JsonObject:
+    if isinstance(outcome, Rejection):
+        return refusal_document(outcome)
+    return {"refused": False, **modal_document(outcome)}
 
 
 def _row(item: SessionMeasurement) -> tuple[str, ...]:
@@ -51,9 +83,13 @@ def _row(item: SessionMeasurement) -> tuple[str, ...]:
     if isinstance(modal, Rejection):
         position = f"{to_millimetres(item.conditions.position):.1f} mm"
         return (item.name, position, "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
+    return _mode_row(item.name, modal)
+
+
+def _mode_row(name: str, modal: ModalMeasurement) -> tuple[str, ...]:
     frequency = modal.mode.frequency
     return (
-        item.name,
+        name,
         f"{to_millimetres(modal.conditions.position):.1f} mm",
         f"{frequency.value:.3f} ± {frequency.standard_uncertainty:.3f} Hz",
         f"{100 * modal.mode.damping_ratio.value:.2f} %",
@@ -61,3 +97,70 @@ def _row(item: SessionMeasurement) -> tuple[str, ...]:
         f"{modal.n_averages:.0f}",
         "; ".join(modal.warnings),
     )
+
+
+def _mode_rows(measurements: list[MeasuredModes]) -> list[tuple[str, ...]]:
+    rows = list[tuple[str, ...]]()
+    for measured in measurements:
+        item = measured.measurement
+        position = f"{to_millimetres(item.conditions.position):.1f} mm"
+        for mode in measured.modes:
+            if isinstance(mode, Rejection):
+                rows.append((item.name, position, "—", "—", "—", "—", f"{mode.reason}: {mode.detail}"))
+            else:
+                rows.append(_mode_row(item.name, mode))
+    return rows
+
+
+def _of_responses(data: Data, band_hz: tuple[float, float] | None, n_modes: int | None, *, as_json: bool) -> None:
+    observations = frf_set_of(data).observations
+    found = list(modes_by_conditions(observations, band=band_hz, n_modes=n_modes))
+    if as_json:
+        print_json({"responses": [_response_document(group) for group in found]})
+        return
+    print_table(
+        f"Modes in {data.name}",
+        ("responses", "position", "frequency", "damping", "remarks"),
+        [row for group in found for row in _response_rows(group)],
+    )
+
+
+def _response_document(group: ModesAtConditions) -> JsonObject:
+    place: JsonObject = {
+        "responses": list(group.responses),
+        "position_mm": to_millimetres(group.conditions.position),
+        "preload_n": group.conditions.preload,
+        "payload_kg": group.conditions.payload_mass,
+    }
+    if isinstance(group.found, Rejection):
+        return place | refusal_document(group.found)
+    modes: list[JsonObject] = [
+        {
+            "frequency_hz": mode.frequency.value,
+            "frequency_standard_uncertainty_hz": mode.frequency.standard_uncertainty,
+            "damping_ratio": mode.damping_ratio.value,
+            "damping_ratio_standard_uncertainty": mode.damping_ratio.standard_uncertainty,
+        }
+        for mode in group.found.modes
+    ]
+    band: list[float] = list(group.found.band)
+    return place | {"refused": False, "modes": modes, "unexplained": group.found.unexplained, "band_hz": band}
+
+
+def _response_rows(group: ModesAtConditions) -> list[tuple[str, ...]]:
+    numbers = ", ".join(f"{number:04d}" for number in group.responses[:5])
+    name = numbers + (", …" if len(group.responses) > 5 else "")
+    position = f"{to_millimetres(group.conditions.position):.1f} mm"
+    if isinstance(group.found, Rejection):
+        return [(name, position, "—", "—", f"{group.found.reason}: {group.found.detail}")]
+    said = f"the modes leave {100 * group.found.unexplained:.2g} % of the responses unexplained"
+    return [
+        (
+            name,
+            position,
+            f"{mode.frequency.value:.2f} ± {mode.frequency.standard_uncertainty:.2f} Hz",
+            f"{100 * mode.damping_ratio.value:.2f} %",
+            said,
+        )
+        for mode in group.found.modes
+    ]

@@ -19,25 +19,24 @@ from monitor_core.identification import identify as identify_joints
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import write_calibration
 from monitor_core.recordings.elements.units import metres, to_millimetres
-from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.model import NumbersCommand
+from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option, responses_of_data
 from service.cli.inputs.session import (
     accelerometer_option,
     axis_settings,
     band_option,
-    is_session,
     require_session,
-    responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
 from service.documents.identification import OBJECTIVES, held_out_kind, identification_document
 
 
 @click.command(cls=NumbersCommand)
-@click.argument("data", type=click.Path(path_type=Path))
+@data_argument
+@map_option
 @click.option("--model", "model_path", type=click.Path(path_type=Path), required=True, help="Drive model, TOML.")
 @click.option(
     "--hold-out-mm", "hold_out_mm", type=float, multiple=True, metavar="X…",
@@ -79,7 +78,8 @@ from service.documents.identification import OBJECTIVES, held_out_kind, identifi
 @band_option
 @json_option
 def identify(
-    data: Path,
+    paths: tuple[Path, ...],
+    map_path: Path | None,
     model_path: Path,
     hold_out_mm: tuple[float, ...],
     limits: tuple[tuple[str, float, float], ...],
@@ -105,7 +105,8 @@ def identify(
             raise click.UsageError(f"--calibration also needs {_listed(missing)}")
         source = ExcitationSource(excitation_source)
         prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
-    require_session(accelerometer, of_session=_is_session(data))
+    data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.FRF_SET, DataKind.SESSION))
+    require_session(accelerometer, of_session=data.is_session)
     measured, assumptions = _measured(data, band_hz)
     axis = read_model_file(model_path)
     options = IdentifyOptions(
@@ -133,21 +134,17 @@ def identify(
 
 
 def _measured(
-    data: Path, band_hz: tuple[float, float] | None
+    data: Data, band_hz: tuple[float, float] | None
 ) -> tuple[tuple[ModalObservation, ...] | tuple[FrequencyResponseObservation, ...], tuple[str, ...]]:
     """Return what was measured, and what was settled on the way, in sentences."""
-    if band_hz is not None and not _is_session(data):
+    if band_hz is not None and not data.is_session:
         raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
-    if data.name.endswith(".frf.h5"):
-        return read_frf_set(data).observations, ()
-    if _is_session(data):
-        session = responses_of_file(data, axis_settings(band_hz))
+    if data.kind is DataKind.FRF_SET:
+        return frf_set_of(data).observations, ()
+    if data.is_session:
+        session = responses_of_data(data, axis_settings(band_hz))
         return session.observations, session.sentences
-    return tuple(row.observation for row in read_modal_table(data)), ()
-
-
-def _is_session(data: Path) -> bool:
-    return is_session(data) and not data.name.endswith(".frf.h5")
+    return tuple(row.observation for row in read_modal_table(data.file)), ()
 
 
 @contextmanager
@@ -166,7 +163,7 @@ def _watched(name: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _print(data: Path, found: IdentifiedJoints) -> None:
+def _print(data: Data, found: IdentifiedJoints) -> None:
     quality = found.quality
     print_table(
         f"Joints from {data.name} ({quality.kind}, {len(quality.positions)} positions)",

@@ -21,6 +21,7 @@ COMMANDS = {
     "estimate": "Turn natural frequencies or a recorded session into preload.",
     "explain": "Find which effect a model lacks, add it, and show the gap shrink.",
     "frf": "Find the axial mode in each measurement of a recorded session.",
+    "import": "Make a session, a motion record or an FRF set of raw files.",
     "identify": "Find the joints of an axis from peaks, responses or a session.",
     "modes": "List the modes of a drive model.",
     "replay": "Post a recorded session to a service.",
@@ -30,12 +31,14 @@ COMMANDS = {
 }
 
 #: Where a command stands that has no module of its own.
-MODULES = {"restore": "backup"}
+MODULES = {"restore": "backup", "import": "import_raw"}
+#: How its function is called where a keyword of the language has its name.
+FUNCTIONS = {"import": "import_raw"}
 
 
 def command_named(name: str) -> click.Command:
     """Import a command."""
-    command: click.Command = getattr(import_module(f"service.cli.{MODULES.get(name, name)}"), name)
+    command: click.Command = getattr(import_module(f"service.cli.{MODULES.get(name, name)}"), FUNCTIONS.get(name, name))
     return command
 
 

@@ -7,26 +7,31 @@ from pathlib import Path
 import click
 
 from monitor_core.recording import RejectionReason
-from monitor_core.recordings.session_hdf5 import SessionReader, open_session
-from service.cli.output import json_option, print_json, progress_bar
+from monitor_core.session import RecordedMeasurements
+from service.cli.inputs.raw import DataKind, data_argument, data_of, map_option, opened_session
+from service.cli.output import json_option, print_json
 from service.cli.remote.client import Client, MeasurementOutcome
 from service.operations.monitoring.replay import Pace, WindowCounts
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@data_argument
+@map_option
 @click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
 @click.option("--axis", required=True, help="Axis to post to; registered with defaults if it is new.")
 @click.option(
     "--speed", type=click.FloatRange(min=0, min_open=True), help="Times real time; as fast as possible if not given."
 )
 @json_option
-def replay(session: Path, url: str, axis: str, speed: float | None, as_json: bool) -> None:
+def replay(
+    paths: tuple[Path, ...], map_path: Path | None, url: str, axis: str, speed: float | None, as_json: bool
+) -> None:
     """Post a recorded session, one measurement a request; windows that are there already are passed over."""
-    with open_session(session) as reader, Client(url) as client:
+    data = data_of(paths, map_path, takes=(DataKind.SESSION,))
+    with opened_session(data) as session, Client(url) as client:
         if client.register_if_new(axis):
             click.echo(f"axis '{axis}' was not registered: registered with default settings", err=True)
-        posted = post_session(reader, client, axis, speed)
+        posted = post_session(session, client, axis, speed)
     if as_json:
         refused = dict(posted.measurements_refused)
         print_json({**asdict(posted.windows), "measurements": posted.measurements, "measurements_refused": refused})
@@ -43,19 +48,16 @@ class Posted:
     measurements_refused: Counter[str]  # of those, by reason
 
 
-def post_session(reader: SessionReader, client: Client, axis: str, speed: float | None = None) -> Posted:
+def post_session(session: RecordedMeasurements, client: Client, axis: str, speed: float | None = None) -> Posted:
     """Post all measurements of an open session and count their outcomes."""
     pace = Pace(speed)
     counts, judged = WindowCounts(), list[MeasurementOutcome]()
-    with progress_bar() as progress:
-        task = progress.add_task(f"{axis}", total=len(reader.measurement_of))
-        for name in reader.measurements:
-            windows = reader.windows_of(name)
-            pace.wait_for(windows[0].started_at)
-            answer = client.post_measurement(axis, windows)
-            counts += WindowCounts(answer.accepted + answer.refused, answer.refused, answer.already_there)
-            judged += answer.measurements
-            progress.advance(task, len(windows))
+    for name in session.measurements:
+        windows = session.windows_of(name)
+        pace.wait_for(windows[0].started_at)
+        answer = client.post_measurement(axis, windows)
+        counts += WindowCounts(answer.accepted + answer.refused, answer.refused, answer.already_there)
+        judged += answer.measurements
     return Posted(counts, len(judged), Counter(str(outcome.reason) for outcome in judged if outcome.refused))
 
 

@@ -180,10 +180,10 @@ def test_damaged_matlab_files_are_refused(tmp_path):
     assert "byte order IM or MI" in refusal(mat.read_channels, path)
 
 
-def test_version_7_3_is_another_format(tmp_path):
+def test_a_file_of_version_7_3_without_its_contents_is_refused(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(64))
-    assert "save it with '-v7'" in refusal(mat.read_channels, path)
+    assert "expected an HDF5 file" in refusal(mat.read_channels, path)
 
 
 # ---- TDMS ----------------------------------------------------------------------------------------------------------

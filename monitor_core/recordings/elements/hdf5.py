@@ -11,6 +11,7 @@ bytes (index, reference count, four reserved bytes, size) and its bytes, padded 
 space at the end. The library follows these sizes without looking at them; here they are looked at before it does.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_expansion, unpacked_size
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
 
@@ -33,34 +35,54 @@ from typing import BinaryIO
 _COLLECTION = b"GCOL\x01"
 _HEADER = struct.Struct("<HH4xQ")
 _LEAST_SIZE = 4096
+_HUGE_TEXT = 2**24  # [bytes]; names and instants are of a hundred
+_CARRIED = 16  # a multiple of four, so that words stay where they are
+#: Filters of HDF5 that are known to stay within their chunk, or are looked at before.
+_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF = 1, 2, 3, 32000
+_FILTERS = frozenset((_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF))
+_LARGEST_LZF_CHUNK = 2**22  # unpacked by the library without a look at its size, which is at most ninety times that
 _BLOCK = 2**20  # read in pieces, so that memory stays flat however large the session is
 
 
 def require_sound_heap(path: Path) -> None:
     """Refuse an HDF5 file whose heap of texts would lead the library astray.
 
-    ``RecordingFormatError`` if the sizes in a global heap collection contradict each other or the length of the file.
+    ``RecordingFormatError`` if the sizes in a global heap collection contradict each other or the length of the file,
+    or if a reference to a collection says that its text is of 16 MiB or more: the library gives memory for it at once.
     """
     n_bytes = path.stat().st_size
-    with path.open("rb") as scanned, path.open("rb") as stream:
-        for start in _collections(scanned):
-            if not _is_sound(stream, start, n_bytes):
+    with path.open("rb") as stream:
+        collections, claimed = _scanned(stream, n_bytes)
+        for start in sorted(collections):
+            if not _is_sound(stream, start, n_bytes) or start in claimed:
                 raise RecordingFormatError(
                     f"{path.name}: expected an HDF5 file; got one whose texts are damaged (heap at byte {start})"
                 )
 
 
-def _collections(stream: BinaryIO) -> Iterator[int]:
-    """Yield where a header of a collection seems to begin."""
+def _scanned(stream: BinaryIO, n_bytes: int) -> tuple[set[int], set[int]]:
+    """Return where collections seem to begin, and the addresses that seem to be referred to for a huge text.
+
+    A reference is the length of the text (4 bytes), the address of the collection (8) and the number of the object (4),
+    on a multiple of four bytes.
+    """
+    collections, claimed = set[int](), set[int]()
     offset, carried = 0, b""
     while block := stream.read(_BLOCK):
         data = carried + block
         start = data.find(_COLLECTION)
         while start >= 0:
-            yield offset + start
+            collections.add(offset + start)
             start = data.find(_COLLECTION, start + 1)
-        carried = data[-(len(_COLLECTION) - 1) :]  # a header may lie across two blocks
+        words = np.frombuffer(data, "<u4", len(data) // 4)
+        # the upper half of an address is nearly always zero, and of samples nearly never: few are left to look at
+        at = np.flatnonzero(words[2:] <= n_bytes >> 32)
+        at = at[words[at] >= _HUGE_TEXT]
+        addresses = words[at + 1].astype(np.uint64) | words[at + 2].astype(np.uint64) << np.uint64(32)
+        claimed.update(addresses[addresses < n_bytes].tolist())
+        carried = data[-_CARRIED:]  # a header or a reference may lie across two blocks
         offset += len(data) - len(carried)
+    return collections, claimed
 
 
 def _is_sound(stream: BinaryIO, start: int, n_bytes: int) -> bool:
@@ -172,12 +194,23 @@ def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -
         raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dataset.dtype}")
     if dataset.ndim != 1:
         raise RecordingFormatError(f"{place}: expected one dimension; got shape {dataset.shape}")
+    require_readable(dataset, place)
+    return dataset
+
+
+def require_readable(dataset: "h5py.Dataset", place: str) -> None:
+    """Refuse numbers that are elsewhere, were announced and never written, or unpack to more than announced.
+
+    ``RecordingFormatError``; the library itself inflates a packed chunk to whatever size it has.
+    """
     if dataset.is_virtual or dataset.external:
         raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
     require_plausible_length(dataset.size, place)
+    require_plausible_expansion(dataset.size * dataset.dtype.itemsize, dataset.file.id.get_filesize(), place)
     if _unwritten(dataset):
         raise RecordingFormatError(f"{place}: expected {dataset.size} numbers; they were announced but never written")
-    return dataset
+    if dataset.chunks is not None and dataset.size:
+        _require_sound_chunks(dataset, place)
 
 
 def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
@@ -190,5 +223,48 @@ def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
 def _unwritten(dataset: "h5py.Dataset") -> bool:
     """Tell whether numbers were announced and never written; HDF5 answers fill values for them."""
     if dataset.chunks is not None:
-        return bool(dataset.id.get_num_chunks() < -(-dataset.size // dataset.chunks[0]))
+        per_axis = (-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True))
+        return bool(dataset.id.get_num_chunks() < math.prod(per_axis))
     return bool(dataset.id.get_storage_size() < dataset.size * dataset.dtype.itemsize)
+
+
+def _require_sound_chunks(dataset: "h5py.Dataset", place: str) -> None:
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if size > max(FREE_BYTES, dataset.size * dataset.dtype.itemsize):
+        raise RecordingFormatError(f"{place}: expected chunks of at most {FREE_BYTES} bytes; got {size}")
+    settings = dataset.id.get_create_plist()
+    filters = [settings.get_filter(i)[0] for i in range(settings.get_nfilters())]
+    if not _FILTERS.issuperset(filters) or len(set(filters)) < len(filters):
+        raise RecordingFormatError(
+            f"{place}: expected samples packed by gzip or lzf, or not packed; got HDF5 filters {filters}"
+        )
+    if _LZF in filters and size > _LARGEST_LZF_CHUNK:
+        raise RecordingFormatError(
+            f"{place}: expected lzf chunks of at most {_LARGEST_LZF_CHUNK} bytes; got {size}: pack it by gzip"
+        )
+    if _DEFLATE in filters:
+        for stored in _stored_chunks(dataset):
+            _require_sound_chunk(dataset, stored, filters, size, place)
+
+
+def _stored_chunks(dataset: "h5py.Dataset") -> list["h5py.h5d.StoreInfo"]:
+    chunks: list[h5py.h5d.StoreInfo] = []
+    dataset.id.chunk_iter(chunks.append)
+    return chunks
+
+
+def _require_sound_chunk(
+    dataset: "h5py.Dataset", stored: "h5py.h5d.StoreInfo", filters: list[int], size: int, place: str
+) -> None:
+    """Unpack a chunk piece by piece, and refuse it if it becomes more than it says. ``size``: of a chunk [bytes]."""
+    position = filters.index(_DEFLATE)
+    if stored.filter_mask >> position & 1:  # was left as it is
+        return
+    # gzip never adds more than this; a checksum takes four bytes
+    if stored.size > size + size // 1000 + 64:
+        raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes to be packed; it takes {stored.size}")
+    _, packed = dataset.id.read_direct_chunk(stored.chunk_offset)
+    checksum = _CHECKSUM in filters
+    most = size + (4 if checksum and filters.index(_CHECKSUM) < position else 0)
+    if unpacked_size(packed, most) > most:
+        raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes; its packed samples become more")

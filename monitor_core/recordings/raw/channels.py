@@ -81,11 +81,14 @@ class Channels:
 
 
 def native_samples(values: npt.NDArray[np.generic]) -> SampleArray:
-    """Return real numbers in the byte order of this machine: float32 stays, all else becomes float64."""
+    """Return real numbers in the byte order of this machine: float32 stays, all else becomes float64.
+
+    Numbers that are so already are not copied: they must be the reader's own.
+    """
     samples: SampleArray
     if values.dtype.kind == "f" and values.dtype.itemsize == 4:
-        samples = values.astype(np.float32)
+        samples = np.ascontiguousarray(values, np.float32)
     else:
-        samples = values.astype(np.float64)
+        samples = np.ascontiguousarray(values, np.float64)
     samples.setflags(write=False)
     return samples

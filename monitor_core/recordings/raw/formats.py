@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw import csv_samples, lvm, mat, npz, tdms, uff58
+from monitor_core.recordings.raw import csv_samples, lvm, mat, mdf4, npz, parquet, tdms, uff58, wav, xlsx
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.text_layout import TextLayout
 
@@ -15,6 +15,14 @@ READERS: dict[str, Callable[[Path], Channels]] = {
     ".unv": uff58.read_channels,
     ".mat": mat.read_channels,
     ".npz": npz.read_channels,
+    ".npy": npz.read_channels,
+    ".wav": wav.read_channels,
+    ".mf4": mdf4.read_channels,
+    ".mdf": mdf4.read_channels,
+    ".parquet": parquet.read_channels,
+    ".pq": parquet.read_channels,
+    ".xlsx": xlsx.read_channels,
+    ".xlsm": xlsx.read_channels,
     ".csv": csv_samples.read_channels,
     ".tsv": csv_samples.read_channels,
     ".txt": csv_samples.read_channels,
@@ -25,6 +33,8 @@ READERS_WITH_LAYOUT: dict[str, Callable[[Path, TextLayout | None], Channels]] = 
     ".csv": csv_samples.read_channels,
     ".tsv": csv_samples.read_channels,
     ".txt": csv_samples.read_channels,
+    ".xlsx": xlsx.read_channels,
+    ".xlsm": xlsx.read_channels,
 }
 
 

@@ -1,165 +1,213 @@
-"""Convert a raw file and its channel map to a session: the only place where channels become windows."""
+"""Take the channels that a map names out of a raw file, in SI, on one even clock."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
-from monitor_core.arrays import SampleArray
+from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import Conditions, Session, Window
-from monitor_core.recordings.elements.files import naming
-from monitor_core.recordings.elements.units import canonical_unit
-from monitor_core.recordings.raw.channel_map import ChannelMap, MappedChannel, WindowFacts, WindowsIn
+from monitor_core.recording import Session
+from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si
+from monitor_core.recordings.raw.channel_map import ChannelMap
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.clocks import (
+    Clock,
+    clock_of_times,
+    of_one_clock,
+    printed_digit,
+    resample,
+    seconds_apart,
+)
+from monitor_core.recordings.raw.map_records import MappedChannel, TimeSource
+from monitor_core.recordings.raw.times import times_of
 
-#: Sampling times may be rounded in print; a step that is off by more than this share of it is a gap or jitter.
-_STEP_TOLERANCE = 0.01
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """Signals of one file in SI, in the order in which they were asked for."""
+
+    file_name: str
+    names: tuple[str, ...]  # of the channels
+    signals: tuple[SampleArray, ...]  # of one shape: (n_samples,), or two-dimensional arrays of windows
+    sample_rate: float  # [Hz]
+    started_at: datetime | None  # of the first sample, where the file says it
+    delay: float  # of the first sample behind the first of the file, where resampling left some out [s]
+    remarks: tuple[str, ...]
 
 
 def read_mapped(path: Path, channel_map: ChannelMap) -> Session:
-    """Read a TDMS, UFF58, MAT, NPZ or CSV file, told apart by the ending of the name, as a session in SI units.
+    """Read one raw file as a session in SI units, see :func:`monitor_core.recordings.raw.imported.import_session`."""
+    from monitor_core.recordings.raw.imported import import_session  # noqa: PLC0415  # it stands on this module
 
-    The map says what the channels mean, see :mod:`monitor_core.recordings.raw.channel_map`; all windows belong to one
-    measurement. ``RecordingFormatError`` if file and map do not fit each other: a channel that is not there, a unit
-    that contradicts the file, lengths, rates or starts that differ, something stated twice or not at all.
+    return import_session((path,), channel_map).session
+
+
+def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_map: ChannelMap) -> Record:
+    """Take the channels of a file that the sources name, in SI, on one even clock.
+
+    ``RecordingFormatError`` if file and map do not fit each other: a channel that is not there, a unit that contradicts
+    the file, a sample rate stated twice or not at all, lengths or clocks that differ where nothing is to be resampled.
     """
-    channels = read_channels(path)
-    sources = [channel_map.excitation, channel_map.response]
-    if channel_map.position is not None:
-        sources.append(channel_map.position)
-    signals = [_signal(channels, source) for source in sources]
-    sample_rate = _sample_rate(channels, signals, channel_map)
-    start = _started_at(signals, sample_rate, channel_map.window, path.name)
-    parts = [
-        _windows(signal, source, channel_map.window, path.name) for signal, source in zip(signals, sources, strict=True)
-    ]
-    if len({tuple(samples.size for samples in windows) for windows in parts}) > 1:
-        lengths = ", ".join(f"{signal.name!r} {signal.samples.shape}" for signal in signals)
-        raise RecordingFormatError(f"{path.name}: expected channels of one length; got {lengths}")
-    interval = _interval(signals[0], parts[0][0].size / sample_rate, channel_map.window, path.name)
-    with naming(path.name):
-        windows = tuple(
-            _window(channel_map, window_parts, sample_rate, start + number * interval, path.stem)
-            for number, window_parts in enumerate(zip(*parts, strict=True))
+    where = channels.file_name
+    signals = [signal_of(channels, source) for source in sources]
+    values = [in_si(signal, source) for signal, source in zip(signals, sources, strict=True)]
+    clocks, said = _clocks(channels, signals, sources, channel_map)
+    names, lengths = tuple(signal.name for signal in signals), [signal.samples.shape for signal in signals]
+    started_at = next((clock.started_at for clock in clocks if clock.started_at is not None), None)
+    flat = all(samples.ndim == 1 for samples in values)
+    together = of_one_clock(clocks)
+    how = channel_map.resampling
+    if how is not None and flat and not (together and len(set(lengths)) == 1 and _is_rate(clocks, how.sample_rate)):
+        moved = resample(names, values, clocks, how, where)
+        earliest = min((c.started_at for c in clocks if c.started_at is not None), default=None)
+        return Record(where, names, moved.signals, how.sample_rate, earliest, moved.delay, (*said, *moved.remarks))
+    if how is not None and not flat:
+        raise RecordingFormatError(f"{where}: expected one-dimensional channels to resample; got shapes {lengths}")
+    _require_one_clock(clocks, where)
+    if len(set(lengths)) > 1:
+        got = ", ".join(f"{name!r} {shape}" for name, shape in zip(names, lengths, strict=True))
+        raise RecordingFormatError(f"{where}: expected channels of one length; got {got}")
+    return Record(where, names, tuple(values), clocks[0].sample_rate or 0.0, started_at, 0.0, said)
+
+
+def signal_of(channels: Channels, source: MappedChannel) -> Channel:
+    """Return a channel that the map names, or the row or column of it; its unit must not contradict the map's."""
+    channel = channels.channel(source.channel)
+    require_unit(channel.unit, source.unit, f"{channels.file_name}, {channel.name}")
+    return _part(channel, source.row, source.column, channels.file_name)
+
+
+def require_unit(in_file: str | None, in_map: str, where: str) -> None:
+    """Refuse a unit that the file contradicts; one that is not known here says nothing."""
+    known = canonical_unit(in_file)
+    if known is not None and known != (canonical_unit(in_map) or in_map):
+        raise RecordingFormatError(f"{where}: expected {in_map!r} as the map says; the file says {in_file!r}")
+
+
+def in_si(channel: Channel, source: MappedChannel) -> SampleArray:
+    """Return the samples in SI; single precision stays single."""
+    samples = channel.samples
+    if source.offset != 0.0:
+        samples = samples - samples.dtype.type(source.offset)
+    return samples if source.factor == 1.0 else samples * source.factor
+
+
+def _part(channel: Channel, row: int | None, column: int | None, file_name: str) -> Channel:
+    if row is None and column is None:
+        return channel
+    samples, (word, number) = channel.samples, ("row", row) if row is not None else ("column", column)
+    where = f"{file_name}, {channel.name}"
+    if samples.ndim != 2:
+        raise RecordingFormatError(f"{where}: expected a two-dimensional array for {word}; got shape {samples.shape}")
+    there = samples.shape[0 if row is not None else 1]
+    if number is None or number >= there:
+        raise RecordingFormatError(f"{where}: expected a {word} up to {there}; got {(number or 0) + 1}")
+    taken = samples[number] if row is not None else samples[:, number].copy()
+    return replace(channel, samples=taken, name=f"{channel.name}, {word} {number + 1}")
+
+
+def _clocks(
+    channels: Channels, signals: Sequence[Channel], sources: Sequence[MappedChannel], channel_map: ChannelMap
+) -> tuple[list[Clock], tuple[str, ...]]:
+    """Return the clock of each signal, and what is to be said of them."""
+    taken: dict[tuple[object, ...], tuple[Clock, tuple[str, ...]]] = {}
+    clocks, said = list[Clock](), dict[str, None]()
+    for signal, source in zip(signals, sources, strict=True):
+        found: dict[str, Clock] = {}
+        if signal.sample_rate is not None:
+            found["the file"] = Clock(signal.sample_rate, started_at=signal.started_at)
+        timed = _times_of(signal, source, channel_map.time)
+        for place, name, unit in timed:
+            key = (name, unit)
+            if key not in taken:
+                taken[key] = _clock_of_channel(channels, name, unit, channel_map.time)
+            clock, remarks = taken[key]
+            found[place] = clock if clock.started_at is not None else replace(clock, started_at=signal.started_at)
+            said.update(dict.fromkeys(remarks))
+        if channel_map.sample_rate is not None:
+            found["sample_rate_hz of the map"] = Clock(channel_map.sample_rate, started_at=signal.started_at)
+        if len(found) != 1:
+            got = " and ".join(
+                f"{'uneven times' if clock.sample_rate is None else f'{clock.sample_rate} Hz'} in {place}"
+                for place, clock in found.items()
+            )
+            raise RecordingFormatError(
+                f"{channels.file_name}: expected the sample rate stated once; got {got or 'none'}"
+                + ("" if got else f" for {signal.name!r}: a file that states none needs [time] or sample_rate_hz")
+            )
+        clocks += found.values()
+    return clocks, tuple(said)
+
+
+def _times_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -> list[tuple[str, str, str | None]]:
+    """Return which channels hold the sampling times of a signal: the place that says it, name, and unit of the map."""
+    unit = None if time is None else time.unit
+    found = list[tuple[str, str, str | None]]()
+    if signal.clock is not None:
+        found.append(("a channel that the file names", signal.clock, None))
+    if source.time is not None:
+        found.append(("the channel of time", source.time, unit))
+    elif time is not None and time.channel is not None:
+        found.append(("the channel of [time]", time.channel, unit))
+    return found
+
+
+def _clock_of_channel(
+    channels: Channels, name: str, unit: str | None, time: TimeSource | None
+) -> tuple[Clock, tuple[str, ...]]:
+    where = f"{channels.file_name}, {name}"
+    if time is not None and time.form is not None and name == time.channel:
+        dates = None if time.date is None else channels.text(time.date)
+        seconds, start = times_of(channels.text(name), time.form, time.zone, dates, where)
+        clock, said = clock_of_times(seconds, printed_digit(seconds), where)
+        return replace(clock, started_at=start), said
+    channel = channels.channel(name)
+    if unit is not None:
+        require_unit(channel.unit, unit, where)
+    if time is not None and name == time.channel:
+        channel = _part(channel, time.row, time.column, channels.file_name)
+    stated = unit if unit is not None else canonical_unit(channel.unit)
+    if stated is None:
+        raise RecordingFormatError(
+            f"{where}: expected the unit of these sampling times in a table [time]; neither file nor map states it"
         )
-    return Session(channel_map.axis_id, windows, channel_map.description)
+    factor = factor_to_si(stated, Quantity.TIME, where)
+    times: FloatArray = channel.samples.astype(np.float64) * factor
+    clock, said = clock_of_times(times, printed_digit(channel.samples.reshape(-1)) * factor, where)
+    return replace(clock, started_at=channel.started_at), said
 
 
-def _window(
-    channel_map: ChannelMap, parts: tuple[SampleArray, ...], sample_rate: float, started_at: datetime, stem: str
-) -> Window:
-    facts = channel_map.window
-    position, span, trace = facts.position, facts.position_span, None
-    if position is None or span is None:
-        trace = parts[2].astype(np.float64)
-        position, span = float(np.mean(trace)), float(np.ptp(trace))
-    return Window(
-        excitation=parts[0],
-        response=parts[1],
-        sample_rate=sample_rate,
-        started_at=started_at,
-        conditions=Conditions(position, facts.payload_mass, facts.temperature, facts.preload),
-        measurement=facts.measurement or stem,
-        excitation_quantity=channel_map.excitation_quantity,
-        excitation_source=channel_map.excitation_source,
-        direction=facts.direction,
-        position_span=span,
-        position_trace=trace,
+def _is_rate(clocks: Sequence[Clock], sample_rate: float) -> bool:
+    rate = clocks[0].sample_rate
+    return rate is not None and abs(rate - sample_rate) <= 1e-9 * sample_rate
+
+
+def _require_one_clock(clocks: Sequence[Clock], where: str) -> None:
+    """Refuse clocks that differ, each for its own reason."""
+    for clock in clocks:
+        if clock.sample_rate is None:
+            raise RecordingFormatError(clock.unevenness)
+    if of_one_clock(clocks):
+        return
+    rates = [clock.sample_rate or 0.0 for clock in clocks]
+    advice = "a table [resample] with sample_rate_hz and method brings them to one clock"
+    if max(rates) - min(rates) > 1e-9 * rates[0]:
+        got = ", ".join(f"{rate:.10g} Hz" for rate in rates)
+        raise RecordingFormatError(f"{where}: expected channels of one sample rate; got {got}: {advice}")
+    apart = max(seconds_apart(clock, clocks[0]) for clock in clocks)
+    raise RecordingFormatError(
+        f"{where}: expected channels that start together; they start {apart:.6g} s apart: {advice}"
     )
 
 
-def _signal(channels: Channels, source: MappedChannel) -> Channel:
-    channel = channels.channel(source.channel)
-    in_file, in_map = canonical_unit(channel.unit), canonical_unit(source.unit)
-    if in_file is not None and in_file != in_map:
+def interval_of(record: Record, window_interval: float | None) -> timedelta:
+    """Return the time from the start of one window of a two-dimensional array to that of the next."""
+    if window_interval is None:
         raise RecordingFormatError(
-            f"{channels.file_name}, {channel.name}: expected {source.unit!r} as the map says; "
-            f"the file says {channel.unit!r}"
+            f"{record.file_name}: expected window_interval_s, the time from the start of one window to the next; it is "
+            "missing"
         )
-    return channel
-
-
-def _sample_rate(channels: Channels, signals: list[Channel], channel_map: ChannelMap) -> float:
-    where, stated = channels.file_name, channel_map.window.sample_rate
-    in_file = [signal.sample_rate for signal in signals if signal.sample_rate is not None]
-    if in_file and not np.allclose(in_file, in_file[0], rtol=1e-9):
-        raise RecordingFormatError(
-            f"{where}: expected channels of one sample rate; got {', '.join(f'{rate:g} Hz' for rate in in_file)}"
-        )
-    rates = {"the file": in_file[0]} if in_file else {}
-    if channel_map.time is not None:
-        rates["the channel of [time]"] = _rate_of_times(channels, channel_map.time)
-    if stated is not None:
-        rates["sample_rate_hz of the map"] = stated
-    if len(rates) != 1:
-        got = " and ".join(f"{rate} Hz in {place}" for place, rate in rates.items())
-        raise RecordingFormatError(f"{where}: expected the sample rate stated once; got {got or 'none'}")
-    return next(iter(rates.values()))
-
-
-def _rate_of_times(channels: Channels, source: MappedChannel) -> float:
-    channel = _signal(channels, source)
-    where = f"{channels.file_name}, {channel.name}"
-    times = channel.samples.astype(np.float64) * source.factor
-    if times.ndim != 1 or times.size < 2 or not np.all(np.isfinite(times)) or not times[-1] > times[0]:
-        raise RecordingFormatError(f"{where}: expected rising sampling times; got shape {times.shape}")
-    steps = np.diff(times)
-    step = float(times[-1] - times[0]) / steps.size
-    worst = int(np.argmax(np.abs(steps - step)))
-    if abs(steps[worst] - step) > _STEP_TOLERANCE * step:
-        raise RecordingFormatError(
-            f"{where}: expected uniform sampling every {step:.6g} s; got a step of {steps[worst]:.6g} s "
-            f"behind sample {worst}"
-        )
-    return 1.0 / step
-
-
-def _started_at(signals: list[Channel], sample_rate: float, facts: WindowFacts, where: str) -> datetime:
-    starts = [signal.started_at for signal in signals if signal.started_at is not None]
-    if starts and facts.started_at is not None:
-        raise RecordingFormatError(
-            f"{where}: expected the start stated once; got {starts[0].isoformat()} in the file and "
-            f"{facts.started_at.isoformat()} in the map"
-        )
-    if facts.started_at is not None:
-        return facts.started_at
-    if not starts:
-        raise RecordingFormatError(f"{where}: expected a start with zone; neither the file nor started_at states one")
-    if (apart := (max(starts) - min(starts)).total_seconds()) > 0.5 / sample_rate:
-        raise RecordingFormatError(f"{where}: expected channels that start together; they start {apart} s apart")
-    return starts[0]
-
-
-def _windows(signal: Channel, source: MappedChannel, facts: WindowFacts, file_name: str) -> list[SampleArray]:
-    """Return the windows of one channel in SI."""
-    where = f"{file_name}, {signal.name}"
-    samples = signal.samples if source.factor == 1.0 else signal.samples * source.factor
-    if samples.ndim == 2:
-        if facts.windows_in is None or facts.samples_per_window is not None:
-            raise RecordingFormatError(
-                f"{where}: expected windows_in (and no samples_per_window) for an array of shape {samples.shape}"
-            )
-        return list(samples if facts.windows_in is WindowsIn.ROWS else samples.T)
-    if facts.windows_in is not None:
-        raise RecordingFormatError(
-            f"{where}: expected a two-dimensional array for windows_in; got shape {samples.shape}"
-        )
-    length = facts.samples_per_window or samples.size
-    if length == 0 or samples.size % length:
-        raise RecordingFormatError(
-            f"{where}: expected a whole number of windows of {length} samples; got {samples.size} samples"
-        )
-    return np.split(samples, samples.size // length)
-
-
-def _interval(signal: Channel, duration: float, facts: WindowFacts, where: str) -> timedelta:
-    """Return the time from the start of one window to the start of the next."""
-    if signal.samples.ndim == 1:
-        return timedelta(seconds=duration)
-    if facts.window_interval is None:
-        raise RecordingFormatError(
-            f"{where}: expected window_interval_s, the time from the start of one window to the next; it is missing"
-        )
-    return timedelta(seconds=facts.window_interval)
+    return timedelta(seconds=window_interval)

@@ -1,46 +1,95 @@
-"""Read NumPy archives, ``*.npz``: every array of real numbers is a channel of its name. Nothing is unpickled."""
+"""Read NumPy files: arrays of ``*.npz`` are channels of their names, the array of ``*.npy`` is the channel "array".
 
+Fields of a record array are channels ``array.field``. Nothing is unpickled.
+"""
+
+import io
+import math
 import zipfile
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
+from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
+from monitor_core.recordings.elements.files import refusing, require_file
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+
+#: A header is a line of text; NumPy itself reads none that is longer than 10 000 characters.
+_LONGEST_HEADER = 12_000
+_ARRAY = "array"
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    """An array that is not read yet: what its header says, and how to come to its bytes."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[np.generic]
+    n_bytes: int  # of the values, as the archive or the file system says
+    open: Callable[[], AbstractContextManager[IO[bytes]]]
+
+    def fields(self) -> list[tuple[str, str | None]]:
+        """Return the channels it holds: their names, and the field of a record array."""
+        if len(self.shape) not in (1, 2):
+            return []
+        if self.dtype.fields is None:
+            return [(self.name, None)] if self.dtype.kind in "fiu" else []
+        kinds = {field: kind for field, (kind, *_) in (self.dtype.fields or {}).items()}
+        return [(f"{self.name}.{field}", field) for field, kind in kinds.items() if kind.kind in "fiu"]
 
 
 def read_channels(path: Path) -> Channels:
-    """Read the arrays of a file of ``numpy.savez``; it states neither units nor a time base.
+    """Read the arrays of a file of ``numpy.savez`` or ``numpy.save``; it states neither units nor a time base.
 
     There is one channel per array. Arrays of other than one or two dimensions, and of other than real numbers, are no
     channels and are left out. ``RecordingFormatError`` if the archive or an array in it is damaged, or if a header
-    promises what the file does not hold.
+    announces what the file does not hold.
     """
-    channels = []
-    with refusing(path.name, "a NumPy archive (.npz)"), zipfile.ZipFile(require_file(path)) as archive:
-        for member in archive.infolist():
-            name = member.filename.removesuffix(".npy")
-            with archive.open(member) as stream:
-                shape, dtype = _header(stream)
-            if dtype.kind not in "fiu" or len(shape) not in (1, 2):
-                continue
-            n_values = int(np.prod(shape, dtype=object))
-            require_plausible_length(n_values, f"{path.name}, {name}")
-            if member.file_size < n_values * dtype.itemsize:
-                raise RecordingFormatError(
-                    f"{path.name}, {name}: expected {n_values} values as its header says; "
-                    f"got {member.file_size} bytes in all"
-                )
-            with archive.open(member) as stream:
-                values = np.lib.format.read_array(stream, allow_pickle=False)
-            channels.append(Channel(name, native_samples(values)))
+    with require_file(path).open("rb") as stream:
+        is_archive = stream.read(2) == b"PK"
+    if not is_archive:
+        with refusing(path.name, "a NumPy file (.npy or .npz)"):
+            return _read(path, [_stored(path, _ARRAY, path.stat().st_size, lambda: path.open("rb"))])
+    with refusing(path.name, "a NumPy archive (.npz)"), zipfile.ZipFile(path) as archive:
+        return _read(path, [_member(path, archive, member) for member in archive.infolist()])
+
+
+def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> _Stored:
+    return _stored(path, member.filename.removesuffix(".npy"), member.file_size, lambda: archive.open(member))
+
+
+def _stored(path: Path, name: str, n_bytes: int, opening: Callable[[], AbstractContextManager[IO[bytes]]]) -> _Stored:
+    with opening() as stream, io.BytesIO(stream.read(_LONGEST_HEADER)) as head:
+        version = np.lib.format.read_magic(head)
+        if version not in ((1, 0), (2, 0), (3, 0)):
+            raise RecordingFormatError(f"{path.name}, {name}: expected a NumPy header of version 1 to 3; got {version}")
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(head)
+        return _Stored(name, shape, dtype, n_bytes - head.tell(), opening)
+
+
+def _read(path: Path, arrays: list[_Stored]) -> Channels:
+    kept = [array for array in arrays if array.fields()]
+    require_plausible_channels([(n, math.prod(a.shape)) for a in kept for n, _ in a.fields()], path.name)
+    for array in kept:
+        n_values = math.prod(array.shape)
+        if array.n_bytes < n_values * array.dtype.itemsize:
+            raise RecordingFormatError(
+                f"{path.name}, {array.name}: expected {n_values} values as its header says; got {array.n_bytes} bytes"
+            )
+    n_bytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in kept)
+    require_plausible_expansion(n_bytes, path.stat().st_size, path.name)
+    channels: list[Channel] = []
+    for array in kept:
+        with array.open() as stream:
+            values = np.lib.format.read_array(stream, allow_pickle=False)
+        channels += [
+            Channel(name, native_samples(values if field is None else values[field])) for name, field in array.fields()
+        ]
     return Channels(path.name, tuple(channels))
-
-
-def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(stream)
-    return shape, dtype

@@ -1,25 +1,33 @@
-"""Read universal files, data set 58 in text or binary (58b), through pyuff (extra ``uff``): time histories only.
+"""Read universal files, data set 58 in text or binary (58b), through pyuff (extra ``uff``): time histories and FRFs.
 
-A data set 58 may also be a spectrum or an FRF: those are no recordings and are left out. Channels carry the first
-identification line of their data set; where these lines are empty or not distinct, they are numbered "1", "2", ….
+Time histories are channels, complex FRFs (function type 4) are frequency responses; spectra are left out. Both carry
+the first identification line of their data set; where these lines are empty or not distinct among the channels, or
+among the responses, they are numbered "1", "2", ….
 """
 
 import re
 from pathlib import Path
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
+from monitor_core.arrays import read_only, read_only_complex
 from monitor_core.errors import MissingReaderError, RecordingFormatError
-from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.elements.bounds import require_plausible_channels
+from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse, native_samples
 
-_TIME_RESPONSE = 1  # function type of record 6
+if TYPE_CHECKING:
+    import pyuff
+
+_TIME_RESPONSE, _FREQUENCY_RESPONSE = 1, 4  # function types of record 6
+_COMPLEX = (5, 6)  # data types of the ordinate: single and double precision
 _FUNCTION_TYPES = {0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "FRF", 6: "coherence",
                    9: "power spectral density", 12: "spectrum"}  # fmt: skip
 #: Start or end of a data set: "    -1" alone on its line, or directly behind binary samples.
 _DELIMITER = re.compile(rb"    -1(?= {74}|\r|\n|\Z)")
+_HERTZ = frozenset(("hz", "hertz", "1/s", "none", ""))
 _SECONDS = frozenset(("s", "sec", "second", "seconds", "none", ""))  # record 8; time is in seconds by definition
 
 
@@ -34,18 +42,21 @@ class _Header(TypedDict):
     abscissa_inc: float
     abscissa_axis_units_lab: str
     ordinate_axis_units_lab: str
+    orddenom_axis_units_lab: str
 
 
 class _DataSet(_Header):
+    x: npt.NDArray[np.float64]
     data: npt.NDArray[np.generic]
 
 
 def read_channels(path: Path) -> Channels:
-    """Read the time histories of a universal file; data sets of other kinds are left out.
+    """Read the time histories and frequency responses of a universal file; data sets of other kinds are left out.
 
-    The unit comes from the ordinate's label, the sample rate from the abscissa's increment. The date in the header has
-    no zone, so there is no start. ``RecordingFormatError`` if the file is damaged or cut off, holds no time history, or
-    if a header promises other than what is there; ``MissingReaderError`` if pyuff is not installed.
+    The unit comes from the ordinate's label (of a response also from its denominator's), the sample rate from the
+    abscissa's increment. The date in the header has no zone, so there is no start. ``RecordingFormatError`` if the file
+    is damaged or cut off, holds neither, or if a header announces other than what is there; ``MissingReaderError`` if
+    pyuff is not installed.
     """
     try:
         import pyuff  # noqa: PLC0415
@@ -63,16 +74,36 @@ def read_channels(path: Path) -> Channels:
         kinds = [int(kind) for kind in file.get_set_types()]
         headers = {i: file.read_sets(i, header_only=True) for i, kind in enumerate(kinds) if kind == 58}
         histories = [i for i, header in headers.items() if header["func_type"] == _TIME_RESPONSE]
-        if not histories:
+        responses = [
+            i
+            for i, header in headers.items()
+            if header["func_type"] == _FREQUENCY_RESPONSE and header["ord_data_type"] in _COMPLEX
+        ]
+        if not histories and not responses:
             got = _got(kinds, headers)
-            raise RecordingFormatError(f"{path.name}: expected a time history in data set 58; got {got}")
-        names = _names([headers[i]["id1"].strip() for i in histories])
+            raise RecordingFormatError(f"{path.name}: expected a time history or an FRF in data set 58; got {got}")
+        require_plausible_channels(
+            [(str(i + 1), int(headers[i]["num_pts"])) for i in (*histories, *responses)], path.name
+        )
         channels = []
-        for i, name in zip(histories, names, strict=True):
+        for i, name in zip(histories, _names(headers, histories), strict=True):
             where = f"{path.name}, {name}"
             _require_time_base(headers[i], where)
-            channels.append(_channel(file.read_sets(i), name, where))
-        return Channels(path.name, tuple(channels))
+            channels.append(_channel(_data_set(file, i, where), name))
+        found = []
+        for i, name in zip(responses, _names(headers, responses), strict=True):
+            where = f"{path.name}, {name}"
+            found.append(_response(_data_set(file, i, where), name, where))
+        return Channels(path.name, tuple(channels), tuple(found))
+
+
+def _data_set(file: "pyuff.UFF", number: int, where: str) -> _DataSet:
+    data_set: _DataSet = file.read_sets(number)
+    if data_set["data"].size != data_set["num_pts"]:
+        raise RecordingFormatError(
+            f"{where}: expected {data_set['num_pts']} samples as its header says; got {data_set['data'].size}"
+        )
+    return data_set
 
 
 def _got(kinds: list[int], headers: dict[int, _Header]) -> str:
@@ -82,7 +113,8 @@ def _got(kinds: list[int], headers: dict[int, _Header]) -> str:
     return ", ".join(f"function type {f} ({_FUNCTION_TYPES.get(f, 'other')})" for f in functions)
 
 
-def _names(labels: list[str]) -> list[str]:
+def _names(headers: dict[int, _Header], which: list[int]) -> list[str]:
+    labels = [headers[i]["id1"].strip() for i in which]
     distinct = len(set(labels)) == len(labels) and not {"", "NONE"} & set(labels)
     return labels if distinct else [str(number) for number in range(1, len(labels) + 1)]
 
@@ -98,19 +130,32 @@ def _require_time_base(header: _Header, where: str) -> None:
         raise RecordingFormatError(f"{where}: expected a positive abscissa increment; got {increment} s")
     if header["ord_data_type"] not in (2, 4):
         raise RecordingFormatError(f"{where}: expected real ordinates (2 or 4); got type {header['ord_data_type']}")
-    require_plausible_length(header["num_pts"], where)
 
 
-def _channel(data_set: _DataSet, name: str, where: str) -> Channel:
-    samples = data_set["data"]
-    if samples.size != data_set["num_pts"]:
-        raise RecordingFormatError(
-            f"{where}: expected {data_set['num_pts']} samples as its header says; got {samples.size}"
-        )
-    unit = data_set["ordinate_axis_units_lab"].strip()
+def _channel(data_set: _DataSet, name: str) -> Channel:
     return Channel(
         name=name,
-        samples=native_samples(samples),
-        unit=None if unit in ("", "NONE") else unit,
+        samples=native_samples(data_set["data"]),
+        unit=_unit(data_set["ordinate_axis_units_lab"]),
         sample_rate=1.0 / data_set["abscissa_inc"],
     )
+
+
+def _response(data_set: _DataSet, name: str, where: str) -> FrequencyResponse:
+    unit = data_set["abscissa_axis_units_lab"].strip()
+    if unit.lower() not in _HERTZ:
+        raise RecordingFormatError(f"{where}: expected an abscissa in Hz; got {unit!r}")
+    frequency = np.asarray(data_set["x"], np.float64)
+    if frequency.size != data_set["num_pts"] or not np.all(np.diff(frequency) > 0.0):
+        raise RecordingFormatError(f"{where}: expected {data_set['num_pts']} rising frequencies; got others")
+    return FrequencyResponse(
+        name=name,
+        frequency=read_only(frequency),
+        response=read_only_complex(data_set["data"]),
+        response_unit=_unit(data_set["ordinate_axis_units_lab"]),
+        reference_unit=_unit(data_set["orddenom_axis_units_lab"]),
+    )
+
+
+def _unit(label: str) -> str | None:
+    return None if label.strip() in ("", "NONE") else label.strip()

@@ -11,7 +11,7 @@ from monitor_core.fitting.accelerometer import PLACES
 from monitor_core.measured_responses import SessionResponses, responses_of_session
 from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import Window
-from monitor_core.recordings.session_hdf5 import SessionReader, open_session
+from monitor_core.recordings.session_hdf5 import open_session
 from monitor_core.session import RecordedMeasurements
 from monitor_core.uncertainty import Estimate
 from service.cli.output import progress_bar
@@ -58,7 +58,7 @@ def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | N
 class _WatchedSession:
     """A session that counts the measurements taken from it."""
 
-    reader: SessionReader
+    reader: RecordedMeasurements
     count: Callable[[], None]
 
     @property
@@ -73,9 +73,16 @@ class _WatchedSession:
 @contextmanager
 def watched_session(path: Path) -> Iterator[RecordedMeasurements]:
     """Open a session and show how many of its measurements were taken; memory stays flat."""
-    with open_session(path) as reader, progress_bar() as progress:
-        task = progress.add_task(path.name, total=len(reader.measurements))
-        yield _WatchedSession(reader, lambda: progress.advance(task))
+    with open_session(path) as reader, counted_session(reader, path.name) as session:
+        yield session
+
+
+@contextmanager
+def counted_session(session: RecordedMeasurements, name: str) -> Iterator[RecordedMeasurements]:
+    """Show how many measurements of a session were taken."""
+    with progress_bar() as progress:
+        task = progress.add_task(name, total=len(session.measurements))
+        yield _WatchedSession(session, lambda: progress.advance(task))
 
 
 def responses_of_file(path: Path, settings: AxisSettings) -> SessionResponses:

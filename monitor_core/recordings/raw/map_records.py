@@ -1,0 +1,176 @@
+"""Records of a channel map: what the channels of raw files mean, and what the files do not say."""
+
+from dataclasses import dataclass, field
+from datetime import datetime, tzinfo
+from enum import StrEnum
+
+from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
+from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
+from monitor_core.recordings.raw.text_layout import TextLayout
+
+
+class WindowsIn(StrEnum):
+    """How a two-dimensional array holds several windows."""
+
+    ROWS = "rows"
+    COLUMNS = "columns"
+
+
+class ResampleMethod(StrEnum):
+    """How values between samples are found."""
+
+    CUBIC = "cubic"
+    LINEAR = "linear"
+
+
+@dataclass(frozen=True, slots=True)
+class MappedChannel:
+    """A channel of the file, what its numbers are in, and how they become SI: (number − offset) · factor."""
+
+    channel: str
+    unit: str
+    factor: float
+    offset: float = 0.0  # in the unit of the file
+    row: int | None = None  # of a two-dimensional array, counted from 0
+    column: int | None = None  # the same; at most one of the two
+    time: str | None = None  # channel of the same file that holds the sampling times of this one
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSource:
+    """Which channel holds sampling times, and what they are in: numbers of a unit, or texts of a date and time."""
+
+    channel: str | None  # None: each signal names its own
+    factor: float | None  # of numbers, to seconds; None: texts, or the file says it
+    unit: str | None = None
+    form: str | None = None  # of texts: "iso" or a pattern of strptime
+    date: str | None = None  # channel of texts in front of it
+    zone: tzinfo | None = None  # where the texts carry none
+    row: int | None = None  # of a two-dimensional array, counted from 0
+    column: int | None = None  # the same; at most one of the two
+
+
+@dataclass(frozen=True, slots=True)
+class Resampling:
+    """One even clock for channels that have several, or an uneven one."""
+
+    sample_rate: float  # [Hz]
+    method: ResampleMethod
+
+
+@dataclass(frozen=True, slots=True)
+class WindowFacts:
+    """What the map says about the windows of a file; ``None`` leaves it to the file."""
+
+    started_at: datetime | None = None
+    position: float | None = None  # [m]; position and span are None where a channel measures them
+    position_span: float | None = None  # [m]
+    payload_mass: float | None = None  # [kg]
+    temperature: float | None = None  # [°C]
+    preload: float | None = None  # [N]
+    measurement: str | None = None
+    direction: Direction | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Cutting:
+    """How records become windows, and how several files follow each other."""
+
+    samples_per_window: int | None = None
+    windows_in: WindowsIn | None = None
+    window_interval: float | None = None  # [s]
+    file_interval: float | None = None  # [s]
+    position_step: float | None = None  # [m]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSignals:
+    """The channels of a session."""
+
+    excitation: MappedChannel
+    quantity: ExcitationQuantity
+    source: ExcitationSource
+    response: MappedChannel
+    position: MappedChannel | None
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSignals:
+    """The channels of a motion record."""
+
+    position: MappedChannel
+    drive: MappedChannel
+    quantity: ExcitationQuantity
+    reference: MappedChannel | None
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseLines:
+    """Where the lines of a frequency response stand, and what was excited and answers."""
+
+    excitation: ExcitationPoint
+    response_point: ResponsePoint
+    response: MappedChannel | None  # name of a frequency response of the file; None: columns
+    frequency: MappedChannel | None
+    parts: tuple[MappedChannel, MappedChannel] | None  # real and imaginary part, or magnitude and phase
+    polar: bool  # the latter
+    standard_deviation: float | None  # of real and imaginary part, SI
+    relative_deviation: float | None  # the same, of the magnitude of each line
+    deviation: MappedChannel | None  # the same, a column
+    resolution: float  # [Hz]
+    excitation_level: float  # [N·m] or [N]; 0: small signals
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """How well the settings are known; ``None``: not stated."""
+
+    position_mm: float | None = None
+    preload: float | None = None  # relative
+    gain: float | None = None  # relative
+
+    @property
+    def attributes(self) -> dict[str, float | None]:
+        """By the names of the files."""
+        return {
+            "position_tolerance_mm": self.position_mm,
+            "preload_tolerance": self.preload,
+            "gain_tolerance": self.gain,
+        }
+
+
+class MapKind(StrEnum):
+    """What a map makes of raw files."""
+
+    SESSION = "session"
+    MOTION = "motion record"
+    FRF_SET = "FRF set"
+
+
+_KINDS: dict[type, MapKind] = {
+    SessionSignals: MapKind.SESSION,
+    MotionSignals: MapKind.MOTION,
+    ResponseLines: MapKind.FRF_SET,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelMap:
+    """Meaning of the channels of raw files."""
+
+    signals: SessionSignals | MotionSignals | ResponseLines
+    axis_id: str  # empty where a motion or a response names none
+    window: WindowFacts
+    description: str = ""
+    text: TextLayout | None = None
+    time: TimeSource | None = None
+    resampling: Resampling | None = None
+    sample_rate: float | None = None  # [Hz]; None: the file says it
+    cutting: Cutting = field(default_factory=Cutting)
+    files: tuple[tuple[str, WindowFacts], ...] = ()  # name of a file, and facts that go before those of the window
+    tolerances: Tolerances = field(default_factory=Tolerances)
+
+    @property
+    def kind(self) -> MapKind:
+        """What it makes of raw files."""
+        return _KINDS[type(self.signals)]

@@ -1,0 +1,121 @@
+"""Read MDF 4 (``*.mf4``, ``*.mdf``) through asammdf (extra ``mdf``): channels and their clocks.
+
+Each channel group has sampling times of its own, in seconds from the start of the measurement: they are a channel like
+the others, and the clock of those of its group. A channel that has no name to itself carries the number of its group
+in front: ``2/time``.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.mdf4_blocks import require_sound_blocks
+
+if TYPE_CHECKING:
+    from asammdf import MDF
+
+_OF_NUMBERS = range(6)  # data types
+_MASTERS = (2, 3)  # channel types of sampling times: stored, or counted by the records
+_TIME = 1  # what a master counts; others count angles, distances or records
+_WITH_SAMPLES = (0, 2, 3, 6)  # fixed length, masters, virtual
+_LOCAL_TIME = 1  # flag of the header: its time has no zone
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    group: int
+    index: int
+    name: str
+    is_clock: bool
+
+
+def read_channels(path: Path) -> Channels:
+    """Read the numeric channels of an MDF file of version 4, converted as it says, with their units and clocks.
+
+    The start is that of the measurement, plus the first sampling time. Channels of texts and bytes, those without
+    samples, and samples that the file marks as invalid throughout are left out; single invalid samples become NaN.
+    ``RecordingFormatError`` if the file is damaged, cut off, unfinished or of version 3; ``MissingReaderError`` if
+    asammdf is not installed.
+    """
+    try:
+        from asammdf import MDF  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingReaderError(
+            f"{path.name}: reading MDF needs asammdf; pip install 'preload-monitor[mdf]'"
+        ) from error
+
+    with refusing(path.name, "an MDF file of version 4"):
+        _require_version_4(path)
+        require_sound_blocks(path)
+        with MDF(path, process_bus_logging=False) as file:
+            return Channels(path.name, _channels(file))
+
+
+def _require_version_4(path: Path) -> None:
+    with require_file(path).open("rb") as stream:
+        head = stream.read(64)
+    if head.startswith(b"UnFinMF"):
+        raise RecordingFormatError(
+            f"{path.name}: expected a finished MDF file; its writer never closed it: open and save it with its program"
+        )
+    if not head.startswith(b"MDF     ") or len(head) < 64:
+        raise RecordingFormatError(f"{path.name}: expected an MDF file; it begins with {head[:8]!r}")
+    if not head.startswith(b"4.", 8):
+        version = head[8:16].decode("latin-1").strip(" \0")
+        raise RecordingFormatError(f"{path.name}: expected MDF of version 4; got {version!r}: convert it to version 4")
+
+
+def _channels(file: "MDF") -> tuple[Channel, ...]:
+    places = [
+        _Place(number, index, channel.name, channel.channel_type in _MASTERS and channel.sync_type == _TIME)
+        for number, group in enumerate(file.groups)
+        for index, channel in enumerate(group.channels)
+        if channel.data_type in _OF_NUMBERS and channel.channel_type in _WITH_SAMPLES
+    ]
+    counts = Counter(place.name for place in places)
+    names = {
+        (place.group, place.index): place.name if counts[place.name] == 1 else f"{place.group + 1}/{place.name}"
+        for place in places
+    }
+    clocks = {place.group: names[place.group, place.index] for place in places if place.is_clock}
+    start = _started_at(file)
+    channels = []
+    for place in places:
+        # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
+        signal = file.get(group=place.group, index=place.index, ignore_invalidation_bits=True)
+        samples = np.asarray(signal.samples)
+        if samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2) or samples.size == 0:
+            continue
+        invalid = signal.invalidation_bits
+        if invalid is not None and np.any(invalid):
+            if np.all(invalid):
+                continue
+            samples = np.where(np.asarray(invalid, bool).reshape(-1, *[1] * (samples.ndim - 1)), np.nan, samples)
+        times = np.asarray(signal.timestamps)
+        channels.append(
+            Channel(
+                name=names[place.group, place.index],
+                samples=native_samples(samples),
+                unit=signal.unit or ("s" if place.is_clock else None),
+                started_at=None if start is None or place.group not in clocks else _later(start, float(times[0])),
+                clock=None if place.is_clock else clocks.get(place.group),
+            )
+        )
+    return tuple(channels)
+
+
+def _started_at(file: "MDF") -> datetime | None:
+    if file.header.time_flags & _LOCAL_TIME or not file.header.abs_time:
+        return None
+    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=file.header.abs_time // 1000)
+
+
+def _later(start: datetime, seconds: float) -> datetime:
+    return start + timedelta(seconds=seconds)

@@ -1,0 +1,118 @@
+"""Read Parquet files through pyarrow (extra ``parquet``): every column of numbers is a channel of its name.
+
+A column of instants is a channel of seconds from its first value, which is the start of the channel where the column
+says that it is in UTC. The unit is what the metadata of a column call ``unit`` or ``units``. A missing number becomes
+NaN.
+"""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
+from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.parquet_pages import unpacked_size_of_pages
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+_MAGIC = b"PAR1"
+#: Fraction of a second that a column of instants counts in.
+_PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+
+
+def read_channels(path: Path) -> Channels:
+    """Read the columns of numbers and instants of a Parquet file; it states no sample rate.
+
+    Columns of texts, truth values, decimals and nested ones are left out. ``RecordingFormatError`` if the file is
+    damaged or would unpack to far more than it holds; ``MissingReaderError`` if pyarrow is not installed.
+    """
+    try:
+        import pyarrow.parquet as pq  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingReaderError(
+            f"{path.name}: reading Parquet needs pyarrow; pip install 'preload-monitor[parquet]'"
+        ) from error
+
+    with refusing(path.name, "a Parquet file"), require_file(path).open("rb") as stream:
+        if stream.read(4) != _MAGIC:
+            raise RecordingFormatError(f"{path.name}: expected a Parquet file, which begins with PAR1")
+        limit = path.stat().st_size  # no text or list of the metadata is longer than the file
+        with pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file:
+            fields = [field for field in file.schema_arrow if _is_channel(field.type)]
+            _require_plausible(file.metadata, [field.name for field in fields], stream, path)
+            channels = tuple(_channel(file, field, path.name) for field in fields)
+        return Channels(path.name, channels)
+
+
+def _is_channel(kind: "pa.DataType") -> bool:
+    import pyarrow as pa  # noqa: PLC0415
+
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_timestamp(kind))
+
+
+def _require_plausible(metadata: "pq.FileMetaData", names: list[str], stream: BinaryIO, path: Path) -> None:
+    if len(names) != len(set(names)):
+        raise RecordingFormatError(f"{path.name}: expected columns of different names; got {names}")
+    require_plausible_channels([(name, metadata.num_rows) for name in names], path.name)
+    total, n_bytes = 0, path.stat().st_size
+    for name, chunk in _chunks(metadata):
+        if name in names:
+            starts = [at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at]
+            start = min(starts)
+            end = start + chunk.total_compressed_size
+            if not 0 < start < end <= n_bytes:
+                raise RecordingFormatError(
+                    f"{path.name}, {name}: expected pages within {n_bytes} bytes; got {start} to {end}"
+                )
+            total += unpacked_size_of_pages(stream, start, end, f"{path.name}, {name}")
+    # values may be packed twice: by what they repeat, and the pages that say so
+    total = max(total, 8 * metadata.num_rows * len(names))
+    require_plausible_expansion(total, n_bytes, path.name)
+
+
+def _chunks(metadata: "pq.FileMetaData") -> Iterator[tuple[str, "pq.ColumnChunkMetaData"]]:
+    for number in range(metadata.num_row_groups):
+        rows = metadata.row_group(number)
+        for index in range(rows.num_columns):
+            yield rows.column(index).path_in_schema, rows.column(index)
+
+
+def _channel(file: "pq.ParquetFile", field: "pa.Field", where: str) -> Channel:
+    import pyarrow as pa  # noqa: PLC0415
+
+    column = file.read([field.name], use_threads=False).column(0)
+    if len(column) != file.metadata.num_rows:
+        raise RecordingFormatError(
+            f"{where}, {field.name}: expected {file.metadata.num_rows} rows as the file says; got {len(column)}"
+        )
+    if pa.types.is_timestamp(field.type):
+        return _clock(field, column, where)
+    stated = {key.decode().lower(): value.decode() for key, value in (field.metadata or {}).items()}
+    return Channel(
+        name=field.name,
+        samples=native_samples(column.to_numpy()),
+        unit=stated.get("unit") or stated.get("units") or None,
+    )
+
+
+def _clock(field: "pa.Field", column: "pa.ChunkedArray", where: str) -> Channel:
+    import pyarrow as pa  # noqa: PLC0415
+
+    if column.null_count or not len(column):
+        raise RecordingFormatError(f"{where}, {field.name}: expected an instant in each row; some are missing")
+    instants, per_second = column.cast(pa.int64()).to_numpy(), _PER_SECOND[field.type.unit]
+    whole, rest = divmod(int(instants[0]), per_second)
+    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=whole, microseconds=rest * 10**6 // per_second)
+    return Channel(
+        name=field.name,
+        samples=native_samples((instants - instants[0]) / np.float64(per_second)),
+        unit="s",
+        started_at=start if field.type.tz is not None else None,  # without a zone, the file does not say when it was
+    )

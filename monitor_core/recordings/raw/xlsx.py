@@ -1,0 +1,253 @@
+"""Read Excel workbooks, ``*.xlsx``, through openpyxl (extra ``xlsx``): columns of numbers under their names.
+
+The names stand in the first row, unless the ``[text]`` of a channel map says otherwise; a first row of numbers alone
+means a sheet without names: the columns are then "1", "2", …. Formulas count with the values that Excel saved. A
+column of dates is a channel of seconds from its first cell, one of durations a channel of seconds; a sheet has no time
+zone, so there is no start.
+"""
+
+import warnings
+import zipfile
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.recordings.elements.bounds import MAX_CHANNELS, MOST_EXPANSION, require_plausible_channels
+from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+
+if TYPE_CHECKING:
+    from openpyxl.workbook import Workbook
+    from openpyxl.worksheet._read_only import ReadOnlyWorksheet
+
+_MOST_ROWS = 2**20  # of a sheet, by the format
+_FREE_EMPTY_CELLS = 2**22
+#: What may be unpacked: sheets are read cell by cell, their texts and formats are held in memory.
+_FREE_SHEET_BYTES, _MOST_TEXT_BYTES = 2**26, 2**24
+_SECONDS_PER_DAY = 86400.0
+
+
+class Layout(Protocol):
+    """Where the columns of a sheet stand; rows are counted from 1. ``None``: as in a plain sheet."""
+
+    @property
+    def header_row(self) -> int | None:
+        """Row of the names; 0 where there is none."""
+
+    @property
+    def unit_row(self) -> int | None:
+        """Row of the units."""
+
+    @property
+    def first_row(self) -> int | None:
+        """First row of numbers."""
+
+    @property
+    def sheet(self) -> str | None:
+        """Name of the sheet."""
+
+
+@dataclass(slots=True)
+class _Column:
+    """Cells of a column, from the top."""
+
+    name: str
+    unit: str | None
+    numbers: "array[float]" = field(default_factory=lambda: array("d"))
+    first_text: tuple[int, str] | None = None  # row and text
+    first_number: int | None = None  # row
+    empty_since: int | None = None  # row
+
+    def add(self, value: object, row: int, where: str) -> None:
+        place = f"{where}, row {row}, column {self.name!r}"
+        if value is None:
+            self.empty_since = self.empty_since or row
+            return
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            self.first_text = self.first_text or (row, str(value))
+        else:
+            self.numbers.append(value)
+            self.first_number = self.first_number or row
+        if self.first_text is not None and self.first_number is not None:
+            raise RecordingFormatError(f"{place}: expected numbers alone; got {self.first_text[1][:40]!r}")
+        if self.empty_since is not None and self.first_text is None:
+            raise RecordingFormatError(
+                f"{where}, row {self.empty_since}, column {self.name!r}: expected a number; the cell is empty"
+            )
+
+
+def read_channels(path: Path, layout: Layout | None = None) -> Channels:
+    """Read the columns of a sheet; ``layout`` says where they stand, if not under the names in the first row.
+
+    Columns of texts and empty ones are left out. ``RecordingFormatError`` if the workbook is damaged, if it has several
+    sheets and none is named, if a cell among numbers is empty or a text, or if two columns have one name;
+    ``MissingReaderError`` if openpyxl is not installed.
+    """
+    try:
+        import openpyxl  # noqa: PLC0415
+    except ImportError as error:
+        raise MissingReaderError(
+            f"{path.name}: reading XLSX needs openpyxl; pip install 'preload-monitor[xlsx]'"
+        ) from error
+
+    with (
+        refusing(path.name, "an Excel workbook (.xlsx)"),
+        require_file(path).open("rb") as stream,
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # what openpyxl warns of is formatting that it does not keep
+        _require_plausible_parts(path)
+        book = openpyxl.load_workbook(stream, read_only=True, data_only=True, keep_links=False)
+        try:
+            # as numbers: openpyxl would round a date to the millisecond
+            book._date_formats = set()
+            sheet = _sheet(book, layout, path.name)
+            where = f"{path.name}, {sheet.title}"
+            columns, first_row = _columns(sheet, layout, where)
+            return Channels(path.name, _channels(columns, _formats(sheet, first_row), where))
+        finally:
+            book.close()
+
+
+def _require_plausible_parts(path: Path) -> None:
+    packed = path.stat().st_size
+    with zipfile.ZipFile(path) as archive:
+        for part in archive.infolist():
+            is_sheet = part.filename.startswith("xl/worksheets/")
+            most = max(_FREE_SHEET_BYTES, 2 * MOST_EXPANSION * packed) if is_sheet else _MOST_TEXT_BYTES
+            is_read = part.filename.endswith((".xml", ".rels"))
+            if is_read and part.file_size > most:
+                raise RecordingFormatError(
+                    f"{path.name}, {part.filename}: expected at most {most} bytes unpacked; it announces "
+                    f"{part.file_size}: save the sheet as CSV"
+                )
+
+
+def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "ReadOnlyWorksheet":
+    sheets = {sheet.title: sheet for sheet in book.worksheets}
+    for sheet in sheets.values():
+        sheet.reset_dimensions()  # what a sheet says of its size is not believed
+    stated = None if layout is None else layout.sheet
+    names = ", ".join(repr(name) for name in list(sheets)[:20])
+    if stated is not None:
+        if stated not in sheets:
+            raise RecordingFormatError(f"{where}: expected a sheet {stated!r}; the workbook has {names}")
+        return sheets[stated]
+    filled = [sheet for sheet in sheets.values() if any(True for _ in _rows(sheet, where))]
+    if len(filled) != 1:
+        raise RecordingFormatError(
+            f"{where}: expected one sheet with cells, or the name of one as sheet in [text]; the workbook has {names}"
+        )
+    return filled[0]
+
+
+def _rows(sheet: "ReadOnlyWorksheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
+    """Yield the rows that have cells, with their numbers."""
+    n_filled = n_empty = 0
+    for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
+        empty = cells.count(None)
+        n_empty, n_filled = n_empty + empty, n_filled + len(cells) - empty
+        if number > _MOST_ROWS or len(cells) > MAX_CHANNELS or n_empty > _FREE_EMPTY_CELLS + 4 * n_filled:
+            raise RecordingFormatError(
+                f"{where}: expected at most {_MOST_ROWS} rows and {MAX_CHANNELS} columns, most of them filled; "
+                f"got {n_filled} filled cells and {n_empty} empty ones by row {number}"
+            )
+        if empty < len(cells):
+            yield number, cells
+
+
+def _columns(sheet: "ReadOnlyWorksheet", layout: Layout | None, where: str) -> tuple[dict[int, _Column], int]:
+    """Return the columns by their place, counted from 0, and the first row of numbers."""
+    header_row = None if layout is None else layout.header_row
+    unit_row = (layout.unit_row if layout is not None else None) or 0
+    heads: dict[int, tuple[object, ...]] = {}
+    columns: dict[int, _Column] = {}
+    first_row = last_head = 0
+    for number, cells in _rows(sheet, where):
+        if not first_row:
+            if header_row is None:
+                header_row = 0 if all(_is_number(cell) for cell in cells if cell is not None) else number
+                header_row = _require_at_top(header_row, number, cells, where)
+            last_head = max(header_row, unit_row)
+            first_row = (layout.first_row if layout is not None else None) or last_head + 1
+        if number in (header_row, unit_row):
+            heads[number] = cells
+        if number < first_row:
+            continue
+        for place, cell in enumerate(cells):
+            if place not in columns and cell is not None:
+                columns[place] = _column(place, heads, header_row or 0, unit_row, where)
+        for place, column in columns.items():
+            column.add(cells[place] if place < len(cells) else None, number, where)
+    if not columns:
+        raise RecordingFormatError(f"{where}: expected numbers from row {first_row or 1} on; got none")
+    return columns, first_row
+
+
+def _require_at_top(header_row: int, number: int, cells: tuple[object, ...], where: str) -> int:
+    n_texts = sum(isinstance(cell, str) for cell in cells)
+    n_filled = sum(cell is not None for cell in cells)
+    if header_row and n_texts < n_filled:
+        raise RecordingFormatError(
+            f"{where}, row {number}: expected the names of the columns; got {n_texts} texts among {n_filled} cells: "
+            "say header_row in [text] of a channel map"
+        )
+    return header_row
+
+
+def _is_number(cell: object) -> bool:
+    return isinstance(cell, (int, float)) and not isinstance(cell, bool)
+
+
+def _column(place: int, heads: dict[int, tuple[object, ...]], header_row: int, unit_row: int, where: str) -> _Column:
+    def head(row: int) -> str:
+        cells = heads.get(row, ())
+        cell = cells[place] if place < len(cells) else None
+        return "" if cell is None else str(cell).strip()
+
+    name = head(header_row) if header_row else str(place + 1)
+    if not name:
+        raise RecordingFormatError(
+            f"{where}: expected a name in row {header_row} for each column; column {place + 1} has none: if the names "
+            "are in another row, say header_row in [text] of a channel map"
+        )
+    return _Column(name, (head(unit_row) or None) if unit_row else None)
+
+
+def _formats(sheet: "ReadOnlyWorksheet", first_row: int) -> dict[int, str]:
+    """Return how the first row of numbers is shown: "date", "duration", or nothing for numbers."""
+    from openpyxl.styles.numbers import is_date_format, is_timedelta_format  # noqa: PLC0415
+
+    formats = {}
+    for cells in sheet.iter_rows(min_row=first_row, max_row=first_row):
+        for place, cell in enumerate(cells):
+            shown = getattr(cell, "number_format", None)
+            if is_timedelta_format(shown):
+                formats[place] = "duration"
+            elif is_date_format(shown):
+                # a time of day alone counts from midnight
+                formats[place] = "date" if any(letter in str(shown).lower() for letter in "yd") else "duration"
+    return formats
+
+
+def _channels(columns: dict[int, _Column], formats: dict[int, str], where: str) -> tuple[Channel, ...]:
+    kept = {place: column for place, column in sorted(columns.items()) if column.numbers}
+    names = [column.name for column in kept.values()]
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordingFormatError(f"{where}: expected columns of different names; got {name!r} twice")
+    require_plausible_channels([(column.name, len(column.numbers)) for column in kept.values()], where)
+    return tuple(_channel(column, formats.get(place)) for place, column in kept.items())
+
+
+def _channel(column: _Column, shown_as: str | None) -> Channel:
+    values = np.frombuffer(column.numbers, np.float64)
+    if shown_as is None:
+        return Channel(column.name, native_samples(values.copy()), column.unit)
+    since = values[0] if shown_as == "date" else 0.0
+    return Channel(column.name, native_samples((values - since) * _SECONDS_PER_DAY), "s")

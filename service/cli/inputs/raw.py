@@ -1,0 +1,197 @@
+"""Read what a command works on: a file of the product, or raw files with the channel map that says what they mean."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import click
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.measured_responses import SessionResponses, responses_of_session
+from monitor_core.pipeline import AxisSettings
+from monitor_core.recording import MotionRecord
+from monitor_core.recordings.check import format_of
+from monitor_core.recordings.frf_set import FrequencyResponseSet, read_frf_set
+from monitor_core.recordings.motion_csv import read_motion_record
+from monitor_core.recordings.raw.channel_map import read_channel_map
+from monitor_core.recordings.raw.imported import ImportedMotion, ImportedSession, import_motion, import_session
+from monitor_core.recordings.raw.imported_frf import ImportedFrfSet, import_frf_set
+from monitor_core.recordings.raw.map_records import ChannelMap, MapKind
+from monitor_core.session import RecordedMeasurements
+from service.cli.inputs.session import counted_session, watched_session
+from service.cli.output import progress_bar
+
+
+class DataKind(StrEnum):
+    """What the data of a command are, as a sentence calls it."""
+
+    FRF_SET = "set of frequency responses"
+    SESSION = "session"
+    MODAL_TABLE = "modal table"
+    MOTION = "motion record"
+
+
+_OF_MAP = {
+    MapKind.SESSION: DataKind.SESSION,
+    MapKind.MOTION: DataKind.MOTION,
+    MapKind.FRF_SET: DataKind.FRF_SET,
+}
+_OF_FORMAT = {
+    "preload-session": DataKind.SESSION,
+    "preload-frf-set": DataKind.FRF_SET,
+    "motion-record": DataKind.MOTION,
+    "modal-table": DataKind.MODAL_TABLE,
+}
+_COLUMNS = {
+    DataKind.MODAL_TABLE: " (position_mm,frequency_hz)",
+    DataKind.MOTION: " (time_s,position_m,force_n or torque_nm)",
+}
+#: Formats that are no raw files although no command takes them as data.
+_NO_RAW_FILES = frozenset(("preload-calibration", "preload-model", "channel-map"))
+
+data_argument = click.argument("paths", metavar="DATA…", nargs=-1, required=True, type=click.Path(path_type=Path))
+map_option = click.option(
+    "--map", "map_path", type=click.Path(path_type=Path), metavar="MAP",
+    help="Channel map, TOML: says what the channels of raw files mean. With it DATA are one or several raw files.",
+)  # fmt: skip
+
+Imported = ImportedSession | ImportedMotion | ImportedFrfSet
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """What a command works on."""
+
+    paths: tuple[Path, ...]
+    kind: DataKind
+    channel_map: ChannelMap | None  # of raw files
+
+    @property
+    def name(self) -> str:
+        """What a title calls it."""
+        return self.paths[0].name + (f" and {len(self.paths) - 1} more" if len(self.paths) > 1 else "")
+
+    @property
+    def is_session(self) -> bool:
+        """Whether it has windows."""
+        return self.kind is DataKind.SESSION
+
+    @property
+    def file(self) -> Path:
+        """The one file of the product."""
+        return self.paths[0]
+
+
+def data_of(paths: Sequence[Path], map_path: Path | None, *, takes: Sequence[DataKind]) -> Data:
+    """Recognise what a command is given, before any work; what it does not take is refused with the next step."""
+    if map_path is None:
+        if len(paths) > 1:
+            raise click.UsageError(
+                f"several files are raw files of one recording, and need --map; got {len(paths)} files without it"
+            )
+        return Data(tuple(paths), _kind_of_file(paths[0], takes), None)
+    channel_map = read_channel_map(map_path)
+    kind = _OF_MAP[channel_map.kind]
+    if kind not in takes:
+        raise click.UsageError(f"{map_path.name} makes a {kind} of raw files; expected {_listed(takes)}")
+    return Data(tuple(paths), kind, channel_map)
+
+
+def _kind_of_file(path: Path, takes: Sequence[DataKind]) -> DataKind:
+    """Recognise a file by its content."""
+    found = format_of(path)
+    kind = _OF_FORMAT.get(found)
+    if kind is not None and kind in takes:
+        return kind
+    expected = f"{path.name}: expected {_listed(takes)}"
+    if kind is not None or found in _NO_RAW_FILES:
+        raise RecordingFormatError(f"{expected}; got a {kind or found.removeprefix('preload-')}")
+    got = "a text with other columns" if found == "csv" else f"a raw file ({found})"
+    raise RecordingFormatError(
+        f"{expected}; got {got}: 'preload check {path.name} --write-map MAP' writes a channel map to fill in, then "
+        "--map MAP says here what it holds, or 'preload import' makes a file of it"
+    )
+
+
+@contextmanager
+def opened_session(data: Data) -> Iterator[RecordedMeasurements]:
+    """Open the session of the data and show how many of its measurements were taken."""
+    if data.channel_map is None:
+        with watched_session(data.file) as session:
+            yield session
+        return
+    imported = import_of(data)
+    say(imported)
+    if not isinstance(imported, ImportedSession):
+        raise TypeError(f"a {data.kind} is no session")
+    with counted_session(imported.session, data.name) as session:
+        yield session
+
+
+def responses_of_data(data: Data, settings: AxisSettings) -> SessionResponses:
+    """Return the averaged responses of a session, with progress; raises as :func:`responses_of_session`."""
+    with opened_session(data) as session:
+        return responses_of_session(session, settings)
+
+
+def frf_set_of(data: Data) -> FrequencyResponseSet:
+    """Return the frequency responses of the data."""
+    if data.channel_map is None:
+        return read_frf_set(data.file)
+    imported = import_of(data)
+    say(imported)
+    if not isinstance(imported, ImportedFrfSet):
+        raise TypeError(f"a {data.kind} is no set of frequency responses")
+    return imported.responses
+
+
+def motion_of(data: Data) -> MotionRecord:
+    """Return the motion record of the data."""
+    if data.channel_map is None:
+        return read_motion_record(data.file)
+    imported = import_of(data)
+    say(imported)
+    if not isinstance(imported, ImportedMotion):
+        raise TypeError(f"a {data.kind} is no motion record")
+    return imported.record
+
+
+def import_of(data: Data) -> Imported:
+    """Read raw files by their map, with progress."""
+    if data.channel_map is None:
+        raise click.UsageError(f"raw files need --map; got {data.name} without it")
+    with _files_read(data) as progress:
+        match data.channel_map.kind:
+            case MapKind.SESSION:
+                return import_session(data.paths, data.channel_map, progress)
+            case MapKind.MOTION:
+                return import_motion(data.paths, data.channel_map, progress)
+            case MapKind.FRF_SET:
+                return import_frf_set(data.paths, data.channel_map, progress)
+
+
+def say(imported: Imported) -> None:
+    """Print on standard error what was left out of raw files, and what is to be said of them."""
+    for left in imported.left_out:
+        click.echo(f"left out: {left.what}: {left.why}", err=True)
+    for remark in imported.remarks:
+        click.echo(remark, err=True)
+
+
+@contextmanager
+def _files_read(data: Data) -> Iterator[Callable[[str], None]]:
+    with progress_bar() as bar:
+        task = bar.add_task(data.name, total=len(data.paths))
+
+        def begun(name: str) -> None:
+            done = bar.tasks[0].fields.get("begun", 0)
+            bar.update(task, description=name, completed=done, begun=done + 1)
+
+        yield begun
+
+
+def _listed(kinds: Sequence[DataKind]) -> str:
+    *first, last = (f"a {kind}{_COLUMNS.get(kind, '')}" for kind in kinds)
+    return f"{', '.join(first)} or {last}" if first else last
