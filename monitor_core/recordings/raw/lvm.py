@@ -126,7 +126,8 @@ def _segment(rows: Rows, header: _FileHeader, n_bytes: int) -> tuple[Channel, ..
         key, *values = line.split(header.separator)
         found[key.strip()] = [value.strip() for value in values]
     segment = _segment_header(found, rows, header, where)
-    names = tuple(segment.names)
+    # where x stands in no column, the first cell of each row is blank, and is left out
+    names = segment.names[1:] if header.columns_of_x == "No" else segment.names
     form = TableForm(names, header.separator, header.decimal, blanks=True, ends_at_blank=True)
     table = read_table(_table_rows(rows, header, segment), form, n_bytes, f"{rows.file_name}, row")
     return tuple(_channels(segment, table, where))
@@ -191,29 +192,31 @@ def _step(text: str, decimal: str, where: str) -> float | None:
 
 def _table_rows(rows: Rows, header: _FileHeader, segment: _SegmentHeader) -> Iterator[tuple[int, list[str]]]:
     """Take the rows of a segment without their comments; a blank row ends it, and is left for the next."""
-    separator, n_separators = header.separator, segment.n_columns - 1
+    separator, has_blank = header.separator, header.columns_of_x == "No"
+    n_separators = segment.n_columns - 1 - int(has_blank)
     while lines := rows.at_hand():
         n_taken = next((i for i, line in enumerate(lines) if not line or line.isspace()), len(lines))
         first_row = rows.row
         rows.skip(n_taken)
         if n_taken:
-            yield (
-                first_row,
-                [
-                    separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
-                    if line.count(separator) > n_separators
-                    else line
-                    for line in lines[:n_taken]
-                ],
-            )
+            taken = [line.removeprefix(separator) for line in lines[:n_taken]] if has_blank else lines[:n_taken]
+            yield first_row, [_without_comment(line, separator, n_separators) for line in taken]
         if n_taken < len(lines):
             return
 
 
+def _without_comment(line: str, separator: str, n_separators: int) -> str:
+    if line.count(separator) <= n_separators:
+        return line
+    return separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
+
+
 def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Channel]:
     clocks: dict[int, Channel] = {}
+    n_left_out = segment.n_columns - len(table.numbers)
     for i, column in enumerate(segment.columns):
-        samples, blank, clock = table.numbers[column], table.blank.get(column), segment.clocks[i]
+        samples, blank = table.numbers[column - n_left_out], table.blank.get(column - n_left_out)
+        clock = segment.clocks[i]
         stated = segment.n_samples[i]
         if stated == 0 and blank is not None and blank.all():
             continue
