@@ -2,10 +2,12 @@
 
 ``python -m benchmarks.history growth``: every route on an axis of 10³ and of 10⁶ stored measurements, side by side.
 ``python -m benchmarks.history trend [--millions 50]``: 1000 points of a trend, over spans of every length, from a
-database of so many rows (axes of a million each). ``python -m benchmarks.history fleet``: 1000 axes with a measurement.
+database of so many rows (axes of a million each). ``python -m benchmarks.history fleet``: 1000 axes with a measurement
+and a learnt baseline.
 """
 
 import argparse
+import json
 import sqlite3
 import tempfile
 import time
@@ -18,6 +20,9 @@ import httpx
 import numpy as np
 
 from benchmarks.hostile_connections import service
+from monitor_core.pipeline import AxisState
+from monitor_core.trend import DetectorSettings, DetectorState, Observation, design_detector, step
+from service.operations.monitoring.intake.chart_state import dump_state
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
 
@@ -152,22 +157,45 @@ def trend(millions: int) -> None:
         print(f"{n_rows:,} rows ({size:.1f} GiB): 1000 points of any span p50 {p50:.1f} ms, p99 {p99:.1f} ms")
 
 
+def learnt_state() -> str:
+    """Return the state of an axis that was measured eight times a day for 60 days."""
+    rng = np.random.default_rng(5)
+    design = design_detector(DetectorSettings(measurements_per_year=8 * 365.0))
+    state = DetectorState()
+    for day in range(60):
+        for hour in range(8):
+            at = START - timedelta(days=60 - day, hours=-hour)
+            value = 1.0 + 1e-3 * rng.standard_normal()
+            state = step(state, Observation(at, value, 1e-3, temperature=20.0 + rng.standard_normal()), design)
+    return json.dumps(dump_state(AxisState(state)))
+
+
 def fleet() -> None:
     """Time the fleet and its page with 1000 axes."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with served(folder) as api:
+            (window,) = simulated_measurement(np.random.default_rng(4), "m", n_windows=1)
+            for i in range(1000):
+                api.register(f"axis{i}")
+                api.accept(f"axis{i}", [window], complete=True)
+        with closing(sqlite3.connect(folder / "preload.db")) as database, database:
+            database.execute("UPDATE axes SET monitor_state = ?, revision = revision + 1", [learnt_state()])
+        with served(folder) as api:
+            for path in ("/v1/axes", "/"):
+                taken = [seconds(get(api, path), i) for i in range(200)]
+                p50, p99 = 1e3 * np.percentile(taken[5:], [50, 99])
+                print(f"1000 axes, GET {path:9} p50 {p50:.0f} ms, p99 {p99:.0f} ms")
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[Api]:
+    """Serve a folder in a process of its own."""
     with (
-        tempfile.TemporaryDirectory() as folder,
-        service(Path(folder)) as (port, _),
+        service(folder) as (port, _),
         httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as http,
     ):
-        api = Api(http, Path(folder))
-        (window,) = simulated_measurement(np.random.default_rng(4), "m", n_windows=1)
-        for i in range(1000):
-            api.register(f"axis{i}")
-            api.accept(f"axis{i}", [window], complete=True)
-        for path in ("/v1/axes", "/"):
-            taken = [seconds(get(api, path), i) for i in range(200)]
-            p50, p99 = 1e3 * np.percentile(taken[5:], [50, 99])
-            print(f"1000 axes, GET {path:9} p50 {p50:.0f} ms, p99 {p99:.0f} ms")
+        yield Api(http, folder)
 
 
 def main() -> None:

@@ -29,11 +29,14 @@ from monitor_core.preload import (
 )
 from monitor_core.preload.doubts import Doubt, DoubtReason
 from monitor_core.preload.drag_torque import DragTorque, estimate_drag_torque, friction_torque, velocities_of
+from monitor_core.preload.estimate import place_reading
 from monitor_core.preload.fit import BETWEEN_SESSIONS
+from monitor_core.preload.places import PlaceReading, Places
 from monitor_core.preload.witnesses import WitnessName
 from monitor_core.quality import QualityGate, SignalQuality, gate_window
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 from monitor_core.trend import DetectorDesign, DetectorState, Observation, step
+from monitor_core.trend.observation import SESSION
 from monitor_core.uncertainty import Estimate
 
 #: Without a calibration and a stated band the mode is looked for between these shares of the sampling rate: below the
@@ -74,10 +77,12 @@ class MeasurementOutcome:
 
 @dataclass(frozen=True, slots=True)
 class AxisState:
-    """Where an axis stands: the charts, and the conditions under which their baseline was learnt."""
+    """Where an axis stands: its charts, the conditions of their baseline, and the places of the session."""
 
     detector: DetectorState = field(default_factory=DetectorState)
     baseline_conditions: tuple[Conditions, ...] = ()
+    places: Places = field(default_factory=Places)  # of the session that is going on
+    places_since: datetime | None = None  # when it began
 
 
 def search_band(settings: AxisSettings, calibration: Calibration | None, window: Window) -> tuple[float, float]:
@@ -162,6 +167,7 @@ def judge_measurement(
 _SIGNS_OF_TWO_MODES = (
     DoubtReason.DAMPING_CHANGED,
     DoubtReason.MASS_OR_MOUNTING_CHANGED,
+    DoubtReason.MOVED_MASS_CHANGED,
     RejectionReason.DAMPING_MISMATCH,
     RejectionReason.MOVED_MASS_MISMATCH,
     RejectionReason.NO_PEAK_IN_BAND,
@@ -247,6 +253,8 @@ def witnesses_of(modal: ModalMeasurement) -> dict[WitnessName, float]:
     }
     if modal.noise_level > 0.0:
         values[WitnessName.NOISE_LEVEL] = modal.noise_level
+    if modal.rigid_line is not None:
+        values[WitnessName.RIGID_LINE] = modal.rigid_line.value
     if modal.friction_torque is not None:
         values[WitnessName.FRICTION_TORQUE] = modal.friction_torque
     return values
@@ -288,7 +296,8 @@ def advance_estimate(
     """Carry the state over one estimate, however its frequency was obtained."""
     # the frequency's own uncertainty only: the scatter between measurements is what the baseline learns
     feature = Estimate(estimate.feature.value, estimate.feature_own_uncertainty)
-    charted = ChartedFeature(at, feature, conditions, drag_torque, in_doubt=bool(estimate.doubts))
+    place = place_reading(conditions.position, estimate, calibration)
+    charted = ChartedFeature(at, feature, conditions, drag_torque, bool(estimate.doubts), place)
     return advance_feature(state, charted, calibration=calibration, design=design)
 
 
@@ -301,6 +310,7 @@ class ChartedFeature:
     conditions: Conditions
     drag_torque: float | None = None  # [N·m]
     in_doubt: bool = False
+    place: PlaceReading | None = None  # what the places of its session are compared by; None: not known
 
 
 #: Conditions of the baseline that are remembered: more places are hardly visited by one axis.
@@ -313,7 +323,8 @@ def advance_feature(
     """Carry the state of an axis over one preload feature.
 
     A state is the fold of this function over the measurements in the order of their time: what arrives late is put in
-    by folding again from there.
+    by folding again from there. A session whose places contradict each other is in doubt from the measurement on that
+    shows it.
     """
     conditions, feature = charted.conditions, charted.feature
     if conditions.preload is not None:
@@ -324,6 +335,7 @@ def advance_feature(
         if learning
         else systematic_uncertainty_between(feature.value, conditions, state.baseline_conditions, calibration)
     )
+    places, since = _places_with(state, charted)
     observation = Observation(
         charted.at,
         feature.value,
@@ -331,13 +343,25 @@ def advance_feature(
         systematic,
         temperature=conditions.temperature,
         drag_torque=charted.drag_torque,
-        in_doubt=charted.in_doubt,
+        in_doubt=charted.in_doubt or places.disagreement is not None,
     )
     remembered = (*state.baseline_conditions, conditions)[-MOST_CONDITIONS:]
     return AxisState(
         detector=step(state.detector, observation, design),
         baseline_conditions=remembered if learning else state.baseline_conditions,
+        places=places,
+        places_since=since,
     )
+
+
+def _places_with(state: AxisState, charted: ChartedFeature) -> tuple[Places, datetime]:
+    """Return the places of the session that a feature belongs to, and when it began."""
+    since = state.places_since
+    goes_on = since is not None and charted.at - since < SESSION
+    places = state.places if goes_on else Places()
+    if charted.place is not None:
+        places = places.with_reading(charted.place)
+    return places, since if since is not None and goes_on else charted.at
 
 
 def calibrate_from_measurements(

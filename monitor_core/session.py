@@ -16,8 +16,9 @@ from monitor_core.pipeline import (
     search_band,
 )
 from monitor_core.preload import Calibration, CoefficientPrior, PreloadEstimate, Weighting
-from monitor_core.preload.doubts import of_whole_session, places_disagree
+from monitor_core.preload.doubts import of_whole_session
 from monitor_core.preload.estimate import place_reading
+from monitor_core.preload.places import places_disagree
 from monitor_core.recording import Conditions, Rejection, RejectionReason, Window
 
 

@@ -27,11 +27,11 @@ SAID = {
     "C25": {"noise-changed"},
     "D": set(),
     "E+": {"mass-or-mounting-changed"},
-    "F": {"mass-or-mounting-changed"},
+    "F": {"moved-mass-changed"},
     "G": set(),
     "H": {"excitation-changed"},
     "J": {"damping-mismatch", "low-coherence"},
-    "K01": {"mass-or-mounting-changed"},
+    "K01": {"mass-or-mounting-changed", "moved-mass-changed"},
     "K10": {"mass-or-mounting-changed", "moved-mass-mismatch"},
     "L": {"places-disagree", "mass-or-mounting-changed"},
 }

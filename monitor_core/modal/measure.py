@@ -15,6 +15,7 @@ from monitor_core.modal.excitation_noise import Contamination, contamination, ex
 from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
 from monitor_core.modal.refine import ModeFit
+from monitor_core.modal.rigid_line import LOWEST, rigid_line
 from monitor_core.recording import (
     Conditions,
     ExcitationQuantity,
@@ -32,6 +33,7 @@ from monitor_core.spectral import (
     estimate_frf,
     least_leaking_taper,
 )
+from monitor_core.uncertainty import Estimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +58,7 @@ class ModalMeasurement:
     noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
     leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
     friction_torque: float | None = None  # over all motion of the windows; None: no motion, position or torque [N·m]
+    rigid_line: Estimate | None = None  # below the mode; None: not seen [unit of the response]
 
 
 def measure_mode(
@@ -85,7 +88,7 @@ def measure_mode(
     if (refusal := _check_windows(windows, gate)) is not None:
         return refusal
     lines = lines or band
-    spectra = _spectra_around(windows, band, lines)
+    every_line, spectra = _spectra_around(windows, band, lines)
     quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
     answer = average_and_fit(spectra, band, gate, lines=lines, quantity=quantity, maximum_modes=maximum_modes)
     if isinstance(answer, Rejection):
@@ -116,6 +119,7 @@ def measure_mode(
         taper=answer.taper,
         noise_level=_noise_level(answer, noisy, spectra),
         leaves_response=fit.leaves_response,
+        rigid_line=rigid_line(every_line, answer.kept, fit.modes, answer.taper),
     )
 
 
@@ -130,7 +134,7 @@ def measure_modes(
     """
     if (refusal := _check_windows(windows, gate)) is not None:
         return (refusal,)
-    spectra = _spectra_around(windows, band, band)
+    _, spectra = _spectra_around(windows, band, band)
     cross = cross_spectra(spectra, taper=least_leaking_taper(spectra))
     candidates = candidate_peaks(estimate_frf(cross, quantity="accelerance"), band)
     peaks = sorted(candidate.frequency for candidate in strongest_peaks(candidates, cross, gate)[:n_modes])
@@ -170,8 +174,13 @@ def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | Non
     return None
 
 
-def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines: tuple[float, float]) -> BandSpectra:
-    """Compute spectra over all lines that are wanted, and around the band as far as a fit on its edge often reaches."""
+def _spectra_around(
+    windows: Sequence[Window], band: tuple[float, float], lines: tuple[float, float]
+) -> tuple[BandSpectra, BandSpectra]:
+    """Compute spectra over all lines that are wanted, and around the band as far as a fit on its edge often reaches.
+
+    Returned are those that also reach down to the rigid-body line below the mode, and those without it.
+    """
     # a fit that would reach farther, of a mode damped by more than 3 % on the upper edge, says so
     margin = max(40.0, 0.25 * band[1])
     sample_rate = windows[0].sample_rate
@@ -184,7 +193,8 @@ def _spectra_around(windows: Sequence[Window], band: tuple[float, float], lines:
         )
     excitation: SampleArray = np.array([window.excitation for window in windows])
     response: SampleArray = np.array([window.response for window in windows])
-    return band_spectra(excitation, response, sample_rate, around)
+    every_line = band_spectra(excitation, response, sample_rate, (min(LOWEST * band[0], around[0]), around[1]))
+    return every_line, every_line.around(*around)
 
 
 def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:

@@ -10,8 +10,9 @@ from monitor_core.preload.calibration import (
     expected_band,
     minimum_detectable_loss,
 )
+from monitor_core.preload.doubts import DoubtReason
 from monitor_core.preload.drag_torque import DragTorque
-from monitor_core.preload.estimate import PreloadEstimate, estimate_preload
+from monitor_core.preload.estimate import PreloadEstimate, estimate_preload, place_reading
 from monitor_core.preload.feature import (
     PreloadFeatureCoefficients,
     axial_frequency,
@@ -22,14 +23,18 @@ from monitor_core.preload.feature import (
 from monitor_core.preload.fit import calibrate
 from monitor_core.preload.influence import InfluenceCoefficients
 from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
+from monitor_core.preload.places import PlaceReading, Places
 from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
 
 __all__ = [
     "Calibration",
     "CoefficientPrior",
+    "DoubtReason",
     "DragTorque",
     "InfluenceCoefficients",
     "ModalReading",
+    "PlaceReading",
+    "Places",
     "PositionError",
     "PreloadEstimate",
     "PreloadFeatureCoefficients",
@@ -42,6 +47,7 @@ __all__ = [
     "estimate_preload",
     "expected_band",
     "minimum_detectable_loss",
+    "place_reading",
     "preload_feature",
     "preload_from_feature",
     "preload_sensitivity",

@@ -16,9 +16,10 @@ from monitor_core.preload.budget import (
     uncertainty_budget,
 )
 from monitor_core.preload.calibration import INVERSE_MOVING_MASS, TEMPERATURE_COEFFICIENT, Calibration
-from monitor_core.preload.doubts import Doubt, PlaceReading, contradiction, deviations_of, doubts_of, preload_risen
+from monitor_core.preload.doubts import Doubt, contradiction, deviations_of, doubts_of, preload_risen
 from monitor_core.preload.feature import position_part, preload_from_feature
 from monitor_core.preload.influence import TEMPERATURE_RESOLUTION, to_reference
+from monitor_core.preload.places import PlaceReading
 from monitor_core.preload.witnesses import Deviation, WitnessName, WitnessValues
 from monitor_core.recording import Conditions, ExcitationQuantity, ExcitationSource, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate, Interval, IntervalKind
@@ -150,7 +151,7 @@ def estimate_preload(
         shares=budget.shares,
         outside=_outside(preload, conditions, calibration),
         assumptions=_assumptions(conditions, calibration, excitation_source),
-        doubts=(*doubts_of(deviations), *_risen(stated_feature, conditions, calibration)),
+        doubts=(*doubts_of(deviations, calibration), *_risen(stated_feature, conditions, calibration)),
         deviations=deviations,
     )
 

@@ -28,6 +28,7 @@ class WitnessName(StrEnum):
 
     DAMPING_RATIO = "damping-ratio"  #: of the mode [-]
     RESIDUE = "residue"  #: magnitude of the mode's residue [m/(N·s²) or m/(N·m·s²)]
+    RIGID_LINE = "rigid-line"  #: :func:`monitor_core.modal.rigid_line.rigid_line` [m/(N·s²) or m/(N·m·s²)]
     FRICTION_TORQUE = "friction-torque"  #: :func:`monitor_core.preload.drag_torque.friction_torque` [N·m]
     NOISE_LEVEL = "noise-level"  #: rms per root hertz of what no torque explains around the mode [m/(s²·√Hz)]
     EXCITATION_LEVEL = "excitation-level"  #: rms per root hertz around the mode [N·m/√Hz or N/√Hz]
@@ -111,6 +112,12 @@ class Witness:
         variance = self.scatter**2 + floor**2 + float(row @ self.coefficients.covariance @ row)
         logarithm = math.log(value) - float(row @ self.coefficients.values)
         return Deviation(logarithm, math.sqrt(variance), self.coefficients.degrees_of_freedom)
+
+    @property
+    def payload_exponent(self) -> float | None:
+        r"""Exponent of the factor :math:`1 + \mu\,\Delta m`, or ``None`` if no payloads have shown it [-]."""
+        of = dict(zip(self.terms, self.coefficients.values.tolist(), strict=True))
+        return of.get("payload")
 
     def slope_in_theta(self, setting: Setting) -> float:
         r"""Return :math:`dw/d\theta` of the expected value, :math:`\theta = P^{-1/3}` [unit of the witness·N^(1/3)]."""

@@ -116,6 +116,19 @@ class BandSpectra:
             self.frequency[lines], self.excitation[:, lines], self.response[:, lines], self.n_samples, self.sample_rate
         )
 
+    def around(self, low: float, high: float) -> "BandSpectra":
+        """Return the lines that :func:`band_spectra` keeps of this band in hertz, as far as they are here."""
+        held = range(round(self.frequency[0] / self.resolution), round(self.frequency[-1] / self.resolution) + 1)
+        first, last = _lines_around(low, high, self.resolution, self.n_samples)
+        lines = slice(max(first - held.start, 0), last + 1 - held.start)
+        return BandSpectra(
+            self.frequency[lines],
+            self.excitation[:, lines].copy(),
+            self.response[:, lines].copy(),
+            self.n_samples,
+            self.sample_rate,
+        )
+
     def of_windows(self, kept: npt.NDArray[np.bool_]) -> "BandSpectra":
         """Return the windows for which ``kept`` is true, shape (n_windows,)."""
         return BandSpectra(self.frequency, self.excitation[kept], self.response[kept], self.n_samples, self.sample_rate)
@@ -168,9 +181,7 @@ def band_spectra(
     low, high = band
     n_samples = excitation.shape[1]
     resolution = sample_rate / n_samples
-    # 1e-9 of a line: a band edge meant to lie on a line must not miss it by rounding.
-    first = max(int(np.ceil(low / resolution - 1e-9)) - 1, 0)
-    last = min(int(np.floor(high / resolution + 1e-9)) + 1, n_samples // 2)
+    first, last = _lines_around(low, high, resolution, n_samples)
     if not (0.0 <= low < high <= sample_rate / 2) or last - first < 2:
         raise OutsideValidityError(
             f"band must rise, hold a line of {resolution:g} Hz and lie between 0 and {sample_rate / 2:g} Hz; "
@@ -183,6 +194,13 @@ def band_spectra(
         for spectrum in spectra:
             spectrum[:, 0] = 0.0
     return BandSpectra(np.arange(first, last + 1) * resolution, spectra[0], spectra[1], n_samples, sample_rate)
+
+
+def _lines_around(low: float, high: float, resolution: float, n_samples: int) -> tuple[int, int]:
+    """Return the numbers of the first and the last line of a band with one more on either side."""
+    # 1e-9 of a line: a band edge meant to lie on a line must not miss it by rounding.
+    first = max(int(np.ceil(low / resolution - 1e-9)) - 1, 0)
+    return first, min(int(np.floor(high / resolution + 1e-9)) + 1, n_samples // 2)
 
 
 def _hann(lines: SpectrumArray) -> SpectrumArray:

@@ -14,7 +14,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.trend.design import DetectorDesign
 from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.observation import Observation
-from monitor_core.trend.state import DetectorState
+from monitor_core.trend.state import DetectorState, cusum_step
 from monitor_core.uncertainty import Interval, IntervalKind
 
 #: Sessions of a block: what lasts no longer is kept.
@@ -111,7 +111,7 @@ def _alarms(residual: FloatArray, reference: FloatArray, design: DetectorDesign)
     count = np.zeros(residual.shape[:-1])
     for day in range(residual.shape[-1]):
         z = residual[..., day]
-        cusum = np.maximum(cusum + np.minimum(z - reference[..., day], design.largest_increment), 0.0)
+        cusum = cusum_step(cusum, z, reference[..., day], design.largest_increment)
         beyond = z > design.shewhart_limit
         alarmed = (cusum > design.cusum_limit) | (beyond & beyond_before)
         count += alarmed

@@ -46,6 +46,9 @@ LARGEST_SYSTEMATIC = 0.5
 SUDDEN_LIMIT = 5.0
 #: A session is judged as soon as it has so large a part of the measurements that others had, or when it is over.
 WHOLE = 0.9
+#: A rise of the preload by at most so many standard deviations of a session may be an error of what twenty sessions
+#: taught of the level; a larger one is a change that somebody should look into.
+LARGEST_SETTLED = 1.0
 #: So much of an error that payload, temperature and position leave is no evidence [standard uncertainties].
 DEAD_ZONE = 1.96
 
@@ -94,13 +97,16 @@ class ClosedSession:
 
 
 def closed_session(before: DetectorState, after: DetectorState) -> ClosedSession | None:
-    """Return the session that ended between two states of a life, the second by a later measurement or a reset."""
+    """Return the session that ended between two states of a life, the second by a later measurement or a reset.
+
+    A session of too few measurements is judged only when a later one ends it, and may alarm then.
+    """
     session = before.session
     if session is None or (after.session is not None and after.session.started_at == session.started_at):
         return None
     if before.baseline is None:
         return ClosedSession(session, None, None, alarmed=False)
-    charts = before.charts
+    charts = before.charts if after.session is None else after.before
     return ClosedSession(session, charts.residual, charts.reference, alarmed=charts.alarm is not None)
 
 
@@ -121,9 +127,22 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
         known = pass_over(state.known, predict(state.known, session), session)
     else:
         known = learn(state.known, predict(state.known, session), session)
-        calm = charts.cusum <= LEARNING_FRACTION * design.cusum_limit and charts.alert is None
+        undisputed = charts.alert is None or _has_settled_upwards(charts, state.baseline, design)
+        calm = charts.cusum <= LEARNING_FRACTION * design.cusum_limit and undisputed
         learnt = known if calm else pass_over(state.learnt, predict(state.learnt, session), session)
     return replace(state, learnt=learnt, known=known, session=None, before=charts, baseline=baseline_of(learnt))
+
+
+def _has_settled_upwards(charts: Charts, baseline: Baseline, design: DetectorDesign) -> bool:
+    """Tell whether an alert is about a small rise, and has lasted for as many sessions as make a baseline.
+
+    They tell the level as well as those that it was first learnt from. A rise by more than :data:`LARGEST_SETTLED`, or
+    one that goes on, stands until a person has looked.
+    """
+    run = charts.ewma_run
+    if charts.ewma >= 0.0 or run is None or run.count < design.settings.baseline_size:
+        return False
+    return abs(run.total / run.count) <= LARGEST_SETTLED * baseline.scatter
 
 
 def _learn(state: DetectorState, session: Session, design: DetectorDesign) -> DetectorState:

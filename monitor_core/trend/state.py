@@ -10,15 +10,30 @@ import math
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
+from typing import overload
 
+import numpy as np
+
+from monitor_core.arrays import FloatArray
 from monitor_core.trend.baseline import Baseline
 from monitor_core.trend.belief import Belief, Prior
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
 
-def cusum_step(previous: float, residual: float, reference: float, largest_increment: float = math.inf) -> float:
-    r"""Advance a one-sided cumulative sum, 0 at the start, by one session.
+@overload
+def cusum_step(previous: float, residual: float, reference: float, largest_increment: float = math.inf) -> float: ...
+@overload
+def cusum_step(
+    previous: FloatArray, residual: FloatArray, reference: FloatArray, largest_increment: float = math.inf
+) -> FloatArray: ...
+def cusum_step(
+    previous: float | FloatArray,
+    residual: float | FloatArray,
+    reference: float | FloatArray,
+    largest_increment: float = math.inf,
+) -> float | FloatArray:
+    r"""Advance a one-sided cumulative sum, 0 at the start, by one session; in arrays one of many axes.
 
     .. math::
 
@@ -32,7 +47,8 @@ def cusum_step(previous: float, residual: float, reference: float, largest_incre
     .. [1] E. S. Page, Biometrika 41 (1954) 100–115.
     .. [2] D. M. Hawkins, "Robustification of cumulative sum charts by winsorization", J. Qual. Technol. 25 (1993).
     """
-    return max(0.0, previous + min(residual - reference, largest_increment))
+    grown: FloatArray = np.maximum(previous + np.minimum(residual - reference, largest_increment), 0.0)
+    return grown if grown.ndim else float(grown)
 
 
 def ewma_step(previous: float, residual: float, weight: float) -> float:

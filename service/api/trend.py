@@ -97,7 +97,7 @@ def point_out(point: TrendPoint) -> TrendPointOut:
         state=point.state,
         refusal_reason=point.refusal_reason,
         uncharted=point.uncharted,
-        doubt=point.doubt,
+        doubt=next(iter(point.doubts), None),
     )
 
 
@@ -144,13 +144,22 @@ class HistoryOut(BaseModel):
     false_alarms: Annotated[
         JsonObject | None, Field(description="a year: as stated, and as the history of this axis gives by resampling")
     ]
+    alert: Annotated[
+        JsonObject | None, Field(description="that stands: how far the preload is off, and what to do; null if none")
+    ] = None
 
 
 @router.get("/axes/{axis}/history")
 def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> HistoryOut:
     """Return what is normal for an axis, where its trend goes, and how often it alarms falsely."""
     history = on.history.of(axis)
-    return HistoryOut(axis=axis, baseline=history.baseline, trend_line=history.line, false_alarms=history.false_alarms)
+    return HistoryOut(
+        axis=axis,
+        baseline=history.baseline,
+        trend_line=history.line,
+        false_alarms=history.false_alarms,
+        alert=history.alert,
+    )
 
 
 @router.get("/axes/{axis}/measurements/{measurement}", response_model=MeasurementOut)

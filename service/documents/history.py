@@ -35,6 +35,40 @@ def baseline_document(state: DetectorState, calibration: Calibration) -> JsonObj
     }
 
 
+#: What to do about an alert that stands, by where the preload has gone.
+_ALERT = {
+    "rise": (
+        "since {since:%Y-%m-%d} the preload is on average {change:.0f} N above what was learnt as healthy, over "
+        "{count} sessions. That is no loss, but nothing tightens by itself: are payload, temperature and position as "
+        "stated, was the machine worked on? A small rise is learnt after {settled} sessions; a larger one, once it is "
+        "explained, by activating a new calibration"
+    ),
+    "fall": (
+        "since {since:%Y-%m-%d} the preload is on average {change:.0f} N below what was learnt as healthy, over "
+        "{count} sessions, which is not enough for an alarm: measure again, at another position too"
+    ),
+}
+
+
+def alert_document(state: DetectorState, calibration: Calibration, settled: int) -> JsonObject | None:
+    """Lay out the alert that stands: how far the preload is off, and what to do; a rise settles in so many sessions."""
+    run, baseline = state.charts.ewma_run, state.baseline
+    if state.alert is None or state.alarm is not None or run is None or baseline is None:
+        return None
+    change = preload_from_feature(baseline.mean + run.total / run.count, calibration.coefficients)
+    change -= preload_from_feature(baseline.mean, calibration.coefficients)
+    direction = "fall" if state.charts.ewma > 0.0 else "rise"
+    words = _ALERT[direction].format(since=run.since, change=abs(change), count=run.count, settled=settled)
+    return {
+        "raised_at": text_of(state.alert.raised_at),
+        "since": text_of(run.since),
+        "direction": direction,
+        "mean_change_n": change,
+        "n_sessions": run.count,
+        "sentence": words,
+    }
+
+
 def line_document(line: TrendLine, calibration: Calibration) -> JsonObject:
     """Lay out the line through the trend in newtons a year, at the preload where it ends; losses are negative."""
     preload = preload_from_feature(line.at_end.value, calibration.coefficients)

@@ -14,6 +14,7 @@ from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import AxisState, MeasurementOutcome
 from monitor_core.preload import (
     Calibration,
+    DoubtReason,
     DragTorque,
     PreloadEstimate,
     preload_from_feature,
@@ -149,7 +150,15 @@ def with_trend(document: JsonObject, point: "TrendPoint") -> JsonObject:
     added: JsonObject = {"state": point.state, "charted": charted(point), "uncharted": point.uncharted}
     if point.baseline_preload_n is not None:
         added["baseline_preload_n"] = point.baseline_preload_n
-    return document | added | _with_learnt_scatter(document, point)
+    return document | added | _with_doubt_of_session(document, point) | _with_learnt_scatter(document, point)
+
+
+def _with_doubt_of_session(document: JsonObject, point: "TrendPoint") -> JsonObject:
+    """Return the doubts with what the places of the session say together."""
+    own = document.get("doubts")
+    if point.places_disagree is None or not isinstance(own, list):
+        return {}
+    return {"doubts": [*own, {"reason": str(DoubtReason.PLACES_DISAGREE), "detail": point.places_disagree}]}
 
 
 def _with_learnt_scatter(document: JsonObject, point: "TrendPoint") -> JsonObject:

@@ -2,22 +2,32 @@
 
 from datetime import datetime
 
-from sqlalchemy import bindparam, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Text, bindparam, cast, func, select
+from sqlalchemy.orm import Session, defer
 
 from monitor_core.trend import TrendStatus
 from service.errors import UnknownResourceError
 from service.store.tables import AxisRow
 
 _AXIS = select(AxisRow).where(AxisRow.id == bindparam("axis_id"))
+#: What is stored of an axis as documents: its configuration, the state and the limits of its charts.
+_DOCUMENTS = (AxisRow.configuration, AxisRow.monitor_state, AxisRow.detector_design)
+_AS_TEXTS = select(AxisRow, *(cast(document, Text) for document in _DOCUMENTS)).options(
+    *(defer(document, raiseload=True) for document in _DOCUMENTS)
+)
+Documents = tuple[str | None, ...]
 
 
 def get_axis(session: Session, axis_id: str) -> AxisRow:
     """Return an axis or say that there is none of that name."""
     row = session.scalars(_AXIS, {"axis_id": axis_id}).one_or_none()
     if row is None:
-        raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
+        raise _no_axis(axis_id)
     return row
+
+
+def _no_axis(axis_id: str) -> UnknownResourceError:
+    return UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
 
 
 def new_axis(session: Session, axis_id: str, at: datetime) -> AxisRow:
@@ -36,9 +46,23 @@ def list_axes(session: Session) -> list[AxisRow]:
     return list(session.scalars(select(AxisRow).order_by(AxisRow.id)))
 
 
+def axis_with_documents(session: Session, axis_id: str) -> tuple[AxisRow, Documents]:
+    """Return an axis without its documents, and their texts; say so if there is none of that name."""
+    found = session.execute(_AS_TEXTS.where(AxisRow.id == axis_id)).one_or_none()
+    if found is None:
+        raise _no_axis(axis_id)
+    row, *texts = found
+    return row, tuple(texts)
+
+
+def axes_with_documents(session: Session) -> list[tuple[AxisRow, Documents]]:
+    """Return all axes in order of name without their documents, and the texts of these: most are known already."""
+    return [(row, tuple(texts)) for row, *texts in session.execute(_AS_TEXTS.order_by(AxisRow.id))]
+
+
 def revision_of(session: Session, axis_id: str) -> int:
     """Return how often the row of an axis was changed: with every measurement that was judged, for one."""
     revision = session.scalar(select(AxisRow.revision).where(AxisRow.id == axis_id))
     if revision is None:
-        raise UnknownResourceError(f"no axis '{axis_id}' is registered; register it with PUT /v1/axes/{axis_id}")
+        raise _no_axis(axis_id)
     return revision

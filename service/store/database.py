@@ -1,6 +1,5 @@
 """Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL; migrate at start."""
 
-import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from pydantic_core import from_json
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, IntegrityError
@@ -176,10 +176,12 @@ def alembic_config(connection: Connection) -> Config:
     return config
 
 
-def _json_or_text(stored: str) -> Json:
+def document_of(stored: str | None) -> Json:
     """Return the document that a text is; the text itself where it is none: whoever wants the document refuses it."""
+    if stored is None:
+        return None
     try:
-        document: Json = json.loads(stored)
+        document: Json = from_json(stored)  # in half the time of json.loads
     except ValueError:
         return stored
     return document
@@ -187,14 +189,14 @@ def _json_or_text(stored: str) -> Json:
 
 def _create_engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS, json_deserializer=_json_or_text)
+        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS, json_deserializer=document_of)
     database = make_url(url).database
     if database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
         url,
         pool_size=CONNECTIONS,
-        json_deserializer=_json_or_text,
+        json_deserializer=document_of,
         connect_args={"timeout": PATIENCE_MS / 1000, "check_same_thread": False},
     )
 

@@ -239,3 +239,14 @@ def test_a_table_of_constants_is_refused_by_what_it_lacks(preload, published_dat
     if not path.is_file():
         pytest.skip(f"no {name} here")
     assert "position_mm" in refused(preload, "calibrate", path)
+
+
+def test_a_response_of_a_universal_file_becomes_an_frf_set(preload, measured_data):
+    pytest.importorskip("pyuff")
+    path = measured_data / "readers" / "uff" / "measurement.uff"
+    text = TOOL.partition("frequency =")[0] + 'response = {channel = "1", unit = "m/N"}\nrelative = 0.01\n'
+    words = ("--map", write("beam.toml", text + "[window]\nposition_mm = 0\n"))
+    answer = answer_of(preload, "import", path, *words, "--out", "beam.frf.h5")
+    assert (answer["conditions"], answer["left_out"][0]["what"]) == (1, "1 of 1001 lines of measurement.uff")
+    modes = answer_of(preload, "frf", "beam.frf.h5", "--band-hz", 20, 600)["responses"][0]["modes"]
+    assert modes == answer_of(preload, "frf", path, *words, "--band-hz", 20, 600)["responses"][0]["modes"]

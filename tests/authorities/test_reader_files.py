@@ -27,10 +27,13 @@ READ = {
 }
 REFUSED = {
     "uff/dataset_milestone_in_header.uff": "expected 2508876 samples as its header says; got 42",
-    "uff/TestLab 161 164 18 15 82.uff": "expected a time history in data set 58; got data sets 151, 164, 18, 15, 82",
-    "uff/measurement.uff": "got function type 4 (FRF)",
-    "uff/non_ascii_header.uff": "got function type 4 (FRF)",
+    "uff/TestLab 161 164 18 15 82.uff": "expected a time history or an FRF in data set 58; got data sets 151, 164, 18",
     "uff/sample_dataset58_psd.uff": "got function type 9 (power spectral density)",
+}
+# name → (responses, lines of the first, unit of the first as the file has it)
+RESPONSES = {
+    "uff/measurement.uff": (3, 1001, None),
+    "uff/non_ascii_header.uff": (1, 6, "(1/N)*(m/s\ufffd)"),
 }
 
 
@@ -56,13 +59,23 @@ def test_a_file_without_a_whole_time_history_is_refused_at_once(measured_data, n
     assert time.perf_counter() - begin < 5.0  # [s]; the file of 1.5 kB claims 2.5 million points
 
 
+@pytest.mark.parametrize("name", RESPONSES)
+def test_frequency_responses_of_an_analyser_are_read(measured_data, name):
+    channels = read_channels(measured_data / "readers" / name)
+    n_responses, n_lines, unit = RESPONSES[name]
+    first = channels.responses[0]
+    assert (len(channels.responses), first.frequency.size, first.response_unit) == (n_responses, n_lines, unit)
+    assert not channels.channels
+    assert np.all(np.isfinite(first.response))
+
+
 def test_every_file_there_is_listed_here(measured_data):
     there = {
         str(p.relative_to(measured_data / "readers"))
         for k in ("tdms", "uff")
         for p in (measured_data / "readers" / k).iterdir()
     }
-    assert there == READ.keys() | REFUSED.keys()
+    assert there == READ.keys() | REFUSED.keys() | RESPONSES.keys()
 
 
 def test_daqmx_scaling_and_time_stamps_of_tdms(measured_data):

@@ -13,12 +13,12 @@ from monitor_core.preload.budget import TEMPERATURE_LAG
 from monitor_core.preload.doubts import (
     TOLERANCES,
     DoubtReason,
-    PlaceReading,
     of_whole_session,
-    places_disagree,
 )
 from monitor_core.preload.feature import PreloadFeatureCoefficients, axial_frequency
 from monitor_core.preload.fit import USUAL_FRICTION_SHARE
+from monitor_core.preload.moved_mass import causes_of_residue
+from monitor_core.preload.places import PlaceReading, places_disagree
 from monitor_core.preload.witnesses import Setting, Witness, WitnessName, fit_witness
 from monitor_core.recording import Conditions, Rejection, RejectionReason
 from monitor_core.uncertainty import Estimate
@@ -41,6 +41,11 @@ def residue(position: float, payload: float) -> float:
     return 20.0 * (1.0 + 0.05 * position) / (1.0 + payload / MASS)
 
 
+def rigid_line(payload: float) -> float:
+    """Return the rigid-body line of the made axis, of whose inertia the table is 30 % [m/(N·m·s²)]."""
+    return 4.7 / (1.0 + 0.3 * payload / MASS)
+
+
 def reading(
     position: float,
     preload: float,
@@ -52,34 +57,49 @@ def reading(
     damping: float = 0.012,
     noise: float = 0.003,
     unexplained: float = 1.0,
+    mounted: float = 1.0,
+    gain: float = 1.0,
+    line: bool = False,
 ) -> ModalReading:
     """Make a reading whose friction is ``friction`` times the usual and whose table is ``heavier`` than stated [kg].
+
+    The residue is ``mounted`` and ``gain`` times as large, the rigid-body line, where it is seen, ``gain`` times.
 
     Noise that no torque explains belongs to friction on the table: ``unexplained`` beyond that of ``friction``.
     """
     torque = usual_friction(preload) * friction * math.exp(noise * rng.standard_normal())
     plain = axial_frequency(position, preload, K) ** -2.0 + FRICTION * (torque - usual_friction(preload))
     inverse_square = float(plain) * (1.0 + (payload + heavier) / MASS)
+    own = rng.spawn(1)[0]  # so that the other numbers are the same with and without it
+    seen = {WitnessName.RIGID_LINE: gain * rigid_line(payload + heavier) * math.exp(0.001 * own.standard_normal())}
     return ModalReading(
         inverse_square**-0.5 + 0.005 * rng.standard_normal(),
         Conditions(position, payload_mass=payload, preload=preload),
         0.005,
         witnesses={
             WitnessName.DAMPING_RATIO: damping * math.exp(noise * rng.standard_normal()),
-            WitnessName.RESIDUE: residue(position, payload + heavier) * math.exp(noise * rng.standard_normal()),
+            WitnessName.RESIDUE: mounted
+            * gain
+            * residue(position, payload + heavier)
+            * math.exp(noise * rng.standard_normal()),
             WitnessName.EXCITATION_LEVEL: 0.02 * math.exp(0.05 * rng.standard_normal()),
             WitnessName.FRICTION_TORQUE: torque,
             WitnessName.NOISE_LEVEL: 0.02 * friction * unexplained * math.exp(0.08 * rng.standard_normal()),
-        },
+        }
+        | (seen if line else {}),
     )
 
 
-def calibrated(rng: np.random.Generator, *, spread: float = 0.05, between_sessions: float = 3e-4) -> Calibration:
+def calibrated(
+    rng: np.random.Generator, *, spread: float = 0.05, between_sessions: float = 3e-4, line: bool = False
+) -> Calibration:
     """Calibrate on readings whose friction varies by ``spread``."""
     readings = [
-        reading(x, p, rng, friction=math.exp(spread * rng.standard_normal())) for x in POSITIONS for p in PRELOADS
+        reading(x, p, rng, friction=math.exp(spread * rng.standard_normal()), line=line)
+        for x in POSITIONS
+        for p in PRELOADS
     ]
-    readings += [reading(x, 300.0, rng, payload=m) for x in POSITIONS[::2] for m in (6.0, 10.0)]
+    readings += [reading(x, 300.0, rng, payload=m, line=line) for x in POSITIONS[::2] for m in (6.0, 10.0)]
     return calibrate(readings, weighting="none", excitation_source=None, between_sessions=between_sessions)
 
 
@@ -269,6 +289,48 @@ def test_what_has_changed_is_said(made: Made, said: DoubtReason | RejectionReaso
         assert answer.reason is said
     else:
         assert said in [doubt.reason for doubt in answer.doubts]
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason", "words"),
+    [
+        ({"heavier": 1.0}, DoubtReason.MOVED_MASS_CHANGED, "it is the moved mass: more than is stated"),
+        ({"mounted": 1.05}, DoubtReason.MASS_OR_MOUNTING_CHANGED, "not the moved mass but the mounting"),
+        ({"gain": 1.03}, DoubtReason.MASS_OR_MOUNTING_CHANGED, "not the moved mass but a sensor's gain"),
+    ],
+    ids=["heavier", "mounting", "gain"],
+)
+def test_rigid_line_tells_what_has_moved_the_residue(
+    changed: dict[str, float], reason: DoubtReason, words: str
+) -> None:
+    rng = np.random.default_rng(16)
+    calibration = calibrated(rng, line=True)
+    answers = [judged(calibration, reading(0.4, 300.0, rng, line=True, **changed)) for _ in range(20)]
+    doubts = [doubt for a in answers if isinstance(a, PreloadEstimate) for doubt in a.doubts if doubt.reason is reason]
+    assert sum(words in doubt.detail for doubt in doubts) >= 18
+
+
+def test_rigid_line_alone_doubts_nothing() -> None:
+    # friction at another speed moves it and leaves the residue
+    rng = np.random.default_rng(17)
+    calibration = calibrated(rng, line=True)
+    made = reading(0.4, 300.0, rng, line=True)
+    moved = {**made.witnesses, WitnessName.RIGID_LINE: 1.02 * made.witnesses[WitnessName.RIGID_LINE]}
+    answers = [judged(calibration, replace(made, witnesses=moved)) for _ in range(5)]
+    assert all(isinstance(a, PreloadEstimate) and not a.doubts for a in answers)
+    estimates = [a.deviations for a in answers if isinstance(a, PreloadEstimate)]
+    assert of_whole_session(estimates, calibration) == ()
+    assert estimates[0][WitnessName.RIGID_LINE].score > 3.3
+
+
+def test_without_payloads_in_the_calibration_nothing_is_told_apart() -> None:
+    rng = np.random.default_rng(18)
+    readings = [reading(x, p, rng, line=True) for x in POSITIONS for p in PRELOADS]
+    calibration = calibrate(readings, weighting="none", excitation_source=None)
+    answer = judged(calibration, reading(0.4, 300.0, rng, line=True, mounted=1.05))
+    assert isinstance(answer, PreloadEstimate)
+    assert causes_of_residue(answer.deviations, calibration) is None
+    assert DoubtReason.MASS_OR_MOUNTING_CHANGED in [doubt.reason for doubt in answer.doubts]
 
 
 def test_payload_that_nobody_states_widens_by_what_the_residue_shows() -> None:

@@ -1,19 +1,24 @@
 """Damaged bytes: every reader reads or raises ``RecordingFormatError``, nothing else, within bounds of time and memory.
 
 The readers run in a process of their own with limited memory: HDF5 and scipy are known to end the process on some
-damaged files (see ``hdf5_heap`` and ``mat``), and a length in a damaged HDF5 text may claim up to 4 GB.
+damaged files (see ``elements/hdf5.py`` and ``raw/mat.py``).
 """
 
 import importlib
+import io
 import json
 import random
 import resource
 import subprocess
 import sys
 import time
+import warnings
+import wave
+import zipfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -24,8 +29,8 @@ from monitor_core.recordings import write_session
 from tests.recordings.test_raw import SAMPLES, uff_set
 
 N_DAMAGED = 150
-MEMORY = 2**31  # [bytes] of address space; the readers themselves need about a quarter
-SLOWEST = 5.0  # [s] for files of a few kB, on a busy machine
+MEMORY = 2**32  # [bytes] of address space, most of which the libraries only reserve
+SLOWEST = 2.0  # [s] for files of a few kB
 
 
 def _session(path):
@@ -48,20 +53,113 @@ def _npz(path):
         np.savez(stream, x=SAMPLES, y=np.ones((3, 4), "f4"))
 
 
+def _mat_7_3(path):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        matrix = file.create_dataset("m", data=np.arange(300.0).reshape(3, 100), chunks=(1, 50), compression="gzip")
+        matrix.attrs["MATLAB_class"] = np.bytes_("double")
+        file.create_group("record")["force"] = SAMPLES[None]
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + path.read_bytes()[512:])
+
+
+def _packed_session(path):
+    _session(path)
+    with h5py.File(path, "a") as file:
+        for window in file["windows"].values():
+            samples = window["response"][()]
+            del window["response"]
+            window.create_dataset("response", data=samples, chunks=(8,), compression="gzip", fletcher32=True)
+
+
+def _wav(path):
+    with wave.open(str(path), "wb") as file:
+        file.setparams((2, 3, 51_200, 0, "NONE", "NONE"))
+        file.writeframes(bytes(range(240)))
+
+
+def _mdf4(path):
+    asammdf = pytest.importorskip("asammdf")
+    times = np.arange(60) / 1e3
+    with asammdf.MDF(version="4.10") as file:
+        file.append(
+            [
+                asammdf.Signal(np.sin(times), times, unit="A", name="Current"),
+                asammdf.Signal(np.arange(60, dtype="i2"), times, name="Counts", conversion={"a": 0.5, "b": 1.0}),
+            ]
+        )
+        file.append([asammdf.Signal(np.cos(times[:20]).astype("f4"), times[:20], unit="g", name="Acc")])
+        written = file.save(path.with_suffix(".mf4"), compression=2)
+    written.rename(path)  # fmt: skip
+
+
+def _parquet(path):
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    table = pa.table({"t": pa.array(range(60), pa.timestamp("us", "UTC")), "f": np.arange(60.0), "n": [1, None] * 30})
+    pq.write_table(table, path, compression="zstd")
+
+
+def _xlsx(path):
+    book = pytest.importorskip("openpyxl").Workbook()
+    for row in [("t", "f", "remark"), *((i / 1e3, i * 0.25, "x") for i in range(30))]:
+        book.active.append(row)
+    book.save(path)
+
+
+def _frf_58(path):
+    pyuff = pytest.importorskip("pyuff")
+    frequency = np.arange(20.0)
+    file = pyuff.UFF(str(path.with_suffix(".uff")))
+    for binary in (0, 1):
+        response = pyuff.prepare_58(
+            binary=binary, func_type=4, id1=f"H{binary}", x=frequency, data=frequency * 1j, abscissa_spacing=1,
+            rsp_node=1, rsp_dir=1, ref_node=2, ref_dir=1, ordinate_spec_data_type=12, orddenom_spec_data_type=13,
+        )  # fmt: skip
+        with warnings.catch_warnings(action="ignore"):  # pyuff leaves its file open
+            file.write_sets(response, "add")
+    path.with_suffix(".uff").rename(path)
+
+
 MAKERS = {
     "session_hdf5.read_session": _session,
-    "npz.read_channels": _npz,
-    "mat.read_channels": lambda p: scipy.io.savemat(p, {"x": SAMPLES, "y": np.arange(9)}, appendmat=False),
-    "mat.read_channels version 4": lambda p: scipy.io.savemat(p, {"x": SAMPLES}, format="4", appendmat=False),
-    "tdms.read_channels": _tdms,
-    "uff58.read_channels": lambda p: p.write_bytes(uff_set(SAMPLES) + uff_set(SAMPLES, binary=True)),
-    "csv_samples.read_channels": lambda p: p.write_text("t,a\n" + "".join(f"{i},{i / 4}\n" for i in range(40))),
+    "session_hdf5.read_session packed": _packed_session,
+    "raw.npz.read_channels": _npz,
+    "raw.npz.read_channels npy": lambda p: p.write_bytes(_npy(np.arange(60.0).reshape(3, 20))),
+    "raw.mat.read_channels 7.3": _mat_7_3,
+    "raw.mat.read_channels structure": lambda p: scipy.io.savemat(
+        p, {"r": {"force": SAMPLES, "inner": {"a": np.ones((2, 3))}}}, appendmat=False
+    ),
+    "raw.wav.read_channels": _wav,
+    "raw.mdf4.read_channels": _mdf4,
+    "raw.parquet.read_channels": _parquet,
+    "raw.xlsx.read_channels inside": _xlsx,
+    "raw.uff58.read_channels frf": _frf_58,
+    "raw.mat.read_channels": lambda p: scipy.io.savemat(p, {"x": SAMPLES, "y": np.arange(9)}, appendmat=False),
+    "raw.mat.read_channels version 4": lambda p: scipy.io.savemat(p, {"x": SAMPLES}, format="4", appendmat=False),
+    "raw.tdms.read_channels": _tdms,
+    "raw.uff58.read_channels": lambda p: p.write_bytes(uff_set(SAMPLES) + uff_set(SAMPLES, binary=True)),
+    "raw.csv_samples.read_channels": lambda p: p.write_text("t,a\n" + "".join(f"{i},{i / 4}\n" for i in range(40))),
     "modal_csv.read_modal_table": lambda p: p.write_text("position_mm,frequency_hz,mode\n" + "250,189.25,1\n" * 20),
-    "channel_map.read_channel_map": lambda p: p.write_bytes(
+    "raw.channel_map.read_channel_map": lambda p: p.write_bytes(
         b'axis_id = "x"\n[excitation]\nchannel = "f"\nquantity = "force"\nsource = "sensor"\nunit = "N"\n[response]\n'
         b'channel = "a"\nunit = "g"\n[window]\nposition_mm = 1\nposition_span_mm = 0\n'
     ),
 }  # fmt: skip
+
+
+def _npy(array):
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+def damaged_inside(content: bytes, rng: random.Random) -> bytes:
+    """Damage a part of an archive, whose checksums then hold."""
+    result = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as archive, zipfile.ZipFile(result, "w") as written:
+        unlucky = rng.choice(archive.namelist())
+        for name in archive.namelist():
+            part = archive.read(name)
+            written.writestr(name, damaged(part, rng) if name == unlucky else part)
+    return result.getvalue()
 
 
 def damaged(content: bytes, rng: random.Random) -> bytes:
@@ -84,7 +182,8 @@ def test_damaged_files_are_read_or_refused(tmp_path, case):
     folder = tmp_path / "damaged"
     folder.mkdir()
     for number in range(N_DAMAGED):
-        (folder / f"{number:03d}").write_bytes(damaged(good.read_bytes(), rng))
+        damage = damaged_inside if case.endswith("inside") else damaged
+        (folder / f"{number:03d}").write_bytes(damage(good.read_bytes(), rng))
     run = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.recordings.test_damage", case.split()[0], str(folder)],
         cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=240, check=False,
@@ -95,13 +194,12 @@ def test_damaged_files_are_read_or_refused(tmp_path, case):
     assert outcome["refused"] > N_DAMAGED // 10  # damage was done
     assert outcome["lines"] == 1  # one sentence
     assert outcome["slowest_s"] < SLOWEST
+    assert outcome["memory_mib"] < 1024
 
 
 def _read_all(reader: str, folder: Path) -> None:
-    module, _, function = reader.partition(".")
-    raw = module in ("npz", "mat", "tdms", "uff58", "csv_samples", "channel_map")
-    package = "monitor_core.recordings.raw" if raw else "monitor_core.recordings"
-    read = getattr(importlib.import_module(f"{package}.{module}"), function)
+    module, _, function = reader.rpartition(".")
+    read = getattr(importlib.import_module(f"monitor_core.recordings.{module}"), function)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     outcome = {"read": 0, "refused": 0, "slowest_s": 0.0, "lines": 0}
     for path in sorted(folder.iterdir()):
@@ -114,6 +212,7 @@ def _read_all(reader: str, folder: Path) -> None:
             outcome["refused"] += 1
             outcome["lines"] = max(outcome["lines"], len(str(error).splitlines()))
         outcome["slowest_s"] = max(outcome["slowest_s"], time.process_time() - begin)
+    outcome["memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     print(json.dumps(outcome))
 
 

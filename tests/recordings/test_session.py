@@ -362,7 +362,18 @@ def test_a_heap_is_found_across_the_pieces_in_which_the_file_is_read():
     places = [0, hdf5._BLOCK - 2, 2 * hdf5._BLOCK - 5, 3 * hdf5._BLOCK - 7]
     for place in places:
         content[place : place + 5] = b"GCOL\x01"
-    assert list(hdf5._collections(io.BytesIO(content))) == places
+    assert sorted(hdf5._scanned(io.BytesIO(content), len(content))[0]) == places
+
+
+def test_a_text_that_would_take_gigabytes_is_refused_before_memory_is_given(session_file):
+    # the reference of an attribute says how long its text is, and HDF5 gives memory for that before it looks
+    content = bytearray(session_file.read_bytes())
+    heap = content.index(b"GCOL\x01").to_bytes(8, "little")
+    reference = content.index(heap, content.index(b"started_at")) - 4
+    assert int.from_bytes(content[reference : reference + 4], "little") < 64  # [bytes], of an instant
+    content[reference + 3] = 0xC0
+    session_file.write_bytes(content)
+    assert "texts are damaged" in refusal(session_file)
 
 
 def test_a_session_without_windows_is_not_written(tmp_path):

@@ -25,7 +25,8 @@ BY_ARRIVAL = frozenset({"measurement_id", "id", "raised_at", "events", "created_
 def history(seed: int, n_measurements: int = 24) -> list[Window]:
     """Return the windows of an axis, two measurements a day, that loses a fifth of its preload half way, in order.
 
-    One of them is dead, one stands elsewhere, every fifth measurement has one more than it needs, and one too few.
+    One of them is dead, one stands elsewhere, the tag of one is wrong. Every fifth measurement has one more than it
+    needs, and one too few.
     """
     rng, windows = np.random.default_rng(seed), []
     for i in range(n_measurements):
@@ -38,6 +39,8 @@ def history(seed: int, n_measurements: int = 24) -> list[Window]:
             measured[0] = replace(measured[0], response=np.zeros_like(measured[0].response))
         if i == 5:
             measured[0] = replace(measured[0], conditions=replace(measured[0].conditions, position=0.6))
+        if i == 7:  # of one session with the sixth: its tag is 60 mm wrong, and the two places contradict each other
+            measured = [replace(w, conditions=replace(w.conditions, position=0.44)) for w in measured]
         windows += measured[: 1 if i == 9 else None]
     return windows
 

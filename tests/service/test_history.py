@@ -74,7 +74,13 @@ def test_an_old_sister_lends_a_young_axis_its_scatter(old: Api) -> None:
 
 def test_an_axis_without_calibration_has_no_history(old: Api) -> None:
     old.register("bare")
-    assert history(old, "bare") == {"axis": "bare", "baseline": None, "trend_line": None, "false_alarms": None}
+    assert history(old, "bare") == {
+        "axis": "bare",
+        "baseline": None,
+        "trend_line": None,
+        "false_alarms": None,
+        "alert": None,
+    }
 
 
 @pytest.mark.slow
@@ -109,3 +115,18 @@ def test_a_scatter_that_the_calibration_did_not_know_widens_the_interval(api: Ap
     assert last["variance_shares"]["between_session"] > 0.5
     covered = [p["interval_95_n"][0] <= 300.0 <= p["interval_95_n"][1] for p in points[10:]]
     assert np.mean(covered) > 0.85
+
+
+def test_an_alert_that_stands_says_how_far_the_preload_is_off_and_what_to_do(api: Api) -> None:
+    api.register("axis", **SETTINGS)
+    api.calibrate("axis")
+    rng = np.random.default_rng(5)
+    watch(api, "axis", rng, [300.0] * 12 + [360.0] * 8)
+    assert api.axis("axis")["state"] == "alert"
+    alert = history(api, "axis")["alert"]
+    assert alert["direction"] == "rise"
+    assert alert["mean_change_n"] == pytest.approx(60.0, abs=25.0)  # of the mean since the average turned
+    assert "no loss" in alert["sentence"]
+    assert alert["sentence"] in api.http.get("/axes/axis").text
+    watch(api, "axis", rng, [300.0] * 25, first_day=20)
+    assert history(api, "axis")["alert"] is None

@@ -178,3 +178,14 @@ def test_sums_of_different_lines_do_not_add():
     x, y = noisy_pair(np.random.default_rng(11), 2)
     with pytest.raises(OutsideValidityError, match="same lines"):
         cross_spectra(band_spectra(x, y, RATE, BAND)) + cross_spectra(band_spectra(x, y, RATE, (40.0, 150.0)))
+
+
+@pytest.mark.parametrize("band", [(20.0, 60.0), (20.3, 59.6), (0.0, 128.0)])
+def test_lines_around_a_band_are_those_of_its_own_spectra(band):
+    rng = np.random.default_rng(3)
+    excitation, response = rng.standard_normal((2, 4, 256))
+    own = band_spectra(excitation, response, 256.0, band)
+    around = band_spectra(excitation, response, 256.0, (min(band[0], 5.0), 128.0)).around(*band)
+    assert np.array_equal(own.frequency, around.frequency)
+    assert np.array_equal(own.excitation, around.excitation)
+    assert np.array_equal(own.response, around.response)

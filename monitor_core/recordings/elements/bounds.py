@@ -38,12 +38,17 @@ def require_plausible_channels(announced: Sequence[tuple[str, int]], where: str)
         )
 
 
+def most_unpacked(packed: int) -> int:
+    """Return what a file of this size may unpack to [bytes]."""
+    return max(FREE_BYTES, MOST_EXPANSION * packed)
+
+
 def require_plausible_expansion(n_bytes: int, packed: int, where: str) -> None:
     """Refuse a packed file that would unpack to far more than recordings do.
 
     ``n_bytes``: what it would unpack to, as its headers announce or as counted so far; ``packed``: size of the file.
     """
-    most = max(FREE_BYTES, MOST_EXPANSION * packed)
+    most = most_unpacked(packed)
     if n_bytes > most:
         raise RecordingFormatError(
             f"{where}: expected at most {most} bytes from a file of {packed} bytes; it announces {n_bytes}: "

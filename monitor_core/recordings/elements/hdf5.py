@@ -35,6 +35,8 @@ from typing import BinaryIO
 _COLLECTION = b"GCOL\x01"
 _HEADER = struct.Struct("<HH4xQ")
 _LEAST_SIZE = 4096
+_HUGE_TEXT = 2**24  # [bytes]; names and instants are of a hundred
+_CARRIED = 16  # a multiple of four, so that words stay where they are
 #: Filters of HDF5 that are known to stay within their chunk, or are looked at before.
 _DEFLATE, _SHUFFLE, _CHECKSUM, _LZF = 1, 2, 3, 32000
 _FILTERS = frozenset((_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF))
@@ -45,28 +47,42 @@ _BLOCK = 2**20  # read in pieces, so that memory stays flat however large the se
 def require_sound_heap(path: Path) -> None:
     """Refuse an HDF5 file whose heap of texts would lead the library astray.
 
-    ``RecordingFormatError`` if the sizes in a global heap collection contradict each other or the length of the file.
+    ``RecordingFormatError`` if the sizes in a global heap collection contradict each other or the length of the file,
+    or if a reference to a collection says that its text is of 16 MiB or more: the library gives memory for it at once.
     """
     n_bytes = path.stat().st_size
-    with path.open("rb") as scanned, path.open("rb") as stream:
-        for start in _collections(scanned):
-            if not _is_sound(stream, start, n_bytes):
+    with path.open("rb") as stream:
+        collections, claimed = _scanned(stream, n_bytes)
+        for start in sorted(collections):
+            if not _is_sound(stream, start, n_bytes) or start in claimed:
                 raise RecordingFormatError(
                     f"{path.name}: expected an HDF5 file; got one whose texts are damaged (heap at byte {start})"
                 )
 
 
-def _collections(stream: BinaryIO) -> Iterator[int]:
-    """Yield where a header of a collection seems to begin."""
+def _scanned(stream: BinaryIO, n_bytes: int) -> tuple[set[int], set[int]]:
+    """Return where collections seem to begin, and the addresses that seem to be referred to for a huge text.
+
+    A reference is the length of the text (4 bytes), the address of the collection (8) and the number of the object (4),
+    on a multiple of four bytes.
+    """
+    collections, claimed = set[int](), set[int]()
     offset, carried = 0, b""
     while block := stream.read(_BLOCK):
         data = carried + block
         start = data.find(_COLLECTION)
         while start >= 0:
-            yield offset + start
+            collections.add(offset + start)
             start = data.find(_COLLECTION, start + 1)
-        carried = data[-(len(_COLLECTION) - 1) :]  # a header may lie across two blocks
+        words = np.frombuffer(data, "<u4", len(data) // 4)
+        # the upper half of an address is nearly always zero, and of samples nearly never: few are left to look at
+        at = np.flatnonzero(words[2:] <= n_bytes >> 32)
+        at = at[words[at] >= _HUGE_TEXT]
+        addresses = words[at + 1].astype(np.uint64) | words[at + 2].astype(np.uint64) << np.uint64(32)
+        claimed.update(addresses[addresses < n_bytes].tolist())
+        carried = data[-_CARRIED:]  # a header or a reference may lie across two blocks
         offset += len(data) - len(carried)
+    return collections, claimed
 
 
 def _is_sound(stream: BinaryIO, start: int, n_bytes: int) -> bool:

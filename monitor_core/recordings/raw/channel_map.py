@@ -176,8 +176,8 @@ def parse_channel_map(text: str, where: str) -> ChannelMap:
 def _session_map(top: Fields) -> ChannelMap:
     if "excitation" not in top:
         raise RecordingFormatError(
-            f"{top.where}: expected a table [excitation], the torque or the force that drives the axis; it is missing, and "
-            "without it there is no frequency response"
+            f"{top.where}: expected a table [excitation], the torque or the force that drives the axis; it is missing, "
+            "and without it there is no frequency response"
         )
     axis_id = top.text("axis_id")
     excitation, response = _table(top, "excitation"), _table(top, "response")

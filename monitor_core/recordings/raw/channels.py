@@ -58,7 +58,7 @@ class Channels:
             return self.texts[name]
         if name in self.names:
             raise RecordingFormatError(f"{self.file_name}: expected {name!r} to hold texts; it holds numbers")
-        there = ", ".join(map(repr, self.texts)) or "no columns of texts"
+        there = ", ".join(repr(text[:60]) for text in list(self.texts)[:20]) or "no columns of texts"
         raise RecordingFormatError(f"{self.file_name}: expected a column of texts {name!r}; the file has {there}")
 
     @property
@@ -76,7 +76,7 @@ class Channels:
             raise RecordingFormatError(
                 f"{self.file_name}: expected numbers in {name!r}; it holds texts such as {first[:40]!r}"
             )
-        there = ", ".join(repr(n) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
+        there = ", ".join(repr(n[:60]) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
         raise RecordingFormatError(f"{self.file_name}: expected a channel {name!r}; the file has {there}")
 
 

@@ -14,7 +14,7 @@ from monitor_core.recordings.elements.files import require_file
 from monitor_core.recordings.raw import lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.text_layout import SEPARATOR_NAMES, SEPARATORS, TextLayout
-from monitor_core.recordings.raw.text_rows import Rows, split_cells
+from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list, split_cells
 from monitor_core.recordings.raw.text_table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
 
 __all__ = ["SEPARATOR_NAMES", "is_number", "read_channels"]
@@ -86,10 +86,9 @@ def _require_distinct(names: list[str], where: str) -> None:
     seen: set[str] = set()
     for name in names:
         if not name:
-            there = ", ".join(map(repr, names[:20])) + (", …" if len(names) > 20 else "")
-            raise RecordingFormatError(f"{where}: expected a name for each column; got {there}")
+            raise RecordingFormatError(f"{where}: expected a name for each column; got {shown_list(names)}")
         if name in seen:
-            raise RecordingFormatError(f"{where}: expected columns of different names; got {name!r} twice")
+            raise RecordingFormatError(f"{where}: expected columns of different names; got {shown(name)} twice")
         seen.add(name)
 
 

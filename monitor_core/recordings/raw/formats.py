@@ -34,6 +34,8 @@ READERS_WITH_LAYOUT: dict[str, Callable[[Path, TextLayout | None], Channels]] = 
     ".csv": csv_samples.read_channels,
     ".tsv": csv_samples.read_channels,
     ".txt": csv_samples.read_channels,
+    ".xlsx": xlsx.read_channels,
+    ".xlsm": xlsx.read_channels,
 }
 
 

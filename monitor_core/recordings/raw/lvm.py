@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_rows import Rows
+from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list
 from monitor_core.recordings.raw.text_table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
 
 _SIGNATURE = b"LabVIEW Measurement"
@@ -126,7 +126,8 @@ def _segment(rows: Rows, header: _FileHeader, n_bytes: int) -> tuple[Channel, ..
         key, *values = line.split(header.separator)
         found[key.strip()] = [value.strip() for value in values]
     segment = _segment_header(found, rows, header, where)
-    names = tuple(segment.names)
+    # where x stands in no column, the first cell of each row is blank, and is left out
+    names = segment.names[1:] if header.columns_of_x == "No" else segment.names
     form = TableForm(names, header.separator, header.decimal, blanks=True, ends_at_blank=True)
     table = read_table(_table_rows(rows, header, segment), form, n_bytes, f"{rows.file_name}, row")
     return tuple(_channels(segment, table, where))
@@ -147,13 +148,13 @@ def _segment_header(found: dict[str, list[str]], rows: Rows, header: _FileHeader
     columns = tuple(stride * i + 1 for i in range(n_channels))
     n_columns = columns[-1] + 1
     if len(labels) < n_columns or any(not labels[column] for column in columns):
-        raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {labels[:20]}")
+        raise RecordingFormatError(f"{where}: expected the names of {n_channels} channels; got {shown_list(labels)}")
     names = list(labels[:n_columns])
     if multi:
         names = [f"X_Value {i // 2 + 1}" if i % 2 == 0 else name for i, name in enumerate(names)]
     if len(set(names)) < n_columns:
         twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingFormatError(f"{where}: expected channels of different names; got {twice!r} twice")
+        raise RecordingFormatError(f"{where}: expected channels of different names; got {shown(twice)} twice")
 
     def stated(key: str, i: int) -> str:
         values = found.get(key, [])
@@ -191,40 +192,42 @@ def _step(text: str, decimal: str, where: str) -> float | None:
 
 def _table_rows(rows: Rows, header: _FileHeader, segment: _SegmentHeader) -> Iterator[tuple[int, list[str]]]:
     """Take the rows of a segment without their comments; a blank row ends it, and is left for the next."""
-    separator, n_separators = header.separator, segment.n_columns - 1
+    separator, has_blank = header.separator, header.columns_of_x == "No"
+    n_separators = segment.n_columns - 1 - int(has_blank)
     while lines := rows.at_hand():
         n_taken = next((i for i, line in enumerate(lines) if not line or line.isspace()), len(lines))
         first_row = rows.row
         rows.skip(n_taken)
         if n_taken:
-            yield (
-                first_row,
-                [
-                    separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
-                    if line.count(separator) > n_separators
-                    else line
-                    for line in lines[:n_taken]
-                ],
-            )
+            taken = [line.removeprefix(separator) for line in lines[:n_taken]] if has_blank else lines[:n_taken]
+            yield first_row, [_without_comment(line, separator, n_separators) for line in taken]
         if n_taken < len(lines):
             return
 
 
+def _without_comment(line: str, separator: str, n_separators: int) -> str:
+    if line.count(separator) <= n_separators:
+        return line
+    return separator.join(line.split(separator, n_separators + 1)[: n_separators + 1])
+
+
 def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Channel]:
     clocks: dict[int, Channel] = {}
+    n_left_out = segment.n_columns - len(table.numbers)
     for i, column in enumerate(segment.columns):
-        samples, blank, clock = table.numbers[column], table.blank.get(column), segment.clocks[i]
+        samples, blank = table.numbers[column - n_left_out], table.blank.get(column - n_left_out)
+        clock = segment.clocks[i]
         stated = segment.n_samples[i]
         if stated == 0 and blank is not None and blank.all():
             continue
         n_held = table.n_rows if blank is None else int(np.argmax(blank))
         if blank is not None and not blank[n_held:].all():
             raise RecordingFormatError(
-                f"{where}, {segment.names[column]}: expected a number in each row; got a blank cell behind {n_held}"
+                f"{where}, {shown(segment.names[column])}: expected a number in each row; got a blank cell"
             )
         if n_held == 0 or (stated is not None and n_held < stated):
             raise RecordingFormatError(
-                f"{where}, {segment.names[column]}: expected {stated or 'some'} samples as its header says; "
+                f"{where}, {shown(segment.names[column])}: expected {stated or 'some'} samples as its header says; "
                 f"got {n_held}: the file is cut off"
             )
         if clock is not None and clock not in clocks:
@@ -232,7 +235,7 @@ def _channels(segment: _SegmentHeader, table: Table, where: str) -> Iterator[Cha
             yield clocks[clock]
         if clock is not None and clocks[clock].samples.size != n_held:
             raise RecordingFormatError(
-                f"{where}, {segment.names[column]}: expected a value for each x; got {n_held} values and "
+                f"{where}, {shown(segment.names[column])}: expected a value for each x; got {n_held} values and "
                 f"{clocks[clock].samples.size} x"
             )
         # more samples than stated: packets under one header, which does not say that none is missing between them
@@ -246,7 +249,7 @@ def _times(segment: _SegmentHeader, table: Table, clock: int, where: str) -> np.
     blank = table.blank.get(clock)
     n_held = table.n_rows if blank is None else int(np.argmax(blank))
     if blank is not None and not blank[n_held:].all():
-        raise RecordingFormatError(f"{where}, {segment.names[clock]}: expected x in each row; got a blank cell")
+        raise RecordingFormatError(f"{where}, {shown(segment.names[clock])}: expected x in each row; got a blank cell")
     return table.numbers[clock][:n_held]
 
 

@@ -22,6 +22,7 @@ from monitor_core.recordings.raw.clocks import (
     seconds_apart,
 )
 from monitor_core.recordings.raw.map_records import MappedChannel, TimeSource
+from monitor_core.recordings.raw.times import times_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,8 +158,13 @@ def _times_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -
 def _clock_of_channel(
     channels: Channels, name: str, unit: str | None, time: TimeSource | None
 ) -> tuple[Clock, tuple[str, ...]]:
+    where = f"{channels.file_name}, {name}"
+    if time is not None and time.form is not None and name == time.channel:
+        dates = None if time.date is None else channels.text(time.date)
+        seconds, start = times_of(channels.text(name), time.form, time.zone, dates, where)
+        clock, said = clock_of_times(seconds, printed_digit(seconds), where)
+        return replace(clock, started_at=start), said
     channel = channels.channel(name)
-    where = f"{channels.file_name}, {channel.name}"
     if unit is not None:
         require_unit(channel.unit, unit, where)
     if time is not None and name == time.channel:

@@ -20,6 +20,7 @@ import numpy as np
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.bounds import (
     MAX_CHANNELS,
+    most_unpacked,
     require_plausible_channels,
     require_plausible_expansion,
     unpacked_size,
@@ -119,7 +120,7 @@ class _Reader:
 
     def _unpacked(self, element: _Element) -> _Element:
         # two passes, so that a bomb is known by its size before memory is given for it
-        self.n_unpacked += unpacked_size(element.content, _MOST_BYTES)
+        self.n_unpacked += unpacked_size(element.content, most_unpacked(self.n_bytes) - self.n_unpacked)
         require_plausible_expansion(self.n_unpacked, self.n_bytes, self.where)
         inflate = zlib.decompressobj()
         inflated = inflate.decompress(element.content, _MOST_BYTES)

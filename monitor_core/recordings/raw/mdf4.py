@@ -5,7 +5,6 @@ the others, and the clock of those of its group. A channel that has no name to i
 in front: ``2/time``.
 """
 
-import mmap
 from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -54,12 +53,7 @@ def read_channels(path: Path) -> Channels:
 
     with refusing(path.name, "an MDF file of version 4"):
         _require_version_4(path)
-        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            view = memoryview(content)
-            try:
-                require_sound_blocks(view, path)
-            finally:
-                view.release()
+        require_sound_blocks(path)
         with MDF(path, process_bus_logging=False) as file:
             return Channels(path.name, _channels(file))
 
@@ -94,7 +88,8 @@ def _channels(file: "MDF") -> tuple[Channel, ...]:
     start = _started_at(file)
     channels = []
     for place in places:
-        signal = file.get(group=place.group, index=place.index)
+        # not ignored here: asammdf would leave single ones out, and a channel would be shorter than its clock
+        signal = file.get(group=place.group, index=place.index, ignore_invalidation_bits=True)
         samples = np.asarray(signal.samples)
         if samples.dtype.kind not in "fiu" or samples.ndim not in (1, 2) or samples.size == 0:
             continue
@@ -102,7 +97,7 @@ def _channels(file: "MDF") -> tuple[Channel, ...]:
         if invalid is not None and np.any(invalid):
             if np.all(invalid):
                 continue
-            samples = np.where(np.asarray(invalid, bool), np.nan, samples)
+            samples = np.where(np.asarray(invalid, bool).reshape(-1, *[1] * (samples.ndim - 1)), np.nan, samples)
         times = np.asarray(signal.timestamps)
         channels.append(
             Channel(

@@ -31,7 +31,7 @@ class _Stored:
     name: str
     shape: tuple[int, ...]
     dtype: np.dtype[np.generic]
-    n_bytes: int  # of header and values, as the archive or the file system says
+    n_bytes: int  # of the values, as the archive or the file system says
     open: Callable[[], AbstractContextManager[IO[bytes]]]
 
     def fields(self) -> list[tuple[str, str | None]]:
@@ -71,7 +71,7 @@ def _stored(path: Path, name: str, n_bytes: int, opening: Callable[[], AbstractC
             raise RecordingFormatError(f"{path.name}, {name}: expected a NumPy header of version 1 to 3; got {version}")
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(head)
-    return _Stored(name, shape, dtype, n_bytes, opening)
+        return _Stored(name, shape, dtype, n_bytes - head.tell(), opening)
 
 
 def _read(path: Path, arrays: list[_Stored]) -> Channels:
@@ -81,8 +81,7 @@ def _read(path: Path, arrays: list[_Stored]) -> Channels:
         n_values = math.prod(array.shape)
         if array.n_bytes < n_values * array.dtype.itemsize:
             raise RecordingFormatError(
-                f"{path.name}, {array.name}: expected {n_values} values as its header says; "
-                f"got {array.n_bytes} bytes in all"
+                f"{path.name}, {array.name}: expected {n_values} values as its header says; got {array.n_bytes} bytes"
             )
     n_bytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in kept)
     require_plausible_expansion(n_bytes, path.stat().st_size, path.name)

@@ -5,11 +5,10 @@ says that it is in UTC. The unit is what the metadata of a column call ``unit`` 
 NaN.
 """
 
-import mmap
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -45,16 +44,9 @@ def read_channels(path: Path) -> Channels:
         if stream.read(4) != _MAGIC:
             raise RecordingFormatError(f"{path.name}: expected a Parquet file, which begins with PAR1")
         limit = path.stat().st_size  # no text or list of the metadata is longer than the file
-        with (
-            mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content,
-            pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file,
-        ):
+        with pq.ParquetFile(path, thrift_string_size_limit=limit, thrift_container_size_limit=limit) as file:
             fields = [field for field in file.schema_arrow if _is_channel(field.type)]
-            view = memoryview(content)
-            try:
-                _require_plausible(file.metadata, [field.name for field in fields], view, path)
-            finally:
-                view.release()
+            _require_plausible(file.metadata, [field.name for field in fields], stream, path)
             channels = tuple(_channel(file, field, path.name) for field in fields)
         return Channels(path.name, channels)
 
@@ -65,19 +57,24 @@ def _is_channel(kind: "pa.DataType") -> bool:
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_timestamp(kind))
 
 
-def _require_plausible(metadata: "pq.FileMetaData", names: list[str], content: memoryview, path: Path) -> None:
+def _require_plausible(metadata: "pq.FileMetaData", names: list[str], stream: BinaryIO, path: Path) -> None:
     if len(names) != len(set(names)):
         raise RecordingFormatError(f"{path.name}: expected columns of different names; got {names}")
     require_plausible_channels([(name, metadata.num_rows) for name in names], path.name)
-    total = 0
+    total, n_bytes = 0, path.stat().st_size
     for name, chunk in _chunks(metadata):
         if name in names:
             starts = [at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at]
             start = min(starts)
-            total += unpacked_size_of_pages(content, start, start + chunk.total_compressed_size, f"{path.name}, {name}")
+            end = start + chunk.total_compressed_size
+            if not 0 < start < end <= n_bytes:
+                raise RecordingFormatError(
+                    f"{path.name}, {name}: expected pages within {n_bytes} bytes; got {start} to {end}"
+                )
+            total += unpacked_size_of_pages(stream, start, end, f"{path.name}, {name}")
     # values may be packed twice: by what they repeat, and the pages that say so
     total = max(total, 8 * metadata.num_rows * len(names))
-    require_plausible_expansion(total, path.stat().st_size, path.name)
+    require_plausible_expansion(total, n_bytes, path.name)
 
 
 def _chunks(metadata: "pq.FileMetaData") -> Iterator[tuple[str, "pq.ColumnChunkMetaData"]]:

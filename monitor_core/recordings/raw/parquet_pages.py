@@ -5,24 +5,26 @@ unpacked. The library gives memory for what a header says; here the headers are 
 """
 
 from collections.abc import Iterator
+from typing import BinaryIO
 
 from monitor_core.errors import RecordingFormatError
 
 _STOP, _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(13)
 _DEEPEST = 16
+_LONGEST_HEADER = 2**16
 _UNPACKED, _PACKED = 2, 3  # fields of a page header: sizes in bytes
 
 
 class _Compact:
     """Reads the one-level numbers of a Thrift structure, and passes over all else."""
 
-    def __init__(self, content: memoryview, at: int) -> None:
-        self.content, self.at = content, at
+    def __init__(self, content: bytes) -> None:
+        self.content, self.at = content, 0
 
     def byte(self) -> int:
         value = self.content[self.at]
         self.at += 1
-        return int(value)
+        return value
 
     def varint(self) -> int:
         value, shift = 0, 0
@@ -87,26 +89,26 @@ class _Compact:
         return count
 
 
-def unpacked_size_of_pages(content: memoryview, start: int, end: int, where: str) -> int:
+def unpacked_size_of_pages(stream: BinaryIO, start: int, end: int, where: str) -> int:
     """Return what the pages of a column chunk unpack to, as their headers say, one by one.
 
-    ``start``, ``end``: where the chunk lies in ``content``. ``RecordingFormatError`` if a header is none, or a page
-    ends outside of the chunk.
+    ``start``, ``end``: where the chunk lies in the file. ``RecordingFormatError`` if a header is none, or a page ends
+    outside of the chunk.
     """
-    if not 0 < start < end <= len(content):
-        raise RecordingFormatError(f"{where}: expected pages within {len(content)} bytes; got {start} to {end}")
     total, at = 0, start
     while at < end:
-        reader = _Compact(content, at)
+        stream.seek(at)
+        reader = _Compact(stream.read(min(end - at, _LONGEST_HEADER)))
         try:
             stated = dict(reader.fields())
         except IndexError as error:
             raise RecordingFormatError(f"{where}: expected the header of a page at byte {at}; {error}") from error
         unpacked, packed = stated.get(_UNPACKED, -1), stated.get(_PACKED, -1)
-        if unpacked < 0 or packed < 0 or reader.at + packed > end:
+        following = at + reader.at + packed
+        if unpacked < 0 or packed < 0 or following > end:
             raise RecordingFormatError(
                 f"{where}: expected a page within its column at byte {at}; got {packed} bytes that unpack to {unpacked}"
             )
         total += unpacked
-        at = reader.at + packed
+        at = following
     return total

@@ -13,6 +13,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.text_layout import TextLayout
+from monitor_core.recordings.raw.text_rows import shown, shown_list
 from monitor_core.recordings.raw.text_table import Table
 
 _TIME_WORDS = frozenset(("time", "zeit", "timestamp", "zeitstempel", "temps", "tempo"))
@@ -30,7 +31,7 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     channels = read_columns(path, layout)
     if not any(channel.clock for channel in channels.channels):
         raise RecordingFormatError(
-            f"{path.name}: expected pairs of columns, time and value; got {', '.join(map(repr, channels.names[:6]))}"
+            f"{path.name}: expected pairs of columns, time and value; got {shown_list(channels.names)}"
         )
     return channels
 
@@ -80,11 +81,11 @@ def channels_of(
                 blank is not None and of_clock is not None and (blank != of_clock).any()
             ):
                 raise RecordingFormatError(
-                    f"{file_name}, {names[i]}: expected a time for each value; got rows with one of them alone"
+                    f"{file_name}, {shown(names[i])}: expected a time for each value; got rows with one of them alone"
                 )
         held = samples if blank is None else samples[~blank]
         if not held.size:
-            raise RecordingFormatError(f"{file_name}, {names[i]}: expected numbers; the column is blank")
+            raise RecordingFormatError(f"{file_name}, {shown(names[i])}: expected numbers; the column is blank")
         channels.append(Channel(names[i], held, units.get(i), clock=None if clock is None else names[clock]))
     return Channels(file_name, tuple(channels))
 

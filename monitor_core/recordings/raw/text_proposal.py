@@ -1,7 +1,7 @@
 """Propose how a text file of columns is written, for a person to confirm; and say why the plain reader refuses it."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +11,7 @@ from monitor_core.recordings.elements.files import require_file
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw import lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.text_layout import SEPARATORS, TextLayout
-from monitor_core.recordings.raw.text_rows import Rows, split_cells
+from monitor_core.recordings.raw.text_rows import Rows, shown, split_cells
 from monitor_core.recordings.raw.text_table import MAX_COLUMNS, is_number
 
 _HEAD = 2**18
@@ -55,12 +55,6 @@ class _Reading:
     n_texts: int
     n_numbers: int
 
-    @property
-    def rank(self) -> tuple[int, int, int, int]:
-        """Return what to compare: long tables first, then such with few texts and many numbers."""
-        single_blank = self.n_cells == 1 and self.separator == "blank"
-        return self.end - self.begin, -self.n_texts, self.n_numbers, int(single_blank)
-
 
 def propose(path: Path) -> Proposal | None:
     """Propose a layout; ``None`` where the reader takes the file without one."""
@@ -77,8 +71,9 @@ def propose(path: Path) -> Proposal | None:
             f"{path.name}: expected rows of numbers; found none in the first {len(lines)} rows: it is no text "
             "of columns, or of columns that no entry of [text] describes"
         )
-    best = max(readings, key=lambda reading: reading.rank)
-    header, units = _heads(lines, best)
+    best, (header, units) = max(
+        ((reading, _heads(lines, reading)) for reading in readings), key=lambda found: _rank(found[0], found[1][0])
+    )
     comment = _comment(lines, best, header, path)
     layout = TextLayout(
         separator=best.separator,
@@ -91,6 +86,12 @@ def propose(path: Path) -> Proposal | None:
     )
     reasons = _reasons(lines, best, layout)
     return Proposal(layout, reasons) if reasons else None
+
+
+def _rank(reading: _Reading, header: int | None) -> tuple[int, ...]:
+    """Return what to compare: long tables first, then such with few texts, with names, and with many numbers."""
+    single_blank = reading.n_cells == 1 and reading.separator == "blank"
+    return reading.end - reading.begin, -reading.n_texts, header is not None, reading.n_numbers, int(single_blank)
 
 
 def next_step(path: Path) -> str:
@@ -300,37 +301,50 @@ def _tail(path: Path) -> list[str]:
 
 def _reasons(lines: list[str], reading: _Reading, layout: TextLayout) -> tuple[str, ...]:
     """Return in what a file is not plain; nothing where the plain reader takes it."""
-    sign, header_row = SEPARATORS[reading.separator], layout.header_row or 0
-    table = lines[reading.begin : reading.end]
-    first = lines[0]
-    reasons = []
-    if layout.encoding != "utf-8":
-        reasons.append("the encoding UTF-16" if layout.encoding == "utf-16" else "letters in Latin-1")
-    n_above = (header_row or reading.begin + 1) - 1
-    if n_above:
-        reasons.append(f"{n_above} row{'s' if n_above > 1 else ''} above its {'names' if header_row else 'numbers'}")
-    if layout.unit_row is not None:
-        reasons.append("a row of units")
-    if not header_row and not n_above and _kinds(first, sign, reading.decimal).count("N") < reading.n_numbers:
-        reasons.append("no names of its columns")
-    if header_row and reading.begin > max(header_row, layout.unit_row or 0):
-        reasons.append("rows between names and numbers")
-    if layout.decimal == "comma":
-        reasons.append("decimal commas")
-    plain = next((word for word in ("tab", "semicolon", "comma") if (SEPARATORS[word] or "") in first), "blank")
-    if plain != reading.separator and not n_above and reading.n_cells > 1:
-        reasons.append(f"the separator {_NAMES_OF_SEPARATORS[reading.separator]}")
-    if any('"' in line for line in table):
-        reasons.append("cells in quotes")
-    if sign is not None and reading.n_cells < table[0].count(sign) + 1 and table[0].rstrip(" ").endswith(sign):
-        reasons.append(f"a {_NAMES_OF_SEPARATORS[reading.separator]} at the end of each row")
-    if reading.n_texts:
-        reasons.append(_texts(lines, reading, layout))
-    if layout.comment is not None:
-        reasons.append(f"rows that begin with {layout.comment!r}")
-    if not reasons and header_row and _repeated_times(lines[header_row - 1], sign):
+    header_row = layout.header_row or 0
+    reasons = [*_reasons_above(lines, reading, layout), *_reasons_in_table(lines, reading, layout)]
+    if len(reasons) == 1 and header_row == 1 and layout.comment is not None and not _has_comments(lines[1:], layout):
+        return ()  # the names begin with the sign, and nothing else does: "# t"
+    if not reasons and header_row and _repeated_times(lines[header_row - 1], SEPARATORS[reading.separator]):
         return ()
     return tuple(reasons)
+
+
+def _reasons_above(lines: list[str], reading: _Reading, layout: TextLayout) -> Iterator[str]:
+    header_row, n_numbers = layout.header_row or 0, reading.n_numbers
+    n_above = (header_row or reading.begin + 1) - 1
+    if layout.encoding != "utf-8":
+        yield "the encoding UTF-16" if layout.encoding == "utf-16" else "letters in Latin-1"
+    if n_above:
+        yield f"{n_above} row{'s' if n_above > 1 else ''} above its {'names' if header_row else 'numbers'}"
+    elif not header_row and _kinds(lines[0], SEPARATORS[reading.separator], reading.decimal).count("N") < n_numbers:
+        yield "no names of its columns"
+    if layout.unit_row is not None:
+        yield "a row of units"
+    if header_row and reading.begin > max(header_row, layout.unit_row or 0):
+        yield "rows between names and numbers"
+
+
+def _reasons_in_table(lines: list[str], reading: _Reading, layout: TextLayout) -> Iterator[str]:
+    sign, table = SEPARATORS[reading.separator], lines[reading.begin : reading.end]
+    plain = next((word for word in ("tab", "semicolon", "comma") if (SEPARATORS[word] or "") in lines[0]), "blank")
+    if layout.decimal == "comma":
+        yield "decimal commas"
+    at_top = (layout.header_row or reading.begin + 1) == 1
+    if plain != reading.separator and at_top and reading.n_cells > 1:
+        yield f"the separator {_NAMES_OF_SEPARATORS[reading.separator]}"
+    if any('"' in line for line in table):
+        yield "cells in quotes"
+    if sign is not None and reading.n_cells < table[0].count(sign) + 1 and table[0].rstrip(" ").endswith(sign):
+        yield f"a {_NAMES_OF_SEPARATORS[reading.separator]} at the end of each row"
+    if reading.n_texts:
+        yield _texts(lines, reading, layout)
+    if layout.comment is not None:
+        yield f"rows that begin with {layout.comment!r}"
+
+
+def _has_comments(lines: list[str], layout: TextLayout) -> bool:
+    return any(line.startswith(layout.comment or "#") for line in lines)
 
 
 def _texts(lines: list[str], reading: _Reading, layout: TextLayout) -> str:
@@ -341,10 +355,10 @@ def _texts(lines: list[str], reading: _Reading, layout: TextLayout) -> str:
     kinds = _kinds(lines[reading.begin], sign, reading.decimal)
     texts = [i for i, kind in enumerate(kinds) if kind == "T"]
     moments = all(_MOMENT.match(cells[i]) for i in texts)
-    shown = [repr(names[i] if i < len(names) else str(i + 1)) for i in texts[:3]]
+    named = [shown(names[i] if i < len(names) else str(i + 1)) for i in texts[:3]]
     word = "dates and times" if moments else "texts"
     return (
-        f"{word} in column{'s' if len(texts) > 1 else ''} {', '.join(shown)}{', …' if len(texts) > len(shown) else ''}"
+        f"{word} in column{'s' if len(texts) > 1 else ''} {', '.join(named)}{', …' if len(texts) > len(named) else ''}"
     )
 
 

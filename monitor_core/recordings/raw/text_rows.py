@@ -2,7 +2,7 @@
 
 import codecs
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
@@ -11,6 +11,8 @@ from monitor_core.recordings.elements.files import require_file
 #: Characters read at a time; a row may be as long.
 BLOCK = 2**20
 _CODECS = {"utf-8": "utf-8-sig", "latin-1": "latin-1", "utf-16": "utf-16"}
+_MOST_SHOWN = 60
+_MOST_LISTED = 12
 _ENCODING_NAMES = {"utf-8": "UTF-8", "latin-1": "Latin-1", "utf-16": "UTF-16"}
 
 
@@ -110,6 +112,16 @@ def _not_decodable(path: Path, encoding: str) -> str:
                 break
             at += len(content)
     return f"{path.name}: expected {name} text; it has no byte order mark"
+
+
+def shown(text: str) -> str:
+    """Return a text of a file as a message shows it: its beginning, in quotes, without control characters."""
+    return repr(text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 1]}…")
+
+
+def shown_list(texts: Sequence[str]) -> str:
+    """Return the first of some texts of a file as a message shows them."""
+    return ", ".join(shown(text) for text in texts[:_MOST_LISTED]) + (", …" if len(texts) > _MOST_LISTED else "")
 
 
 def split_cells(line: str, separator: str | None, *, quotes: bool = True) -> list[str]:

@@ -10,7 +10,7 @@ from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import MAX_SAMPLES
 from monitor_core.recordings.raw.text_layout import SEPARATOR_NAMES
-from monitor_core.recordings.raw.text_rows import split_cells
+from monitor_core.recordings.raw.text_rows import shown, split_cells
 
 #: Most columns of a file, and most numbers in all of them.
 MAX_COLUMNS = 4096
@@ -191,7 +191,7 @@ class _Reader:
         if self._form.blanks and separator is not None:
             lines, blank = _filled(lines, separator, len(self._columns))
         pointed = self._with_points(lines) if self._commas else (lines, self._decimal)
-        if pointed is None:
+        if pointed is None or not any(line.strip() for line in lines):
             return None
         lines, decimal = pointed
         try:
@@ -284,7 +284,9 @@ class _Reader:
 
     def _refuse(self, row: int, expected: str, got: str, column: int | None = None) -> None:
         place = (
-            f"{self._where} {row}" if column is None else f"{self._where} {row}, column {self._form.names[column]!r}"
+            f"{self._where} {row}"
+            if column is None
+            else f"{self._where} {row}, column {shown(self._form.names[column])}"
         )
         raise RecordingFormatError(f"{place}: {expected}; {got}")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_rows import Rows
+from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list
 from monitor_core.recordings.raw.text_table import Table, TableForm, read_table, require_columns
 
 _SEPARATORS = ("\t", ";", ",", ":")
@@ -126,18 +126,20 @@ def _checked(rows: Rows, separator: str, about: dict[str, str], found: dict[str,
         if label == "Name" and all(cells[i] == cells[0] for cells in others):
             clock = i
         elif clock is None or not label:
-            raise RecordingFormatError(f"{where}, Name: expected a column of times and names; got {labels[:20]}")
+            raise RecordingFormatError(f"{where}, Name: expected a column of times and names; got {shown_list(labels)}")
         else:
             clocks[i] = clock
     if not clocks:
-        raise RecordingFormatError(f"{where}, Name: expected the names of channels; got {labels[:20]}")
+        raise RecordingFormatError(f"{where}, Name: expected the names of channels; got {shown_list(labels)}")
     numbers = {column: number for number, column in enumerate(sorted(set(clocks.values())), start=1)}
     names = [f"Time {numbers.get(i, 0)}" if i not in clocks else label for i, label in enumerate(labels)]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingFormatError(f"{where}, Name: expected channels of different names; got {twice!r} twice")
+        raise RecordingFormatError(f"{where}, Name: expected channels of different names; got {shown(twice)} twice")
     if set(range(len(names))) - clocks.keys() - numbers.keys():
-        raise RecordingFormatError(f"{where}, Name: expected channels behind each column of times; got {labels[:20]}")
+        raise RecordingFormatError(
+            f"{where}, Name: expected channels behind each column of times; got {shown_list(labels)}"
+        )
     cells = found.get("Unit", [])
     units = {i: cells[i].partition(" (")[0] for i in clocks if len(cells) > i and not cells[i].startswith("(")}
     ticks = next((about[key] for key in _START_KEYS if key in about), None)
@@ -177,7 +179,7 @@ def _channels(file_name: str, header: _Header, table: Table, *, in_full: bool) -
         blank, taken = table.blank.get(i), held[clock]
         if (taken is None) != (blank is None) or (taken is not None and blank is not None and (taken == blank).any()):
             raise RecordingFormatError(
-                f"{file_name}, {name}: expected a value for each of its times; got rows with one of them alone"
+                f"{file_name}, {shown(name)}: expected a value for each of its times; got rows with one of them alone"
             )
         samples = table.numbers[i]
         yield Channel(name, samples if taken is None else samples[taken], header.units.get(i),
@@ -190,13 +192,13 @@ def _clock(
     """Return a column of times, and in which rows it holds one; None: in all."""
     name = header.names[column]
     if in_full:
-        milliseconds, taken = _since_start(f"{file_name}, {name}", table.texts[column], header)
+        milliseconds, taken = _since_start(f"{file_name}, {shown(name)}", table.texts[column], header)
     else:
         blank = table.blank.get(column)
         taken = None if blank is None else ~blank
         milliseconds = table.numbers[column] if taken is None else table.numbers[column][taken]
     if not milliseconds.size:
-        raise RecordingFormatError(f"{file_name}, {name}: expected times; the column is blank")
+        raise RecordingFormatError(f"{file_name}, {shown(name)}: expected times; the column is blank")
     return Channel(name, milliseconds, "ms", started_at=header.started_at), taken
 
 

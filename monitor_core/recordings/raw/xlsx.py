@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from openpyxl.worksheet._read_only import ReadOnlyWorksheet
 
 _MOST_ROWS = 2**20  # of a sheet, by the format
-_MOST_CELLS = 2**26
+_FREE_EMPTY_CELLS = 2**22
 #: What may be unpacked: sheets are read cell by cell, their texts and formats are held in memory.
 _FREE_SHEET_BYTES, _MOST_TEXT_BYTES = 2**26, 2**24
 _SECONDS_PER_DAY = 86400.0
@@ -95,10 +95,14 @@ def read_channels(path: Path, layout: Layout | None = None) -> Channels:
             f"{path.name}: reading XLSX needs openpyxl; pip install 'preload-monitor[xlsx]'"
         ) from error
 
-    with refusing(path.name, "an Excel workbook (.xlsx)"), warnings.catch_warnings():
+    with (
+        refusing(path.name, "an Excel workbook (.xlsx)"),
+        require_file(path).open("rb") as stream,
+        warnings.catch_warnings(),
+    ):
         warnings.simplefilter("ignore")  # what openpyxl warns of is formatting that it does not keep
-        _require_plausible_parts(require_file(path))
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+        _require_plausible_parts(path)
+        book = openpyxl.load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         try:
             # as numbers: openpyxl would round a date to the millisecond
             book._date_formats = set()
@@ -144,15 +148,16 @@ def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "ReadOnlyWork
 
 def _rows(sheet: "ReadOnlyWorksheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
     """Yield the rows that have cells, with their numbers."""
-    n_cells = 0
+    n_filled = n_empty = 0
     for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
-        n_cells += len(cells)
-        if number > _MOST_ROWS or len(cells) > MAX_CHANNELS or n_cells > _MOST_CELLS:
+        empty = cells.count(None)
+        n_empty, n_filled = n_empty + empty, n_filled + len(cells) - empty
+        if number > _MOST_ROWS or len(cells) > MAX_CHANNELS or n_empty > _FREE_EMPTY_CELLS + 4 * n_filled:
             raise RecordingFormatError(
-                f"{where}: expected at most {_MOST_ROWS} rows, {MAX_CHANNELS} columns and {_MOST_CELLS} cells; "
-                f"got more by row {number}"
+                f"{where}: expected at most {_MOST_ROWS} rows and {MAX_CHANNELS} columns, most of them filled; "
+                f"got {n_filled} filled cells and {n_empty} empty ones by row {number}"
             )
-        if any(cell is not None for cell in cells):
+        if empty < len(cells):
             yield number, cells
 
 

@@ -19,7 +19,7 @@ from monitor_core.recordings.model_file import parse_model
 from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.uncertainty import Estimate
 from service.documents.stored import StoredRecord
-from service.json_types import JsonObject
+from service.json_types import Json, JsonObject
 from service.operations.fields import Positive
 
 
@@ -101,7 +101,7 @@ _STORED = StoredRecord(
 )
 
 
-def load_configuration(document: JsonObject) -> AxisConfiguration:
+def load_configuration(document: Json) -> AxisConfiguration:
     """Return the stored configuration of an axis; raises DocumentDamagedError if it cannot be read."""
     return _STORED.load(document)
 

@@ -15,7 +15,13 @@ from monitor_core.trend import (
     healthy_sessions,
     trend_line,
 )
-from service.documents.history import RateOfFalseAlarms, baseline_document, false_alarms_document, line_document
+from service.documents.history import (
+    RateOfFalseAlarms,
+    alert_document,
+    baseline_document,
+    false_alarms_document,
+    line_document,
+)
 from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import load_design, load_state
 from service.store import axes, calibrations
@@ -37,6 +43,7 @@ class AxisHistory:
     baseline: JsonObject | None
     line: JsonObject | None
     false_alarms: JsonObject | None
+    alert: JsonObject | None = None  # that stands
 
 
 class History:
@@ -64,7 +71,8 @@ class History:
             known = key, _long_run(sessions, calibration, design, state.prior, row.epoch)
             self._said[axis_id] = known
         line, false_alarms = known[1]
-        return AxisHistory(baseline_document(state, calibration), line, false_alarms)
+        alert = alert_document(state, calibration, design.settings.baseline_size)
+        return AxisHistory(baseline_document(state, calibration), line, false_alarms, alert)
 
 
 def _long_run(

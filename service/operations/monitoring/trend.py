@@ -19,7 +19,7 @@ from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
 from service.store import alarms, axes, measurements
-from service.store.database import Database
+from service.store.database import Database, document_of
 from service.store.intake import outcomes_of
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.points import (
@@ -149,31 +149,31 @@ class Trend:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._read: dict[str, tuple[list[JsonObject | None], AxisConfiguration]] = {}  # documents that can be read
+        self._read: dict[str, tuple[axes.Documents, AxisConfiguration]] = {}  # documents that can be read
 
     def status(self, axis_id: str) -> AxisStatus:
         """Tell how an axis stands; silence for too long is ``unknown``."""
         with self._database.read() as session:
-            row = axes.get_axis(session, axis_id)
+            row, documents = axes.axis_with_documents(session, axis_id)
             said, connection = None, session.connection()
             if row.last_measurement_id is not None and row.last_measured_at is not None:
                 point = point_of(connection, row.number, row.last_measured_at, row.last_measurement_id)
                 said = outcomes_of(connection, [row.last_measurement_id]).get(row.last_measurement_id)
                 said = said if said is None or point is None else with_trend(said, point)
-            return self._status(row, said, alarms.count_open(session, axis_id))
+            return self._status(row, documents, said, alarms.count_open(session, axis_id))
 
     def fleet(self) -> Fleet:
         """Tell how every axis stands; what is wrong with the documents of one keeps no other from being told."""
         statuses, damaged = [], []
         with self._database.read() as session:
-            rows, n_open = axes.list_axes(session), alarms.open_by_axis(session)
+            rows, n_open = axes.axes_with_documents(session), alarms.open_by_axis(session)
             points = last_points(session.connection())
             said = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
-        for row in rows:
+        for row, documents in rows:
             point = points.get(row.number)
             last = None if point is None else with_trend(said[point.measurement_id], point)
             try:
-                statuses.append(self._status(row, last, n_open.get(row.id, 0)))
+                statuses.append(self._status(row, documents, last, n_open.get(row.id, 0)))
             except DocumentDamagedError as error:
                 damaged.append(DamagedAxis(row.id, row.name, str(error)))
         return Fleet(statuses, damaged)
@@ -236,17 +236,18 @@ class Trend:
             windows = measurements.windows_of(session, measurement_id)
             return MeasurementView(row, outcome, None if document is None else document.response, windows)
 
-    def _status(self, row: AxisRow, last_measurement: JsonObject | None, open_alarms: int) -> AxisStatus:
+    def _status(
+        self, row: AxisRow, documents: axes.Documents, last_measurement: JsonObject | None, open_alarms: int
+    ) -> AxisStatus:
         """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
-        documents = [row.configuration, row.monitor_state, row.detector_design]
         read = self._read.get(row.id)
         if read is None or read[0] != documents:  # once for each: to read them takes longer than all the rest
-            load_state(row.monitor_state)
-            load_design(row.detector_design)
-            read = self._read[row.id] = documents, load_configuration(row.configuration)
-        configuration = read[1]
-        state, since = state_now(row, now(), configuration.silent_after_hours)
-        return AxisStatus(row, configuration, state, since, last_measurement, open_alarms)
+            configuration, state, limits = map(document_of, documents)
+            load_state(state)
+            load_design(limits)
+            read = self._read[row.id] = documents, load_configuration(configuration)
+        told, since = state_now(row, now(), read[1].silent_after_hours)
+        return AxisStatus(row, read[1], told, since, last_measurement, open_alarms)
 
 
 def _encode_cursor(point: TrendPoint) -> str:

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, insert, literal, select, tuple_
+from sqlalchemy import ColumnElement, Connection, and_, delete, insert, literal, select, tuple_, update
 
+from monitor_core.preload import DoubtReason
 from service.json_types import JsonObject
 from service.store.prepared import PreparedChange
 from service.store.tables import AxisRow
@@ -83,6 +84,14 @@ class TrendPoint:
     doubt: str | None = None
     feature_scatter_s2: float | None = None
     learnt_scatter_s2: float | None = None
+    place_uncertainty: float | None = None
+    places_disagree: str | None = None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against its preload: of its own, and of its session."""
+        of_session = None if self.places_disagree is None else str(DoubtReason.PLACES_DISAGREE)
+        return tuple(reason for reason in (self.doubt, of_session) if reason is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +134,22 @@ def remove_point(connection: Connection, point: TrendPoint) -> None:
             _POINTS.c.at == point.at,
             _POINTS.c.measurement_id == point.measurement_id,
         )
+    )
+
+
+def say_places(connection: Connection, axis_number: int, epoch: int, span: Span, words: str | None) -> None:
+    """Say of the charted points of an epoch in a span how the places of their session disagree."""
+    connection.execute(
+        update(_POINTS)
+        .where(
+            _POINTS.c.axis_number == axis_number,
+            *_within(span),
+            _POINTS.c.epoch == epoch,
+            _POINTS.c.refusal_reason.is_(None),
+            _POINTS.c.uncharted.is_(None),
+            _POINTS.c.places_disagree.is_distinct_from(words),
+        )
+        .values(places_disagree=words)
     )
 
 

@@ -45,6 +45,8 @@ class TrendPointRow(Base):
     doubt: Mapped[str | None] = mapped_column(String(40))  # what speaks against its preload
     feature_scatter_s2: Mapped[float | None]  # what its interval allows for, of what is new in each session
     learnt_scatter_s2: Mapped[float | None]  # from session to session, as the axis had shown before
+    place_uncertainty: Mapped[float | None]  # of its preload against other places of its session, relative
+    places_disagree: Mapped[str | None]  # how the places of its session contradict each other, in words
 
 
 class TrendRollupRow(Base):

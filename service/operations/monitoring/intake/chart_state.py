@@ -46,7 +46,7 @@ _DESIGN = StoredRecord(
 )
 
 
-def load_state(document: JsonObject | None) -> AxisState:
+def load_state(document: Json) -> AxisState:
     """Return the stored state, or that of an axis nothing is known about.
 
     Raises DocumentDamagedError, here and below, if what is stored cannot be read.
@@ -66,10 +66,10 @@ def dump_state(state: AxisState) -> JsonObject:
     return document
 
 
-def _unpacked(document: JsonObject) -> JsonObject:
+def _unpacked(document: Json) -> Json:
     """Return a state with the numbers of its beliefs as lists; what is no packed state is left to be refused."""
     detector = document.get("detector") if isinstance(document, dict) else None
-    if not isinstance(detector, dict):
+    if not isinstance(document, dict) or not isinstance(detector, dict):
         return document
     beliefs = {name: _unpacked_belief(detector.get(name)) for name in _BELIEFS}
     if beliefs["known"] == _AS_LEARNT:
@@ -87,7 +87,7 @@ def _unpacked_belief(belief: Json) -> Json:
     return belief
 
 
-def load_design(document: JsonObject) -> DetectorDesign:
+def load_design(document: Json) -> DetectorDesign:
     """Return the stored limits of the charts."""
     return _DESIGN.load(document)
 

@@ -4,7 +4,8 @@ The charts are a fold. What is newer than all before goes on from where they sta
 was there, folds them again from the last checkpoint before it, so that they stand as if it had come in time.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from enum import StrEnum
@@ -12,7 +13,7 @@ from enum import StrEnum
 from sqlalchemy import Connection
 
 from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
-from monitor_core.preload import Calibration, preload_from_feature
+from monitor_core.preload import Calibration, PlaceReading, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
 from monitor_core.trend import DetectorDesign, closed_session
@@ -21,6 +22,7 @@ from service.operations.monitoring.intake.chart_state import dump_state, load_de
 from service.store import intake
 from service.store.intake import AxisRecord, ChartsRecord
 from service.store.trend.points import (
+    Span,
     TrendPoint,
     add_checkpoint,
     add_point,
@@ -31,6 +33,7 @@ from service.store.trend.points import (
     points_after,
     remove_point,
     replace_points,
+    say_places,
 )
 from service.store.trend.sessions import SessionRecord, add_sessions, forget_sessions
 
@@ -129,6 +132,8 @@ class _Fold:
         self._begun_after: datetime | None = None
         self._raised: list[Raised] = []
         self._sessions: list[SessionRecord] = []
+        self._session_of: dict[int, datetime | None] = {}  # when it began, by measurement; None: it moved no chart
+        self._places: dict[datetime, str | None] = {}  # how those of a session contradict each other, in words
 
     def go_back(self, first: datetime) -> None:
         """Return to the charts as they stood before a moment: what was measured since is to be folded again."""
@@ -154,7 +159,10 @@ class _Fold:
         begun = self._charts.epoch_from
         self._charts = replace(self._charts, epoch_from=first if begun is None else min(begun, first))
         known = {point.measurement_id: point for point in self._old}
-        points = [self._step(point) for point in sorted([*self._old, *put], key=_in_time)]
+        self._places = _said_of(self._state)
+        going_on = dict(self._places)
+        stepped = [self._step(point) for point in sorted([*self._old, *put], key=_in_time)]
+        points = self._with_places(stepped, going_on)
         replace_points(self._connection, [p for p in points if known.get(p.measurement_id, p) != p])
         for point in points:
             if point.measurement_id not in known:
@@ -167,9 +175,12 @@ class _Fold:
     def _step(self, point: TrendPoint) -> TrendPoint:
         """Carry the charts over the next measurement; a refused one, or one with its preload set, changes nothing."""
         before, calibration = self._state, self._calibration
+        self._session_of[point.measurement_id] = None
         charted = point.uncharted is None and point.feature_s2 is not None and calibration is not None
         if charted and calibration is not None:
             self._state = _advanced(before, point, calibration, self._design)
+            self._session_of[point.measurement_id] = self._state.places_since
+            self._places |= _said_of(self._state)
         detector, learnt = self._state.detector, before.detector.baseline
         baseline = None
         if detector.baseline is not None and calibration is not None:
@@ -191,6 +202,18 @@ class _Fold:
         if self._charts.since_checkpoint >= CHECKPOINT_EVERY:
             self._keep_checkpoint(point.at)
         return point
+
+    def _with_places(self, points: Sequence[TrendPoint], begun: Mapping[datetime, str | None]) -> list[TrendPoint]:
+        """Say of each point how the places of its session disagree, and of those that it had when the fold began."""
+        for since, words in begun.items():
+            if points and (self._again or words != self._places[since]):
+                span = Span(since, min(point.at for point in points))
+                say_places(self._connection, self._axis.number, self._charts.epoch, span, self._places[since])
+        return [
+            replace(point, places_disagree=None if since is None else self._places[since])
+            for point in points
+            for since in (self._session_of[point.measurement_id],)
+        ]
 
     def _keep_session(self, before: AxisState) -> None:
         over = closed_session(before.detector, self._state.detector)
@@ -227,8 +250,23 @@ def _advanced(state: AxisState, point: TrendPoint, calibration: Calibration, des
         Conditions(metres(point.position_mm), point.payload_kg, point.temperature_c),
         point.drag_torque_nm,
         in_doubt=point.doubt is not None,
+        place=_place_of(point),
     )
     return advance_feature(state, charted, calibration=calibration, design=design)
+
+
+def _said_of(state: AxisState) -> dict[datetime, str | None]:
+    """Return how the places of the session that is going on contradict each other, in words, by when it began."""
+    disagreement = state.places.disagreement
+    if state.places_since is None:
+        return {}
+    return {state.places_since: None if disagreement is None else disagreement.detail}
+
+
+def _place_of(point: TrendPoint) -> PlaceReading | None:
+    if point.preload_n is None or point.place_uncertainty is None:
+        return None
+    return PlaceReading(metres(point.position_mm), math.log(point.preload_n), point.place_uncertainty)
 
 
 def _set_aside(connection: Connection, point: TrendPoint) -> TrendPoint:

@@ -10,9 +10,9 @@ from sqlalchemy import Connection
 
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import MeasurementOutcome, judge_measurement
-from monitor_core.preload import Calibration, DragTorque, PreloadEstimate
+from monitor_core.preload import Calibration, DragTorque, PreloadEstimate, place_reading
 from monitor_core.recording import Rejection, RejectionReason, Window
-from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.documents.measurement import finite_or_null, measurement_document, response_document, with_trend
@@ -94,7 +94,7 @@ def settle(
             old = point_of(connection, axis.number, item.was_judged_at, row.id)
             replaced += [] if old is None else [old]
         _save(connection, axis, item)
-        point = _point(axis, row, item.outcome, before.epoch)
+        point = _point(axis, row, item.outcome, before.epoch, calibration)
         documents[point.measurement_id] = document = measurement_document(row, item.outcome)
         intake.save_document(connection, point.measurement_id, document, response_document(item.outcome))
         new.append(point)
@@ -134,7 +134,13 @@ def _save(connection: Connection, axis: AxisRecord, item: Judged) -> None:
         intake.refuse_windows(connection, row.id, item.changed)
 
 
-def _point(axis: AxisRecord, row: MeasurementRecord, outcome: MeasurementOutcome, epoch: int) -> TrendPoint:
+def _point(
+    axis: AxisRecord,
+    row: MeasurementRecord,
+    outcome: MeasurementOutcome,
+    epoch: int,
+    calibration: Calibration | None,
+) -> TrendPoint:
     """Return a measurement as a point of the trend, whose state the charts have still to say."""
     modal = outcome.modal if isinstance(outcome.modal, ModalMeasurement) else None
     estimate = outcome.preload if isinstance(outcome.preload, PreloadEstimate) else None
@@ -164,7 +170,18 @@ def _point(axis: AxisRecord, row: MeasurementRecord, outcome: MeasurementOutcome
         baseline_preload_n=None,
         doubt=None if estimate is None or not estimate.doubts else str(estimate.doubts[0].reason),
         feature_scatter_s2=None if estimate is None else estimate.feature_scatter,
+        place_uncertainty=_place_uncertainty(row, estimate, calibration),
     )
+
+
+def _place_uncertainty(
+    row: MeasurementRecord, estimate: PreloadEstimate | None, calibration: Calibration | None
+) -> float | None:
+    """Return what the preload of a measurement is compared by with other places of its session, relative [-]."""
+    if estimate is None or calibration is None:
+        return None
+    reading = place_reading(metres(row.position_mm), estimate, calibration)
+    return finite_or_null(reading.standard_uncertainty)
 
 
 def _number(row: MeasurementRecord) -> int:

@@ -1,0 +1,152 @@
+"""MDF 4 as asammdf writes it: packed in three ways, clocks of the groups, and blocks that contradict each other."""
+
+import struct
+from datetime import UTC, datetime, timedelta, timezone
+
+import numpy as np
+import pytest
+
+from monitor_core.errors import MissingReaderError
+from monitor_core.recordings.raw import mdf4
+from tests.recordings.test_raw import refusal
+
+asammdf = pytest.importorskip("asammdf")
+TIMES = 0.5 + np.arange(200) / 1000.0
+START = datetime(2025, 3, 1, 7, 0, tzinfo=timezone(timedelta(hours=1)))
+
+
+def signal(values, times, name, unit="", **settings):
+    return asammdf.Signal(np.asarray(values), times, unit=unit, name=name, **settings)
+
+
+def written(path, *groups, version="4.10", packing=0, start=START):
+    with asammdf.MDF(version=version) as file:
+        file.start_time = start
+        for group in groups:
+            file.append(list(group))
+        file.save(path, overwrite=True, compression=packing)
+    return path
+
+
+CURRENT = np.sin(TIMES * 40.0) / 3.0
+
+
+@pytest.fixture
+def mdf_file(tmp_path):
+    return written(
+        tmp_path / "a.mf4",
+        [
+            signal(CURRENT, TIMES, "Current", "A"),
+            signal(np.arange(200, dtype="i2"), TIMES, "Voltage", "V", conversion={"a": 0.25, "b": -1.0}),
+        ],
+        [
+            signal(np.cos(TIMES[:50]).astype("f4"), TIMES[:50] * 4, "Acc", "g"),
+            signal(np.array([b"remark"] * 50), TIMES[:50] * 4, "Remark", encoding="utf-8"),
+        ],
+    )
+
+
+@pytest.mark.parametrize("packing", [0, 1, 2])
+@pytest.mark.parametrize("version", ["4.00", "4.10", "4.11"])
+def test_samples_are_what_was_written_in_each_version_and_packing(tmp_path, version, packing):
+    path = written(tmp_path / "a.mf4", [signal(CURRENT, TIMES, "Current", "A")], version=version, packing=packing)
+    channels = mdf4.read_channels(path)
+    assert channels.names == ("time", "Current")
+    np.testing.assert_array_equal(channels.channel("Current").samples, CURRENT)
+    np.testing.assert_array_equal(channels.channel("time").samples, TIMES)
+
+
+def test_each_group_has_its_clock_and_conversions_are_applied(mdf_file):
+    channels = mdf4.read_channels(mdf_file)
+    assert channels.names == ("1/time", "Current", "Voltage", "2/time", "Acc")
+    assert [channel.clock for channel in channels.channels] == [None, "1/time", "1/time", None, "2/time"]
+    assert [channel.unit for channel in channels.channels] == ["s", "A", "V", "s", "g"]
+    np.testing.assert_array_equal(channels.channel("Voltage").samples, 0.25 * np.arange(200) - 1.0)
+    assert channels.channel("Acc").samples.dtype == np.float32
+    np.testing.assert_array_equal(channels.channel("2/time").samples, TIMES[:50] * 4)
+
+
+def test_a_channel_starts_at_its_first_sampling_time(mdf_file):
+    channels = mdf4.read_channels(mdf_file)
+    assert channels.channel("Current").started_at == datetime(2025, 3, 1, 6, 0, 0, 500_000, tzinfo=UTC)
+    assert channels.channel("Acc").started_at == datetime(2025, 3, 1, 6, 0, 2, tzinfo=UTC)
+
+
+def test_a_local_time_without_zone_is_no_start(tmp_path):
+    path = written(tmp_path / "a.mf4", [signal(CURRENT, TIMES, "Current")], start=datetime(2025, 3, 1, 7))  # noqa: DTZ001
+    assert mdf4.read_channels(path).channel("Current").started_at is None
+
+
+def test_samples_that_the_file_calls_invalid_are_nan(tmp_path):
+    invalid = np.zeros(200, bool)
+    invalid[[3, 7]] = True
+    path = written(tmp_path / "a.mf4", [
+        signal(CURRENT, TIMES, "Current", invalidation_bits=invalid),
+        signal(CURRENT, TIMES, "Dead", invalidation_bits=np.ones(200, bool)),
+    ])  # fmt: skip
+    channels = mdf4.read_channels(path)
+    assert channels.names == ("time", "Current")
+    np.testing.assert_array_equal(channels.channel("Current").samples, np.where(invalid, np.nan, CURRENT))
+
+
+def test_other_versions_and_unfinished_files_are_named(tmp_path):
+    path = tmp_path / "a.mdf"
+    with asammdf.MDF(version="3.30") as file:
+        file.append([signal(CURRENT, TIMES, "Current")])
+        file.save(path, overwrite=True)
+    assert "expected MDF of version 4; got '3.30': convert it to version 4" in refusal(mdf4.read_channels, path)
+    path.write_bytes(b"UnFinMF 4.10".ljust(200, b"\0"))
+    assert "its writer never closed it" in refusal(mdf4.read_channels, path)
+    path.write_bytes(b"hello")
+    assert "it begins with b'hello'" in refusal(mdf4.read_channels, path)
+
+
+def changed(path, place, layout, *values):
+    content = bytearray(path.read_bytes())
+    struct.pack_into(layout, content, place, *values)
+    path.write_bytes(content)
+
+
+def test_a_list_that_runs_in_a_circle_ends(mdf_file):
+    at = mdf_file.read_bytes().index(b"##DG")
+    changed(mdf_file, at + 24, "<Q", at)  # the next of a data group is itself
+    assert "expected lists that end" in refusal(mdf4.read_channels, mdf_file)
+
+
+def test_more_records_than_there_are_is_a_file_that_is_cut_off(mdf_file):
+    at = mdf_file.read_bytes().index(b"##CG")
+    changed(mdf_file, at + 24 + 6 * 8 + 8, "<Q", 201)
+    assert "bytes of records as its header says" in refusal(mdf4.read_channels, mdf_file)
+    changed(mdf_file, at + 24 + 6 * 8 + 8, "<Q", 2**40)
+    assert "expected" in refusal(mdf4.read_channels, mdf_file)
+
+
+def test_a_channel_outside_of_its_record_is_refused(mdf_file):
+    at = mdf_file.read_bytes().index(b"##CN")
+    changed(mdf_file, at + 24 + 8 * 8 + 4, "<I", 10_000)
+    assert "expected channels within records of" in refusal(mdf4.read_channels, mdf_file)
+
+
+def test_a_packed_block_that_lies_about_its_size_is_refused(tmp_path):
+    path = written(tmp_path / "a.mf4", [signal(CURRENT, TIMES, "Current")], packing=1)
+    at = path.read_bytes().index(b"##DZ")
+    changed(path, at + 24 + 8, "<Q", 200 * 16 + 1)
+    assert "expected records that unpack to 3201 bytes; they do not" in refusal(mdf4.read_channels, path)
+
+
+def test_records_that_unpack_to_a_thousand_times_the_file_are_refused_by_their_size(tmp_path):
+    zeros = np.zeros(2**22)
+    path = written(tmp_path / "a.mf4", [signal(zeros, zeros, "a"), signal(zeros, zeros, "b")], packing=1)
+    assert path.stat().st_size < 2**20
+    assert "save it without compression" in refusal(mdf4.read_channels, path)
+
+
+def test_a_formula_in_the_file_is_not_evaluated(tmp_path):
+    path = written(tmp_path / "a.mf4", [signal(np.arange(200), TIMES, "x", conversion={"formula": "X**9**9**9"})])
+    assert "a formula as text, which is not evaluated" in refusal(mdf4.read_channels, path)
+
+
+def test_a_missing_library_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(__import__("sys").modules, "asammdf", None)
+    with pytest.raises(MissingReaderError, match=r"pip install 'preload-monitor\[mdf\]'"):
+        mdf4.read_channels(tmp_path / "a.mf4")

@@ -1,0 +1,107 @@
+"""Parquet as pyarrow writes it: types, packings, instants, and pages that would fill the memory."""
+
+import io
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from monitor_core.errors import MissingReaderError, RecordingFormatError
+from monitor_core.recordings.raw import parquet
+from monitor_core.recordings.raw.parquet_pages import unpacked_size_of_pages
+from tests.recordings.test_raw import refusal
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+FORCE = np.random.default_rng(24).normal(size=5000)
+
+
+def written(tmp_path, columns, **settings):
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet", **settings)
+    return tmp_path / "a.parquet"
+
+
+@pytest.mark.parametrize("packing", ["none", "snappy", "gzip", "zstd", "brotli", "lz4"])
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_numbers_are_what_was_written_in_each_packing(tmp_path, packing, version):
+    path = written(
+        tmp_path,
+        {"force": FORCE, "count": np.arange(5000, dtype="u2") % 7, "single": FORCE.astype("f4")},
+        compression=packing, data_page_version=version, row_group_size=1700, data_page_size=4096,
+    )  # fmt: skip
+    channels = parquet.read_channels(path)
+    assert channels.names == ("force", "count", "single")
+    np.testing.assert_array_equal(channels.channel("force").samples, FORCE)
+    np.testing.assert_array_equal(channels.channel("count").samples, np.arange(5000) % 7)
+    assert channels.channel("single").samples.dtype == np.float32
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
+def test_instants_become_seconds_from_the_first_which_is_the_start(tmp_path, unit, per_second):
+    instants = 1_740_808_800 * per_second + 250 * per_second // 1000 + np.arange(5) * per_second // 1000
+    columns = {
+        "utc": pa.array(instants, pa.timestamp(unit, "Europe/Berlin")),
+        "local": pa.array(instants, pa.timestamp(unit)),
+    }
+    channels = parquet.read_channels(written(tmp_path, columns, coerce_timestamps=None))
+    for name in ("utc", "local"):
+        np.testing.assert_array_equal(channels.channel(name).samples, np.arange(5) / 1000)
+        assert channels.channel(name).unit == "s"
+    assert channels.channel("utc").started_at == datetime(2025, 3, 1, 6, 0, 0, 250_000, tzinfo=UTC)
+    assert channels.channel("local").started_at is None
+
+
+def test_units_come_from_the_metadata_of_a_column_and_gaps_are_nan(tmp_path):
+    schema = pa.schema([
+        pa.field("force", pa.float64(), metadata={"unit": "N"}),
+        pa.field("acc", pa.int32(), metadata={"Units": "g"}),
+    ])  # fmt: skip
+    pq.write_table(pa.table({"force": [1.5, 2.5, 3.5], "acc": [1, None, 3]}, schema=schema), tmp_path / "a.parquet")
+    channels = parquet.read_channels(tmp_path / "a.parquet")
+    assert [channel.unit for channel in channels.channels] == ["N", "g"]
+    np.testing.assert_array_equal(channels.channel("acc").samples, [1.0, np.nan, 3.0])
+
+
+def test_what_is_no_channel_is_left_out(tmp_path):
+    path = written(tmp_path, {
+        "x": [1.0, 2.0], "text": ["a", "b"], "truth": [True, False], "list": [[1], [2]], "record": [{"a": 1}, {"a": 2}],
+    })  # fmt: skip
+    assert parquet.read_channels(path).names == ("x",)
+
+
+def test_a_file_that_is_cut_off_or_none_is_refused(tmp_path):
+    path = written(tmp_path, {"x": FORCE})
+    content = path.read_bytes()
+    path.write_bytes(content[:-10])
+    assert "expected a Parquet file" in refusal(parquet.read_channels, path)
+    path.write_bytes(b"x,y\n1,2\n")
+    assert "which begins with PAR1" in refusal(parquet.read_channels, path)
+
+
+@pytest.mark.parametrize("packing", ["gzip", "zstd", "brotli", "lz4"])  # snappy packs 64 bytes into 3 at best
+def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused_by_its_size(tmp_path, packing):
+    path = written(tmp_path, {"x": np.zeros(2**24)}, compression=packing, use_dictionary=False)
+    assert "save it without compression" in refusal(parquet.read_channels, path)
+
+
+def test_values_that_repeat_are_counted_as_what_they_become(tmp_path):
+    path = written(tmp_path, {f"x{number}": np.zeros(2**22) for number in range(3)})
+    assert "it announces 100663296: save it without compression" in refusal(parquet.read_channels, path)
+
+
+def test_the_pages_of_a_column_add_up_to_what_the_file_says_of_it(tmp_path):
+    path = written(tmp_path, {"x": FORCE}, compression="zstd", data_page_size=4096)
+    column = pq.ParquetFile(path).metadata.row_group(0).column(0)
+    start = column.dictionary_page_offset or column.data_page_offset
+    content = io.BytesIO(path.read_bytes())
+    counted = unpacked_size_of_pages(content, start, start + column.total_compressed_size, "a")
+    # the file counts the headers of the pages as well
+    assert 0.95 * column.total_uncompressed_size < counted < column.total_uncompressed_size
+    with pytest.raises(RecordingFormatError, match="expected"):
+        unpacked_size_of_pages(content, start, start + column.total_compressed_size - 1, "a")
+
+
+def test_a_missing_library_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
+    with pytest.raises(MissingReaderError, match=r"pip install 'preload-monitor\[parquet\]'"):
+        parquet.read_channels(tmp_path / "a.parquet")

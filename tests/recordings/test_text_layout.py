@@ -1,0 +1,206 @@
+"""Text columns as loggers write them: read to the last digit with the layout that is proposed, refused without one."""
+
+import numpy as np
+import pytest
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.raw import csv_samples, siemens_trace
+from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.text_layout import TextLayout, propose_layout
+from tests.recordings.text_files import LoggerFile, logger_files, table
+
+FILES = logger_files()
+
+
+def layout_of(entries: dict[str, str | int]) -> TextLayout:
+    return TextLayout.from_fields(Fields(entries, "map.toml [text]"))
+
+
+def refusal(path, layout=None) -> str:
+    with pytest.raises(RecordingFormatError) as caught:
+        csv_samples.read_channels(path, layout)
+    message = str(caught.value)
+    assert message.startswith(path.name)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_a_logger_s_file_is_read_to_the_last_digit(tmp_path, case):
+    file = FILES[case]
+    path = tmp_path / "a.csv"
+    path.write_bytes(file.content)
+    proposed = propose_layout(path)
+    assert (None if proposed is None else proposed.entries()) == file.layout
+    layout = None if file.layout is None else layout_of(file.layout)
+    require_truth(read_channels(path, layout), file)
+
+
+def require_truth(channels, file: LoggerFile) -> None:
+    assert set(channels.names) == set(file.channels)
+    for name, numbers in file.channels.items():
+        np.testing.assert_array_equal(channels.channel(name).samples, numbers)
+        assert not channels.channel(name).samples.flags.writeable
+    assert {name: list(texts) for name, texts in channels.texts.items()} == file.texts
+    assert {name: channels.channel(name).unit for name in file.units} == file.units
+
+
+@pytest.mark.parametrize("case", [case for case, file in FILES.items() if file.layout is not None])
+def test_without_a_layout_it_is_refused_with_the_cause_and_the_next_step(tmp_path, case):
+    path = tmp_path / "a.csv"
+    path.write_bytes(FILES[case].content)
+    message = refusal(path)
+    assert FILES[case].says in message
+    assert "`preload check a.csv --write-map MAP`" in message
+
+
+def test_the_times_of_a_trace_are_the_clocks_of_its_signals(tmp_path):
+    path = tmp_path / "trace.csv"
+    path.write_bytes(FILES["trace: equal names of times"].content)
+    channels = siemens_trace.read_channels(path)
+    assert channels.channel("Torque").clock == "Time 1"
+    assert channels.channel("Current").clock == "Time 2"
+    assert channels.channel("Current").samples.size == channels.channel("Time 2").samples.size == 30
+
+
+def test_columns_of_numbered_times_stay_plain_without_a_layout(tmp_path):
+    path = tmp_path / "trace.csv"
+    path.write_text("Time 1,F,Time 2,a\n0,1,0,2\n1,3,1,4\n")
+    plain = csv_samples.read_channels(path)
+    assert [channel.clock for channel in plain.channels] == [None] * 4
+    stated = csv_samples.read_channels(path, TextLayout(separator="comma"))
+    assert [channel.clock for channel in stated.channels] == [None, "Time 1", None, "Time 2"]
+
+
+def test_a_trace_with_a_time_but_no_value_is_refused(tmp_path):
+    path = tmp_path / "trace.csv"
+    path.write_text("Time,F,Time,a\n0,1,0,2\n1,3,1,\n")
+    assert "'a': expected a time for each value; got rows with one of them alone" in refusal(path)
+
+
+WITH_LAYOUT = {
+    "a point where commas are decimal": (
+        "a;b\n0,5;1\n1.5;2\n", {"separator": "semicolon", "decimal": "comma"},
+        "row 3, column 'a': expected a number with a decimal comma; got '1.5'",
+    ),
+    "a row that is cut off": ("a;b\n1;2\n3\n", {"separator": "semicolon"}, "row 3: expected 2 numbers"),
+    "a cell more": ("a;b\n1;2\n3;4;5\n", {"separator": "semicolon"}, "row 3: expected 2 numbers"),
+    "a blank row inside": ("a;b\n1;2\n\n3;4\n", {"separator": "semicolon"}, "row 3: expected 2 numbers"),
+    "a broken quote": ('a,b\n"1","2"\n"3,"4"\n', {"separator": "comma"}, "row 3"),
+    "letters behind a quote": ('a,b\n"1"5,"2"\n', {"separator": "comma"}, "expected at least one channel"),
+    "fewer rows than the layout says": (
+        "a;b\n1;2\n", {"separator": "semicolon", "header_row": 9},
+        "from row 10 on as the layout says; the file has 2 rows",
+    ),
+    "a header row that is blank": (
+        "\na;b\n1;2\n", {"separator": "semicolon", "header_row": 1, "first_row": 3},
+        "header_row 1 above the numbers; got a blank",
+    ),
+    "one name twice": ("a;a\n1;2\n", {"separator": "semicolon"}, "header_row = 0 in [text] calls the columns '1'"),
+    "a sheet": ("a;b\n1;2\n", {"sheet": "Data"}, "expected no sheet"),
+    "another encoding": ("a;b\n1;2\n", {"separator": "semicolon", "encoding": "utf-16"}, "expected UTF-16 text"),
+    "overload": ("a;b\n1;2\nOVL;4\n", {"separator": "semicolon"}, "row 3, column 'a': expected a number"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WITH_LAYOUT)
+def test_rows_that_do_not_fit_the_layout_are_refused(tmp_path, case):
+    text, entries, sentence = WITH_LAYOUT[case]
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    assert sentence in refusal(path, layout_of(entries))
+
+
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"separator": "colon"}, "expected 'tab' or 'semicolon' or 'comma' or 'blank'; got 'colon'"),
+        ({"decimal": "dot"}, "expected 'point' or 'comma'"),
+        ({"encoding": "cp1252"}, "expected 'utf-8' or 'latin-1' or 'utf-16'"),
+        ({"header_row": -1}, "expected a row counted from 0; got -1"),
+        ({"unit_row": 0}, "expected a row counted from 1; got 0"),
+        ({"first_row": 2.5}, "expected a row counted from 1; got 2.5"),
+        ({"header_row": 3, "first_row": 3}, "expected header_row above first_row; got rows 3 and 3"),
+        ({"header_row": 3, "unit_row": 3}, "expected names and units in rows of their own; got row 3 for both"),
+        ({"seperator": "tab"}, "got 'seperator'"),
+    ],
+)
+def test_a_layout_that_contradicts_itself_is_refused(entries, sentence):
+    with pytest.raises(RecordingFormatError, match=r"map\.toml \[text\]") as caught:
+        layout_of(entries)
+    assert sentence in str(caught.value)
+
+
+def test_what_is_written_of_a_layout_is_read_back(tmp_path):
+    for file in FILES.values():
+        if file.layout is not None:
+            layout = layout_of(file.layout)
+            assert layout_of(layout.entries()) == layout
+
+
+def test_prose_and_pictures_are_no_columns(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("Measured on the 3rd of March, with 2 sensors.\nNothing else is known; see page 12.\n")
+    with pytest.raises(RecordingFormatError, match="expected rows of numbers; found none"):
+        propose_layout(path)
+    path.write_bytes(bytes(range(256)) * 9)
+    with pytest.raises(RecordingFormatError, match="expected text; byte 0 is 0x00"):
+        propose_layout(path)
+
+
+def test_a_layout_is_for_texts_alone(tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, x=np.ones(3))
+    with pytest.raises(RecordingFormatError, match=r"expected no table \[text\]"):
+        read_channels(path, TextLayout())
+
+
+def test_a_mistake_beyond_the_first_block_names_its_row(tmp_path):
+    path = tmp_path / "a.csv"
+    n_rows = 300_000
+    path.write_text("a;b\n" + "1,5;2,5\n" * n_rows + "1,5;2.5\n" + "1,5;2,5\n" * 9)
+    layout = TextLayout(separator="semicolon", decimal="comma")
+    assert f"row {n_rows + 2}, column 'b': expected a number with a decimal comma; got '2.5'" in refusal(path, layout)
+
+
+def test_a_byte_that_is_no_text_is_named_wherever_it_stands(tmp_path):
+    path = tmp_path / "a.csv"
+    content = b"a,b\n" + b"1,2\n" * 600_000
+    path.write_bytes(content + b"1,\xb5\n")
+    assert f"expected UTF-8 text; byte {len(content) + 2} is 0xb5" in refusal(path)
+
+
+def test_texts_that_stand_among_numbers_are_said_to_be_texts(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,F\n06:00:00,1\n06:00:01,2\n")
+    channels = csv_samples.read_channels(path, TextLayout(separator="comma"))
+    assert channels.text("t") == ("06:00:00", "06:00:01")
+    with pytest.raises(RecordingFormatError, match="expected numbers in 't'; it holds texts such as '06:00:00'"):
+        channels.channel("t")
+    with pytest.raises(RecordingFormatError, match="expected 'F' to hold texts; it holds numbers"):
+        channels.text("F")
+    with pytest.raises(RecordingFormatError, match="expected a column of texts 'u'; the file has 't'"):
+        channels.text("u")
+
+
+def test_forty_thousand_columns_are_refused_before_they_are_parsed(tmp_path):
+    path = tmp_path / "a.csv"
+    row = ",".join(f"c{i}" for i in range(40_000))
+    path.write_text(f"{row}\n" + ",".join("1" * 40_000) + "\n")
+    assert "expected at most 4096 columns; got 40000" in refusal(path)
+    assert "expected at most 4096 columns; got 40000" in refusal(path, TextLayout(separator="comma"))
+
+
+def test_a_row_without_end_is_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("a,b\n" + "1" * 3_000_000)
+    assert "expected rows of at most 1048576 characters" in refusal(path)
+
+
+def test_four_thousand_columns_are_read(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(table(*[[str(i), str(i + 0.5)] for i in range(4096)]))
+    channels = csv_samples.read_channels(path)
+    assert len(channels.names) == 4096
+    np.testing.assert_array_equal(channels.channel("4096").samples, [4095.0, 4095.5])
