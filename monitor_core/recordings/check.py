@@ -18,6 +18,7 @@ from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import ChannelSummary
 from monitor_core.recordings.raw.map_proposal import made_of
+from monitor_core.recordings.raw.text_layout import TextLayout
 from monitor_core.recordings.raw.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
@@ -184,7 +185,7 @@ def _look_at_raw(name: str, path: Path) -> FileReport:
     return FileReport(name, True, (), channels, _contents_of_raw(read, layout), _doubts(channels), uses, next_step)
 
 
-def _contents_of_raw(read: Channels, layout: inspection.Layout | None) -> tuple[tuple[str, object], ...]:
+def _contents_of_raw(read: Channels, layout: TextLayout | None) -> tuple[tuple[str, object], ...]:
     responses = tuple(f"{each.name}: {inspection.response_remark(each)}" for each in read.responses)
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
     if texts := columns_of_texts(read):

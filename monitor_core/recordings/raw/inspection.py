@@ -1,12 +1,9 @@
 """Look at the channels of a raw file: what the file states of each, and what its values show."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from importlib import import_module
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -23,6 +20,7 @@ from monitor_core.recordings.raw.channel_kind import (
 )
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.text_layout import TextLayout, propose_layout
 
 #: How many values of a channel are shown.
 N_FIRST = 5
@@ -38,14 +36,6 @@ _UNEVEN, _ROUNDED = 0.4, 0.01
 _PLAUSIBLE_RATE = (20.0, 5e6)  # [Hz]
 _LONGEST_AXIS = 20.0  # [m]
 _GRAVITY = 9.80665  # 3rd CGPM, 1901 [m/s²]
-
-
-class Layout(Protocol):
-    """How a text file is written, where it is not plain."""
-
-    def entries(self) -> Mapping[str, str | int]:
-        """Return the entries of the map's [text]."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +60,7 @@ class ChannelSummary:
     doubts: tuple[str, ...] = ()  # that the numbers are of the quantity that name or unit says
 
 
-def inspect(path: Path, layout: Layout | None = None) -> tuple[ChannelSummary, ...]:
+def inspect(path: Path, layout: TextLayout | None = None) -> tuple[ChannelSummary, ...]:
     """Read the channels of a raw file and look at each; ``layout`` is how a text file is written, where not plain.
 
     ``RecordingFormatError`` if the file cannot be read; ``MissingReaderError`` if that needs a library that is not
@@ -79,20 +69,10 @@ def inspect(path: Path, layout: Layout | None = None) -> tuple[ChannelSummary, .
     return summaries_of(read_channels(path, layout))
 
 
-def read_as_proposed(path: Path, name: str) -> tuple[Channels, Layout | None]:
+def read_as_proposed(path: Path, name: str) -> tuple[Channels, TextLayout | None]:
     """Read a raw file of a format, a text in the layout that is proposed for it; return that layout, too."""
-    layout = proposed_layout(path) if name == "csv" else None
+    layout = propose_layout(path) if name == "csv" else None
     return read_channels(path, layout), layout
-
-
-def proposed_layout(path: Path) -> Layout | None:
-    """Return how a text file seems to be written where that is not plain; None where the plain reader takes it."""
-    try:
-        text_layout = import_module("monitor_core.recordings.raw.text_layout")
-    except ModuleNotFoundError:
-        return None
-    layout: Layout | None = text_layout.propose_layout(path)
-    return layout
 
 
 def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:
@@ -260,6 +240,6 @@ def _with_article(kind: ChannelKind) -> str:
     return f"{'an' if kind is ChannelKind.ACCELERATION else 'a'} {kind}"
 
 
-def layout_remark(layout: Layout) -> str:
+def layout_remark(layout: TextLayout) -> str:
     """Say in a few words how a text file seems to be written, entry by entry as in the map's [text]."""
     return ", ".join(f"{name} {value}" for name, value in layout.entries().items())

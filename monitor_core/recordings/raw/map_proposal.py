@@ -14,7 +14,8 @@ from monitor_core.arrays import SampleArray
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import ChannelKind, is_planned, kind_of, unit_in_name, units_of
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.inspection import Layout, read_as_proposed, step_of
+from monitor_core.recordings.raw.inspection import read_as_proposed, step_of
+from monitor_core.recordings.raw.text_layout import TextLayout
 from monitor_core.recordings.raw.text_times import TextTimes, columns_of_texts, text_times
 from monitor_core.recordings.recognition import KINDS, require_format
 
@@ -70,7 +71,7 @@ def made_of(channels: Channels) -> Made:
     return _made_of(channels, _parts(channels))
 
 
-def proposed_map(channels: Channels, layout: Layout | None = None) -> str:
+def proposed_map(channels: Channels, layout: TextLayout | None = None) -> str:
     """Return a channel map for channels that were read; ``layout`` is how a text is written, where not plain."""
     parts, texts = _parts(channels), text_times(columns_of_texts(channels))
     match _made_of(channels, parts):
@@ -181,7 +182,7 @@ def _blank(name: str, remark: str) -> str:
     return f"{f'# {name} =':<38} {FILL_IN}: {remark}"
 
 
-def _text_lines(layout: Layout | None) -> Iterator[str]:
+def _text_lines(layout: TextLayout | None) -> Iterator[str]:
     if layout is None:
         return
     yield ""
