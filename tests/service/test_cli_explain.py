@@ -369,8 +369,11 @@ FRF = ("axis.frf.h5", "--baseline", "baseline.toml")
         (("none.frf.h5", "--baseline", "baseline.toml"), "none.frf.h5: expected a file; nothing is"),
         (("axis.frf.h5", "--baseline", "none.toml"), "none.toml: expected a file; nothing is"),
         (("axis.frf.h5", "--baseline", "motion.csv"), "motion.csv: expected a drive model in TOML"),
-        (("baseline.toml", "--baseline", "baseline.toml"), "expected a set of frequency responses, a session, a modal"),
-        (("other.csv", "--baseline", "baseline.toml"), "force_n or torque_nm); got a text with other columns"),
+        (
+            ("baseline.toml", "--baseline", "baseline.toml"),
+            "expected a session, a set of frequency responses, a motion record",
+        ),
+        (("other.csv", "--baseline", "baseline.toml"), "with which preload import other.csv --map other.toml"),
         (("motion.csv", "--baseline", "baseline.toml"), "expected a model of the family motion; got one of receptance"),
         (("axis.frf.h5", "--baseline", "motion.toml"), "got a motion model, which is a rigid axis"),
         (("motion.csv", "--baseline", "motion.toml", "--hold-out-mm", 10), "of a motion the second half is held out"),

@@ -166,9 +166,9 @@ def test_a_raw_file_alone_is_told_what_it_needs(preload: Any, recorded: Path, co
         "explain": ("--baseline", "m.toml"),
     }
     sentence = sentence_of(preload, command, recorded / "m0.npz", *options.get(command, ()))
-    assert "got a raw file (npz)" in sentence
-    assert "'preload check m0.npz --write-map MAP'" in sentence
-    assert "'preload import'" in sentence
+    assert "got a NumPy archive" in sentence
+    assert "preload check m0.npz --write-map m0.toml" in sentence
+    assert "preload import m0.npz --map m0.toml" in sentence
     several = (recorded / "m0.npz", recorded / "m1.npz", *options.get(command, ()))
     assert "need --map" in sentence_of(preload, command, *several)
 
