@@ -24,6 +24,7 @@ from monitor_core.session import calibrate_session
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.session import axis_settings, band_option, is_session, watched_session
 from service.cli.output import json_option, print_json, print_table
+from service.cli.targets import require_target
 
 
 @click.command()
@@ -56,6 +57,8 @@ def calibrate(
     as_json: bool,
 ) -> None:
     """Fit k1…k4 to measured natural frequencies at several positions and preloads, or join them with a prior."""
+    require_target(out, "calibration", inputs=[data] if prior_file is None else [data, prior_file])
+    _require_options_of(data, excitation_source, band_hz)
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
     prior = None if prior_file is None else prior_from_calibration(read_calibration(prior_file), prior_file.name)
     if is_session(data):
@@ -69,6 +72,14 @@ def calibrate(
         print_json(calibration_document(calibration))
     else:
         _print(data, calibration)
+
+
+def _require_options_of(data: Path, excitation_source: str | None, band_hz: tuple[float, float] | None) -> None:
+    """Refuse options that say nothing of this kind of data: they would be passed over in silence."""
+    if is_session(data) and excitation_source is not None:
+        raise click.UsageError(f"--excitation-source goes with a modal table; the session {data.name} states its own")
+    if not is_session(data) and band_hz is not None:
+        raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
 
 
 def _from_session(

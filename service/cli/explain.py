@@ -31,6 +31,7 @@ from service.cli.inputs.session import (
     responses_of_file,
 )
 from service.cli.output import json_option, print_json, print_table, progress_bar
+from service.cli.targets import require_target, require_target_folder
 from service.documents.explanation import explanation_document
 from service.report import write_report
 from service.report.content import Cell, EffectContent, ReportContent, report_content
@@ -86,21 +87,22 @@ def explain(
 
     DATA is a set of frequency responses, a session, a modal table, or a motion record.
     """
-    if out is not None and not out.parent.is_dir():
-        raise click.UsageError(f"cannot write {out}: folder {out.parent} does not exist")
+    require_target(out, "model file", inputs=[data, *healthy_paths, *([] if effects_path is None else [effects_path])])
+    require_target_folder(report_dir)
     healthy_files = tuple(_files(healthy_paths))
     if any(path.resolve() == data.resolve() for path in healthy_files):
         raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
-    measured, assumptions = _measured(data, band_hz, accelerometer)
     baseline = read_model_file(baseline_path)
+    effects = () if effects_path is None else read_effect_file(effects_path)
+    _require_writable(baseline, effects)
+    measured, assumptions = _measured(data, band_hz, accelerometer)
     options = ExplainOptions(
         hold_out=tuple(metres(position) for position in hold_out_mm),
-        effects=() if effects_path is None else read_effect_file(effects_path),
+        effects=effects,
         healthy=tuple(_responses(path, band_hz) for path in healthy_files),
         accelerometer=accelerometer,
         assumptions=assumptions,
     )
-    _require_writable(baseline, options.effects)
     with _watched(data.name) as progress:
         explanation = explain_axis(baseline, measured, options, progress=progress)
     model_text = model_file_text(explanation.augmented or baseline)

@@ -14,6 +14,7 @@ space at the end. The library follows these sizes without looking at them; here 
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -102,28 +103,47 @@ def open_hdf5(path: Path) -> Iterator["h5py.File"]:
 
 def attributes(group: "h5py.Group", known: frozenset[str], where: str) -> Fields:
     """Return the known attributes. Only numbers and texts are touched: other types crash HDF5 when damaged."""
+    return _attributes_of(group.id, known, where)
+
+
+def _attributes_of(place: "h5py.h5g.GroupID", known: frozenset[str], where: str) -> Fields:
+    """Return the known attributes of a group that is open.
+
+    By the calls of HDF5 itself: what h5py does around each takes longer than they do, and a session of two hours has a
+    hundred thousand.
+    """
     import h5py  # noqa: PLC0415
 
     values: dict[str, object] = {}
-    attrs, readable = group.attrs, (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
-    for name in sorted(known.intersection(attrs)):
-        stored = attrs.get_id(name)
-        kind, shape = stored.get_type(), stored.shape
-        # MATLAB and LabVIEW write a single value as an array of one
-        if kind.get_class() not in readable or shape not in ((), (1,), (1, 1)):
-            raise RecordingFormatError(
-                f"{where}, {name}: expected a single number or text; got {stored.dtype} of shape {shape}"
-            )
-        values[name] = _value_of(stored, np.zeros(shape, dtype=kind.dtype))
+    for name in sorted(known):
+        encoded = name.encode()
+        if h5py.h5a.exists(place, encoded):
+            values[name] = _value_of(h5py.h5a.open(place, encoded), f"{where}, {name}")
     return Fields(values, where)
 
 
-def _value_of(stored: "h5py.h5a.AttrID", array: npt.NDArray[np.generic]) -> object:
-    """Read a single value, of an attribute that is open, by way of an array of its type and shape."""
-    stored.read(array)
+def _value_of(stored: "h5py.h5a.AttrID", place: str) -> object:
+    """Read the single value of an attribute that is open."""
+    import h5py  # noqa: PLC0415
+
+    kind, shape = stored.get_type(), stored.shape
+    # MATLAB and LabVIEW write a single value as an array of one
+    readable = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    if kind.get_class() not in readable or shape not in ((), (1,), (1, 1)):
+        raise RecordingFormatError(f"{place}: expected a single number or text; got {stored.dtype} of shape {shape}")
+    array = np.zeros(shape, dtype=kind.dtype)
+    stored.read(array, _type_in_memory(array.dtype.str, h5py.check_string_dtype(array.dtype)))
     value: object = array.reshape(-1)[0]
     of_any_length = array.dtype.hasobject
     return value.decode("utf-8", "surrogateescape") if of_any_length and isinstance(value, bytes) else value
+
+
+@lru_cache(maxsize=256)
+def _type_in_memory(code: str, text: "h5py.h5t.string_info | None") -> "h5py.h5t.TypeID":
+    """Return HDF5's own description of a NumPy type: making it takes longer than reading a value."""
+    import h5py  # noqa: PLC0415
+
+    return h5py.h5t.py_create(np.dtype(code) if text is None else h5py.string_dtype(*text))
 
 
 def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group":
@@ -155,8 +175,20 @@ def numbered_groups(
         place = f"{where} /{folder}/{name}"
         if not re.fullmatch(rf"\d{{{digits},}}", name, re.ASCII):
             raise RecordingFormatError(f"{place}: expected a group named by at least {digits} digits; got {name!r}")
-        fields[name] = attributes(member(found, name, "Group", place), known, place)
+        fields[name] = _attributes_of(_group_in(found, name, place), known, place)
     return found, fields
+
+
+def _group_in(folder: "h5py.Group", name: str, place: str) -> "h5py.h5g.GroupID":
+    """Return a group that really lies in this folder, as :func:`member` does, in a tenth of its time."""
+    import h5py  # noqa: PLC0415
+
+    encoded = name.encode("utf-8", "surrogateescape")
+    if folder.id.links.get_info(encoded).type == h5py.h5l.TYPE_HARD:
+        opened = h5py.h5o.open(folder.id, encoded)
+        if isinstance(opened, h5py.h5g.GroupID):
+            return opened
+    return member(folder, name, "Group", place).id  # or the sentence that says what it is
 
 
 def write_attributes(group: "h5py.Group", stated: Mapping[str, object]) -> None:
