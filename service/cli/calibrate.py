@@ -20,7 +20,7 @@ from monitor_core.recordings.calibration_file import (
     write_calibration,
 )
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import calibrate_session
+from monitor_core.session import calibrate_judged, excitation_remarks, judge_session
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.session import axis_settings, band_option, is_session, watched_session
 from service.cli.output import json_option, print_json, print_table
@@ -61,17 +61,20 @@ def calibrate(
     _require_options_of(data, excitation_source, band_hz)
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
     prior = None if prior_file is None else prior_from_calibration(read_calibration(prior_file), prior_file.name)
+    remarks: list[str] = []
     if is_session(data):
-        calibration = _from_session(data, weighting, mass, band_hz, prior)
+        calibration, remarks = _from_session(data, weighting, mass, band_hz, prior)
     else:
         source = None if excitation_source is None else ExcitationSource(excitation_source)
         calibration = _from_table(data, weighting, mass, source, prior)
     if out is not None:
         write_calibration(out, calibration)
     if as_json:
-        print_json(calibration_document(calibration))
+        print_json({**calibration_document(calibration), "warnings": remarks})
     else:
         _print(data, calibration)
+        for remark in remarks:
+            click.echo(f"- {remark}.")
 
 
 def _require_options_of(data: Path, excitation_source: str | None, band_hz: tuple[float, float] | None) -> None:
@@ -88,10 +91,14 @@ def _from_session(
     mass: Estimate | None,
     band_hz: tuple[float, float] | None,
     prior: CoefficientPrior | None,
-) -> Calibration:
+) -> tuple[Calibration, list[str]]:
+    """Return the calibration, and what is said of the measurements it rests on."""
     settings = axis_settings(band_hz, mass)
     with watched_session(path) as session:
-        return calibrate_session(session, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
+        judged = list(judge_session(session, settings))
+    calibration = calibrate_judged(judged, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
+    remarks = excitation_remarks([item for item in judged if item.conditions.preload is not None])
+    return calibration, [f"{name}: {remark}" for name, remark in remarks.items()]
 
 
 def _from_table(

@@ -6,9 +6,11 @@ from pathlib import Path
 import click
 
 from monitor_core.modal import ModalMeasurement
-from monitor_core.recording import Rejection
+from monitor_core.recording import ExcitationQuantity, Rejection
+from monitor_core.recordings.calibration_file import EXCITATION_LEVEL_UNITS
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.session import SessionMeasurement, judge_session
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT
+from monitor_core.session import SessionMeasurement, excitation_remarks, judge_session
 from service.cli.inputs.session import axis_settings, band_option, watched_session
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
@@ -24,19 +26,20 @@ def frf(session: Path, band_hz: tuple[float, float] | None, as_json: bool) -> No
     settings = axis_settings(band_hz)
     with watched_session(session) as recorded:
         measurements = list(judge_session(recorded, settings))
+    remarks = excitation_remarks(measurements)
     if as_json:
-        print_json({"measurements": [_document(item) for item in measurements]})
+        print_json({"measurements": [_document(item, remarks.get(item.name)) for item in measurements]})
         return
     print_table(
         f"Modes in {session.name}",
-        ("measurement", "position", "frequency", "damping", "coherence", "averages", "remarks"),
-        [_row(item) for item in measurements],
+        ("measurement", "position", "frequency", "damping", "coherence", "averages", "excitation", "remarks"),
+        [_row(item, remarks.get(item.name)) for item in measurements],
     )
 
 
-def _document(item: SessionMeasurement) -> JsonObject:
+def _document(item: SessionMeasurement, remark: str | None) -> JsonObject:
     modal = item.outcome.modal
-    return {
+    document: JsonObject = {
         "measurement": item.name,
         "position_mm": to_millimetres(item.conditions.position),
         "preload_n": item.conditions.preload,
@@ -44,13 +47,22 @@ def _document(item: SessionMeasurement) -> JsonObject:
         "refused": False,
         **(modal_document(modal) if isinstance(modal, ModalMeasurement) else refusal_document(modal)),
     }
+    if isinstance(modal, ModalMeasurement):
+        quantity = modal.excitation_quantity
+        document |= {
+            f"excitation_rms_{'nm' if quantity is ExcitationQuantity.TORQUE else 'n'}": modal.excitation_rms,
+            "excitation_level": modal.excitation_level,
+            "excitation_level_unit": EXCITATION_LEVEL_UNITS[quantity],
+            "warnings": [*modal.warnings, *([] if remark is None else [remark])],
+        }
+    return document
 
 
-def _row(item: SessionMeasurement) -> tuple[str, ...]:
+def _row(item: SessionMeasurement, remark: str | None) -> tuple[str, ...]:
     modal = item.outcome.modal
     if isinstance(modal, Rejection):
         position = f"{to_millimetres(item.conditions.position):.1f} mm"
-        return (item.name, position, "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
+        return (item.name, position, "—", "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
     frequency = modal.mode.frequency
     return (
         item.name,
@@ -59,5 +71,6 @@ def _row(item: SessionMeasurement) -> tuple[str, ...]:
         f"{100 * modal.mode.damping_ratio.value:.2f} %",
         f"{modal.coherence:.3f}",
         f"{modal.n_averages:.0f}",
-        "; ".join(modal.warnings),
+        f"{modal.excitation_rms:.3g} {EXCITATION_UNIT[modal.excitation_quantity].replace('.', '·')} rms",
+        "; ".join([*modal.warnings, *([] if remark is None else [remark])]),
     )
