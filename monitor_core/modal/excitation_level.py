@@ -1,7 +1,8 @@
 """Say which measurements are hardly comparable, because the axis was driven with another force.
 
-Joints with play or friction are softer under a large force: the natural frequency of a wing with bolted joints (the F-16
-of the benchmarks of nonlinear identification) fell by 2 % at eight times the force. On an axis that reads as a loss.
+Joints with play or friction are softer under a large force: the natural frequency of a wing with bolted joints (the
+F-16 of the benchmarks of nonlinear identification) fell by 2 % at eight times the force. On an axis that reads as a
+loss.
 """
 
 import math

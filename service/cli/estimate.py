@@ -10,7 +10,6 @@ import click
 
 from monitor_core.modal import excitation_remark
 from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload
-from monitor_core.preload.witnesses import WitnessName
 from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
@@ -75,7 +74,7 @@ def _of_session(path: Path, calibration: Calibration) -> list[_Estimated]:
 def _against_calibration(item: SessionMeasurement, calibration: Calibration) -> str | None:
     """Return what is said of an excitation that is not the calibration's, where no doubt of the preload says it."""
     modal, preload, level = item.outcome.modal, item.outcome.preload, calibration.excitation_level
-    doubted = isinstance(preload, PreloadEstimate) and WitnessName.EXCITATION_LEVEL in preload.deviations
+    doubted = isinstance(preload, PreloadEstimate) and "excitation-level" in preload.deviations
     alike = not isinstance(modal, Rejection) and modal.excitation_quantity is calibration.excitation_quantity
     if doubted or not alike or isinstance(modal, Rejection) or not level:
         return None

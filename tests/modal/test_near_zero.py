@@ -36,7 +36,7 @@ def measured(modes, rate, n_samples, band, seed=0):
 
 
 def assert_right_or_refused(answer, modes):
-    """A mode of the axis within its 95 % interval, or 0.1 %: the lines of sampled ringing are rational to that."""
+    """Find a mode within the interval of 95 %, or 0.1 %: to that, the lines of sampled ringing are rational."""
     if isinstance(answer, Rejection):
         return
     frequency = answer.mode.frequency

@@ -41,7 +41,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         raise AssertionError("worked before it had looked at what it is to write")
 
     for module, names in {
-        service.cli.calibrate: ("watched_session", "read_modal_table", "calibrate_session", "fit_calibration"),
+        service.cli.calibrate: ("watched_session", "read_modal_table", "calibrate_judged", "fit_calibration"),
         service.cli.identify: ("responses_of_file", "read_modal_table", "identify_joints"),
         service.cli.explain: ("format_of", "responses_of_file", "explain_axis"),
         service.cli.simulate: ("built_model", "simulate_measurements"),

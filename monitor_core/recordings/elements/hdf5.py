@@ -98,7 +98,21 @@ def open_hdf5(path: Path) -> Iterator["h5py.File"]:
         require_sound_heap(require_file(path))
         file = h5py.File(path, "r")
     with file:
+        _keep_cache_small(file)
         yield file
+
+
+#: Of the metadata of a file in memory [bytes]. By itself the cache grows to 32 MiB, several times that with what hangs
+#: on it, for windows that are read once each.
+_CACHE = 2**19
+
+
+def _keep_cache_small(file: "h5py.File") -> None:
+    """Bound what HDF5 keeps of the metadata, so that memory stays flat however many windows there are."""
+    configuration = file.id.get_mdc_config()
+    configuration.set_initial_size = True
+    configuration.initial_size = configuration.min_size = configuration.max_size = _CACHE
+    file.id.set_mdc_config(configuration)
 
 
 def attributes(group: "h5py.Group", known: frozenset[str], where: str) -> Fields:
@@ -150,10 +164,10 @@ def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group
     """Return a "Group" or "Dataset" that really lies in this file: a link could name any file of the machine."""
     import h5py  # noqa: PLC0415
 
-    if name not in group:
-        raise RecordingFormatError(f"{place}: expected a {kind.lower()}; it is missing")
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise RecordingFormatError(f"{place}: expected a {kind.lower()} inside the file; got a link")
+    links, encoded = group.id.links, name.encode("utf-8", "surrogateescape")
+    if not links.exists(encoded) or links.get_info(encoded).type != h5py.h5l.TYPE_HARD:
+        got = " inside the file; got a link" if links.exists(encoded) else "; it is missing"
+        raise RecordingFormatError(f"{place}: expected a {kind.lower()}{got}")
     found = group[name]
     if not isinstance(found, getattr(h5py, kind)):
         raise RecordingFormatError(f"{place}: expected a {kind.lower()}; got a {type(found).__name__.lower()}")
@@ -214,7 +228,11 @@ def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -
 
 def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
     """Read a dataset, in the byte order of this machine; the array cannot be written to."""
-    values: npt.NDArray[np.number] = dataset.astype(dataset.dtype.newbyteorder("="))[()]
+    import h5py  # noqa: PLC0415
+
+    values: npt.NDArray[np.number] = np.zeros(dataset.shape, dataset.dtype.newbyteorder("="))
+    if values.size:
+        dataset.id.read(h5py.h5s.ALL, h5py.h5s.ALL, values, _type_in_memory(values.dtype.str, None))
     values.setflags(write=False)  # ours alone: a record need not copy it
     return values
 
