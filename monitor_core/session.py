@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 from typing import Protocol
 
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.modal import ModalMeasurement, measure_modes
+from monitor_core.modal import ModalMeasurement, measure_modes, session_remarks
 from monitor_core.pipeline import (
     AxisSettings,
     MeasurementOutcome,
@@ -157,6 +157,13 @@ def _doubted(session: Sequence[SessionMeasurement], calibration: Calibration) ->
     ]
 
 
+def excitation_remarks(judged: Sequence[SessionMeasurement]) -> dict[str, str]:
+    """Return by the names of the measurements what is said of those that were driven otherwise than the others."""
+    modes = {m.name: m.outcome.modal for m in judged if isinstance(m.outcome.modal, ModalMeasurement)}
+    remarks = session_remarks(list(modes.values()))
+    return {name: remark for name, remark in zip(modes, remarks, strict=True) if remark is not None}
+
+
 def modes_at_set_preloads(judged: Sequence[SessionMeasurement]) -> list[ModalMeasurement]:
     """Return the modes of the measurements whose preload was set on purpose and that were not refused."""
     return [
@@ -178,7 +185,18 @@ def calibrate_session(
     With a prior, what was known of k1…k4 before, fewer measurements will do. ``NotIdentifiableError`` if none of the
     measurements can be judged, or they determine no calibration.
     """
-    modes = modes_at_set_preloads(list(judge_session(session, settings)))
+    return calibrate_judged(list(judge_session(session, settings)), settings, weighting=weighting, prior=prior)
+
+
+def calibrate_judged(
+    judged: Sequence[SessionMeasurement],
+    settings: AxisSettings,
+    *,
+    weighting: Weighting = Weighting.NONE,
+    prior: CoefficientPrior | None = None,
+) -> Calibration:
+    """Fit k1…k4 to measurements that are judged already; as :func:`calibrate_session`."""
+    modes = modes_at_set_preloads(judged)
     if not modes:
         raise NotIdentifiableError("a calibration needs measurements with preload_n set that can be judged; got none")
     return calibrate_from_measurements(modes, settings=settings, weighting=weighting, prior=prior)

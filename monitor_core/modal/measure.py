@@ -54,6 +54,7 @@ class ModalMeasurement:
     excitation_quantity: ExcitationQuantity
     excitation_source: ExcitationSource
     excitation_level: float  # rms per root hertz around the mode [N·m/√Hz] or [N/√Hz]
+    excitation_rms: float  # over the search band [N·m] or [N]
     taper: Taper  # of the frequency response and coherence
     noise_level: float = math.nan  # of what the fit leaves of the response, rms per root hertz [m/(s²·√Hz)]
     leaves_response: bool = False  # whether the excitation explains more than one mode does, where no more was asked
@@ -116,6 +117,7 @@ def measure_mode(
         excitation_quantity=windows[0].excitation_quantity,
         excitation_source=windows[0].excitation_source,
         excitation_level=_excitation_level(spectra.of_windows(answer.kept), mode),
+        excitation_rms=_excitation_rms(spectra.of_windows(answer.kept), band),
         taper=answer.taper,
         noise_level=_noise_level(answer, noisy, spectra),
         leaves_response=fit.leaves_response,
@@ -203,6 +205,12 @@ def _excitation_level(spectra: BandSpectra, mode: ModalParameters) -> float:
     lines = spectra.within(mode.frequency.value - half_width, mode.frequency.value + half_width).excitation
     density = 2.0 * np.mean(np.abs(lines) ** 2, dtype=np.float64) / (spectra.n_samples * spectra.sample_rate)
     return float(np.sqrt(density))
+
+
+def _excitation_rms(spectra: BandSpectra, band: tuple[float, float]) -> float:
+    """Return the rms of what lies in a band, over all windows, by Parseval's theorem."""
+    power = np.abs(spectra.within(*band).excitation) ** 2
+    return math.sqrt(2.0 * float(np.sum(power, dtype=np.float64)) / spectra.n_windows) / spectra.n_samples
 
 
 def _contamination(answer: AveragedFit, spectra: BandSpectra, windows: Sequence[Window]) -> Contamination:

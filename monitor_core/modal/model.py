@@ -42,8 +42,11 @@ class FitLines:
 
     @classmethod
     def of(cls, spectra: BandSpectra, low: float, high: float, weight: FloatArray | None = None) -> "FitLines":
-        """Take the lines from ``low`` to ``high`` [Hz] in double precision; without weights the noise is white."""
-        band = spectra.within(low, high)
+        """Take the lines from ``low`` to ``high`` [Hz] in double precision; without weights the noise is white.
+
+        The line at 0 Hz is left out: the mean of each window was removed with it, so it holds no measurement.
+        """
+        band = spectra.within(max(low, 0.5 * spectra.resolution), high)
         w = np.ones(band.frequency.size) if weight is None else weight
         excitation: ComplexArray = band.excitation.astype(np.complex128) * w
         response: ComplexArray = band.response.astype(np.complex128) * w

@@ -4,13 +4,13 @@ The covariance comes from the residual noise and from the scatter between window
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.modal.model import FitLines, basis_of, normalised_frequency, pole_factor
-from monitor_core.modal.selection import leaves_response, likeliest_model
+from monitor_core.modal.selection import leaves_response, likeliest_model, rival_of
 from monitor_core.modal.variable_projection import Solution
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import ModalParameters
@@ -145,11 +145,37 @@ def fit_modes(
                 f"of {lines.n_windows} windows",
             )
         fit = _mode_fit(*likeliest, frequency, maximum_modes, _warn_of_cut(lines, start[0], half_width))
+        if maximum_modes > 1 and start[0] - half_width < 0.0:
+            fit = _widened_by_rival(*likeliest, fit)
         start = (fit.modes[0].frequency.value, fit.modes[0].damping_ratio.value)
         # The band follows the damping found, if the start had it wrong by more than a quarter.
         if 0.8 < _half_width(*start, spectra.resolution) / half_width < 1.25:
             break
     return fit
+
+
+def _widened_by_rival(lines: FitLines, solution: Solution, fit: ModeFit) -> ModeFit:
+    """Add to the uncertainty of a mode whose lines end at 0 Hz what a second one, left out, would move it by."""
+    rival = rival_of(lines, solution)
+    if rival is None:
+        return fit
+    mode = fit.modes[0]
+    nearest = rival.modes[np.argmin(np.abs(rival.modes[:, 0] - mode.frequency.value))]
+    moved = nearest - [mode.frequency.value, mode.damping_ratio.value]
+    widened = replace(
+        mode,
+        frequency=_widened(mode.frequency, float(moved[0])),
+        damping_ratio=_widened(mode.damping_ratio, float(moved[1])),
+    )
+    warning = (
+        f"the lines end at 0 Hz, and do not tell whether there is a second mode: it would move the frequency by "
+        f"{moved[0]:+.2g} Hz, which joins its uncertainty"
+    )
+    return replace(fit, modes=(widened, *fit.modes[1:]), warnings=(*fit.warnings, warning))
+
+
+def _widened(estimate: Estimate, by: float) -> Estimate:
+    return replace(estimate, standard_uncertainty=math.hypot(estimate.standard_uncertainty, by))
 
 
 def _half_width(frequency: float, damping_ratio: float, resolution: float) -> float:

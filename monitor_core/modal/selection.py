@@ -199,6 +199,18 @@ def _with_noise_and_tones(lines: FitLines, solution: Solution) -> tuple[FitLines
     return None if weighted is None else (lines, weighted)
 
 
+def rival_of(lines: FitLines, one_mode: Solution) -> Solution | None:
+    """Return two modes where they explain the lines far better than the one that was chosen.
+
+    Within a few lines of 0 Hz a second mode beside the first makes the windows unlike each other, which passes for
+    overdispersion: there the choice may be wrong, and the rival tells by how much.
+    """
+    if one_mode.order.n_modes > 1:
+        return None
+    rival = _two_modes(lines, one_mode)
+    return None if rival is None or rival.bic > one_mode.bic - _STRONG_EVIDENCE else rival
+
+
 def leaves_response(lines: FitLines, one_mode: Solution, *, enough_before: bool = False) -> bool:
     r"""Tell whether a richer B at the same pole explains significantly more; cheap, nothing is searched.
 

@@ -40,7 +40,7 @@ _INFLUENCE_KEYS = {
 }
 _PARAMETER_KEYS = {**COEFFICIENT_KEYS, **_INFLUENCE_KEYS}
 _PARAMETER_NAMES = {key: name for name, key in _PARAMETER_KEYS.items()}
-_LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORCE: "N/Hz^0.5", None: None}
+EXCITATION_LEVEL_UNITS = {ExcitationQuantity.TORQUE: "N.m/Hz^0.5", ExcitationQuantity.FORCE: "N/Hz^0.5", None: None}
 
 
 def calibration_document(calibration: Calibration) -> dict[str, object]:
@@ -96,7 +96,7 @@ def calibration_document(calibration: Calibration) -> dict[str, object]:
         "phase_reference": None if phase is None else {"polarity": phase.polarity, "delay_s": phase.delay},
         "uncertainty_stated": calibration.uncertainty_stated,
         "excitation_level": calibration.excitation_level,
-        "excitation_level_unit": _LEVEL_UNITS[calibration.excitation_quantity],
+        "excitation_level_unit": EXCITATION_LEVEL_UNITS[calibration.excitation_quantity],
         "prior": calibration.prior,
         "witnesses": [_witness_document(witness) for witness in calibration.witnesses],
         "friction_coefficient_s2_per_nm": friction.value if friction else None,

@@ -59,13 +59,14 @@ class SessionReader:
     description: str
     created: datetime | None
     measurement_of: Mapping[str, str]  # window's group name → its measurement, in time order
+    _names_of: Mapping[str, tuple[str, ...]]  # measurement → group names of its windows, in time order
     _windows: "h5py.Group"
     _where: str
 
     @property
     def measurements(self) -> tuple[str, ...]:
         """Names of the measurements, in order of first appearance."""
-        return tuple(dict.fromkeys(self.measurement_of.values()))
+        return tuple(self._names_of)
 
     def window(self, name: str) -> Window:
         """Read one window by the name of its group."""
@@ -79,7 +80,7 @@ class SessionReader:
 
     def windows_of(self, measurement: str) -> tuple[Window, ...]:
         """Read the windows of one measurement, in time order."""
-        return tuple(self.window(name) for name, of in self.measurement_of.items() if of == measurement)
+        return tuple(self.window(name) for name in self._names_of.get(measurement, ()))
 
 
 @contextmanager
@@ -141,9 +142,18 @@ def _session_reader(file: "h5py.File", where: str) -> SessionReader:
         description=root.text("description") if root.values.get("description") else "",
         created=root.instant("created") if "created" in root else None,
         measurement_of=measurement_of,
+        _names_of=_names_by_measurement(measurement_of),
         _windows=windows,
         _where=where,
     )
+
+
+def _names_by_measurement(measurement_of: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """Turn the table round, once: a search for each measurement grows with the square of the session."""
+    names: dict[str, list[str]] = {}
+    for name, measurement in measurement_of.items():
+        names.setdefault(measurement, []).append(name)
+    return {measurement: tuple(of_it) for measurement, of_it in names.items()}
 
 
 def _require_content(axis_id: str, starts: list[datetime], where: str) -> None:

@@ -20,12 +20,13 @@ from monitor_core.recordings.calibration_file import (
     write_calibration,
 )
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import calibrate_session
+from monitor_core.session import calibrate_judged, excitation_remarks, judge_session
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.formats import calibration_at
 from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.inputs.session import axis_settings, band_option
 from service.cli.output import json_option, print_json, print_table
+from service.cli.targets import require_target
 
 
 @click.command()
@@ -60,24 +61,37 @@ def calibrate(
     as_json: bool,
 ) -> None:
     """Fit k1…k4 to measured natural frequencies at several positions and preloads, or join them with a prior."""
+    require_target(out, "calibration", inputs=[*paths, *([] if prior_file is None else [prior_file])])
     data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.SESSION))
+    _require_options_of(data, excitation_source, band_hz)
     mass = None if moving_mass_kg is None else Estimate(*moving_mass_kg)
     prior = (
         None
         if prior_file is None
         else prior_from_calibration(read_calibration(calibration_at(prior_file)), prior_file.name)
     )
+    remarks: list[str] = []
     if data.is_session:
-        calibration = _from_session(data, weighting, mass, band_hz, prior)
+        calibration, remarks = _from_session(data, weighting, mass, band_hz, prior)
     else:
         source = None if excitation_source is None else ExcitationSource(excitation_source)
         calibration = _from_table(data.file, weighting, mass, source, prior)
     if out is not None:
         write_calibration(out, calibration)
     if as_json:
-        print_json(calibration_document(calibration))
+        print_json({**calibration_document(calibration), "warnings": remarks})
     else:
         _print(data, calibration)
+        for remark in remarks:
+            click.echo(f"- {remark}.")
+
+
+def _require_options_of(data: Data, excitation_source: str | None, band_hz: tuple[float, float] | None) -> None:
+    """Refuse options that say nothing of this kind of data: they would be passed over in silence."""
+    if data.is_session and excitation_source is not None:
+        raise click.UsageError(f"--excitation-source goes with a modal table; the session {data.name} states its own")
+    if not data.is_session and band_hz is not None:
+        raise click.UsageError(f"--band-hz goes with a session; got {data.name}")
 
 
 def _from_session(
@@ -86,10 +100,14 @@ def _from_session(
     mass: Estimate | None,
     band_hz: tuple[float, float] | None,
     prior: CoefficientPrior | None,
-) -> Calibration:
+) -> tuple[Calibration, list[str]]:
+    """Return the calibration, and what is said of the measurements it rests on."""
     settings = axis_settings(band_hz, mass)
     with opened_session(data) as session:
-        return calibrate_session(session, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
+        judged = list(judge_session(session, settings))
+    calibration = calibrate_judged(judged, settings, weighting=Weighting(weighting or Weighting.NONE), prior=prior)
+    remarks = excitation_remarks([item for item in judged if item.conditions.preload is not None])
+    return calibration, [f"{name}: {remark}" for name, remark in remarks.items()]
 
 
 def _from_table(

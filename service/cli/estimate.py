@@ -8,12 +8,13 @@ from pathlib import Path
 
 import click
 
+from monitor_core.modal import excitation_remark
 from monitor_core.preload import Calibration, PreloadEstimate, estimate_preload
 from monitor_core.recording import Rejection
 from monitor_core.recordings.calibration_file import read_calibration
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
-from monitor_core.session import judge_session, with_session_doubts
+from monitor_core.session import SessionMeasurement, excitation_remarks, judge_session, with_session_doubts
 from service.cli.inputs.formats import calibration_at
 from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.inputs.session import axis_settings
@@ -60,16 +61,28 @@ def _of_session(data: Data, calibration: Calibration) -> list[_Estimated]:
     estimates = []
     with opened_session(data) as session:
         judged = list(judge_session(session, axis_settings(None), calibration))
+        remarks = excitation_remarks(judged)
         for item in with_session_doubts(judged, calibration):
             modal = item.outcome.modal
             frequency = None if isinstance(modal, Rejection) else modal.mode.frequency.value
             position_mm = to_millimetres(item.conditions.position)
-            warnings = () if isinstance(modal, Rejection) else modal.warnings
+            driven = remarks.get(item.name) or _against_calibration(item, calibration)
+            warnings = () if isinstance(modal, Rejection) else (*modal.warnings, *([] if driven is None else [driven]))
             refused = Counter(str(rejection.reason) for rejection in item.refused_windows)
             if not isinstance(modal, Rejection):
                 refused.update(str(rejection.reason) for _, rejection in modal.refused_windows)
             estimates.append(_Estimated(item.name, position_mm, frequency, item.outcome.preload, warnings, refused))
     return estimates
+
+
+def _against_calibration(item: SessionMeasurement, calibration: Calibration) -> str | None:
+    """Return what is said of an excitation that is not the calibration's, where no doubt of the preload says it."""
+    modal, preload, level = item.outcome.modal, item.outcome.preload, calibration.excitation_level
+    doubted = isinstance(preload, PreloadEstimate) and "excitation-level" in preload.deviations
+    alike = not isinstance(modal, Rejection) and modal.excitation_quantity is calibration.excitation_quantity
+    if doubted or not alike or isinstance(modal, Rejection) or not level:
+        return None
+    return excitation_remark(modal, level, "the calibration")
 
 
 def _of_table(path: Path, calibration: Calibration) -> list[_Estimated]:

@@ -38,6 +38,7 @@ from service.cli.inputs.session import (
     require_session,
 )
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.targets import require_target, require_target_folder
 from service.documents.explanation import explanation_document
 from service.report import write_report
 from service.report.content import Cell, EffectContent, ReportContent, report_content
@@ -95,22 +96,24 @@ def explain(
 
     DATA is a set of frequency responses, a session, a modal table, a motion record, or with --map raw files of one.
     """
-    if out is not None and not out.parent.is_dir():
-        raise click.UsageError(f"cannot write {out}: folder {out.parent} does not exist")
+    inputs = [*paths, *healthy_paths, *([] if effects_path is None else [effects_path])]
+    require_target(out, "model file", inputs=inputs)
+    require_target_folder(report_dir)
     data = data_of(paths, map_path, takes=tuple(DataKind))
     healthy_files = tuple(_files(healthy_paths))
     if {path.resolve() for path in healthy_files} & {path.resolve() for path in paths}:
         raise click.UsageError(f"--healthy takes machines that lack nothing; {data.name} is the one to explain")
-    measured, assumptions = _measured(data, band_hz, accelerometer)
     baseline = read_model_file(model_at(baseline_path))
+    effects = () if effects_path is None else read_effect_file(effects_path)
+    _require_writable(baseline, effects)
+    measured, assumptions = _measured(data, band_hz, accelerometer)
     options = ExplainOptions(
         hold_out=tuple(metres(position) for position in hold_out_mm),
-        effects=() if effects_path is None else read_effect_file(effects_path),
+        effects=effects,
         healthy=tuple(_responses(path, band_hz) for path in healthy_files),
         accelerometer=accelerometer,
         assumptions=assumptions,
     )
-    _require_writable(baseline, options.effects)
     with _watched(data.name) as progress:
         explanation = explain_axis(baseline, measured, options, progress=progress)
     model_text = model_file_text(explanation.augmented or baseline)

@@ -6,10 +6,18 @@ from pathlib import Path
 import click
 
 from monitor_core.modal import ModalMeasurement
-from monitor_core.recording import Rejection
+from monitor_core.recording import ExcitationQuantity, Rejection
+from monitor_core.recordings.calibration_file import EXCITATION_LEVEL_UNITS
 from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT
 from monitor_core.response_modes import ModesAtConditions, modes_by_conditions
-from monitor_core.session import MeasuredModes, SessionMeasurement, judge_session, modes_of_session
+from monitor_core.session import (
+    MeasuredModes,
+    SessionMeasurement,
+    excitation_remarks,
+    judge_session,
+    modes_of_session,
+)
 from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option, opened_session
 from service.cli.inputs.session import axis_settings, band_option
 from service.cli.output import json_option, print_json, print_table
@@ -47,46 +55,64 @@ def frf(
             measurements = [MeasuredModes(item, ()) for item in judge_session(recorded, settings)]
         else:
             measurements = list(modes_of_session(recorded, settings, n_modes))
+    remarks = excitation_remarks([item.measurement for item in measurements])
     if as_json:
-        print_json({"measurements": [_document(item, listed=n_modes is not None) for item in measurements]})
+        listed = n_modes is not None
+        documents = [_document(item, remarks.get(item.measurement.name), listed=listed) for item in measurements]
+        print_json({"measurements": documents})
         return
-    rows = [_row(item.measurement) for item in measurements] if n_modes is None else _mode_rows(measurements)
+    if n_modes is None:
+        rows = [_row(item.measurement, remarks.get(item.measurement.name)) for item in measurements]
+    else:
+        rows = _mode_rows(measurements)
     print_table(
         f"Modes in {data.name}",
-        ("measurement", "position", "frequency", "damping", "coherence", "averages", "remarks"),
+        ("measurement", "position", "frequency", "damping", "coherence", "averages", "excitation", "remarks"),
         rows,
     )
 
 
-def _document(measured: MeasuredModes, *, listed: bool) -> JsonObject:
+def _document(measured: MeasuredModes, remark: str | None, *, listed: bool) -> JsonObject:
     item = measured.measurement
     document: JsonObject = {
         "measurement": item.name,
         "position_mm": to_millimetres(item.conditions.position),
         "preload_n": item.conditions.preload,
         "windows_refused": dict(Counter(str(rejection.reason) for rejection in item.refused_windows)),
-        **_outcome_document(item.outcome.modal),
+        **_outcome_document(item.outcome.modal, remark),
     }
     if listed:
-        document["modes"] = [_outcome_document(mode) for mode in measured.modes]
+        document["modes"] = [_outcome_document(mode, None) for mode in measured.modes]
     return document
 
 
-def _outcome_document(outcome: ModalMeasurement | Rejection) -> JsonObject:
+def _outcome_document(outcome: ModalMeasurement | Rejection, remark: str | None) -> JsonObject:
     if isinstance(outcome, Rejection):
         return refusal_document(outcome)
-    return {"refused": False, **modal_document(outcome)}
+    quantity = outcome.excitation_quantity
+    return {
+        "refused": False,
+        **modal_document(outcome),
+        f"excitation_rms_{'nm' if quantity is ExcitationQuantity.TORQUE else 'n'}": outcome.excitation_rms,
+        "excitation_level": outcome.excitation_level,
+        "excitation_level_unit": EXCITATION_LEVEL_UNITS[quantity],
+        "warnings": _said(outcome, remark),
+    }
 
 
-def _row(item: SessionMeasurement) -> tuple[str, ...]:
+def _said(modal: ModalMeasurement, remark: str | None) -> list[str]:
+    return [*modal.warnings, *([] if remark is None else [remark])]
+
+
+def _row(item: SessionMeasurement, remark: str | None) -> tuple[str, ...]:
     modal = item.outcome.modal
     if isinstance(modal, Rejection):
         position = f"{to_millimetres(item.conditions.position):.1f} mm"
-        return (item.name, position, "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
-    return _mode_row(item.name, modal)
+        return (item.name, position, "—", "—", "—", "—", "—", f"{modal.reason}: {modal.detail}")
+    return _mode_row(item.name, modal, remark)
 
 
-def _mode_row(name: str, modal: ModalMeasurement) -> tuple[str, ...]:
+def _mode_row(name: str, modal: ModalMeasurement, remark: str | None = None) -> tuple[str, ...]:
     frequency = modal.mode.frequency
     return (
         name,
@@ -95,7 +121,8 @@ def _mode_row(name: str, modal: ModalMeasurement) -> tuple[str, ...]:
         f"{100 * modal.mode.damping_ratio.value:.2f} %",
         f"{modal.coherence:.3f}",
         f"{modal.n_averages:.0f}",
-        "; ".join(modal.warnings),
+        f"{modal.excitation_rms:.3g} {EXCITATION_UNIT[modal.excitation_quantity].replace('.', '·')} rms",
+        "; ".join(_said(modal, remark)),
     )
 
 
@@ -106,7 +133,7 @@ def _mode_rows(measurements: list[MeasuredModes]) -> list[tuple[str, ...]]:
         position = f"{to_millimetres(item.conditions.position):.1f} mm"
         for mode in measured.modes:
             if isinstance(mode, Rejection):
-                rows.append((item.name, position, "—", "—", "—", "—", f"{mode.reason}: {mode.detail}"))
+                rows.append((item.name, position, "—", "—", "—", "—", "—", f"{mode.reason}: {mode.detail}"))
             else:
                 rows.append(_mode_row(item.name, mode))
     return rows

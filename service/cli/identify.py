@@ -32,6 +32,7 @@ from service.cli.inputs.session import (
     require_session,
 )
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.targets import require_target
 from service.documents.identification import OBJECTIVES, held_out_kind, identification_document
 
 
@@ -98,6 +99,10 @@ def identify(
     as_json: bool,
 ) -> None:
     """Find the joints of an axis from peaks (a modal table), frequency responses, or a session."""
+    require_target(out, "model file", inputs=paths)  # the model may be replaced by what became of it
+    require_target(calibration_out, "calibration", inputs=[*paths, model_path])
+    if out is not None and calibration_out is not None and out.resolve() == calibration_out.resolve():
+        raise click.UsageError(f"--out and --calibration write to one file, {out}")
     prediction = None
     if calibration_out is not None:
         needed = {"--mode-hz": mode_hz, "--preload-n": preload_n, "--scatter-hz": scatter_hz}
@@ -108,8 +113,8 @@ def identify(
         prediction = PredictionRequest(mode_hz, Estimate(*preload_n), scatter_hz, source)
     data = data_of(paths, map_path, takes=(DataKind.MODAL_TABLE, DataKind.FRF_SET, DataKind.SESSION))
     require_session(accelerometer, of_session=data.is_session)
-    measured, assumptions = _measured(data, band_hz)
     axis = read_model_file(model_at(model_path))
+    measured, assumptions = _measured(data, band_hz)
     options = IdentifyOptions(
         hold_out=tuple(metres(position) for position in hold_out_mm),
         limits={name: (low, high) for name, low, high in limits},
@@ -119,9 +124,6 @@ def identify(
         accelerometer=accelerometer,
         assumptions=assumptions,
     )
-    for path in (out, calibration_out):
-        if path is not None and not path.parent.is_dir():
-            raise click.UsageError(f"cannot write {path}: folder {path.parent} does not exist")
     with _mapping(workers) as map_function, _watched(data.name) as progress:
         joints = identify_joints(axis, measured, options, map_function=map_function, progress=progress)
     if out is not None:

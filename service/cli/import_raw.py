@@ -12,7 +12,10 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.raw import DataKind, Imported, data_of, import_of, say
 from service.cli.inputs.session import SESSION_SUFFIXES
 from service.cli.output import json_option, print_json, print_line
+from service.cli.targets import require_target
 from service.json_types import JsonObject
+
+_TARGETS = {DataKind.SESSION: "session file", DataKind.FRF_SET: "session file", DataKind.MOTION: "table"}
 
 
 @click.command("import")
@@ -33,12 +36,9 @@ def import_raw(paths: tuple[Path, ...], map_path: Path, out: Path, force: bool, 
     RAW are files of other programs (CSV, TDMS, UFF58, MAT, NPZ, …), several into one.
     """
     kind = _kind_of(out)
-    if not out.parent.is_dir():
-        raise click.BadParameter(f"cannot write {out.name}: folder {out.parent} does not exist")
+    require_target(out, _TARGETS[kind], inputs=[*paths, map_path])
     if out.exists() and not force:
         raise click.UsageError(f"{out} already exists; --force replaces it")
-    if any(path.resolve() == out.resolve() for path in (*paths, map_path)):
-        raise click.UsageError(f"{out} is one of the files to read; choose another name for --out")
     data = data_of(paths, map_path, takes=tuple(DataKind))
     if data.kind is not kind:
         raise click.UsageError(f"{map_path.name} makes a {data.kind} of raw files; {out.name} would be a {kind}")

@@ -18,8 +18,8 @@ from monitor_core.recording import ExcitationSource, Session, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.model import NumbersCommand, built_model
-from service.cli.inputs.session import SESSION_SUFFIXES
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
+from service.cli.targets import require_target
 from service.json_types import JsonObject
 
 #: A fixed instant, so that the same seed gives the same file whenever it is written.
@@ -89,10 +89,7 @@ def simulate(
     as_json: bool,
 ) -> None:
     """Record a session of a drive model: short ramps to and fro, in windows as a machine would record them."""
-    if out.suffix.lower() not in SESSION_SUFFIXES:
-        raise click.BadParameter(f"a session file ends in {' or '.join(SESSION_SUFFIXES)}; got {out.name}")
-    if not out.parent.is_dir():
-        raise click.BadParameter(f"cannot write {out.name}: folder {out.parent} does not exist")
+    require_target(out, "session file", inputs=[model], ending_needed=True)
     if out.exists() and not force:
         raise click.UsageError(f"{out} already exists; --force replaces it")
     drive = built_model(model)
