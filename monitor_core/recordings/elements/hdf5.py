@@ -245,24 +245,24 @@ def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -
 
 
 def require_readable(dataset: "h5py.Dataset", place: str) -> None:
-    """Refuse numbers that are elsewhere, were announced and never written, or unpack to more than announced.
-
-    ``RecordingFormatError``; the library itself inflates a packed chunk to whatever size it has.
-    """
+    """Refuse numbers that are elsewhere, too many, or were announced and never written; nothing is unpacked yet."""
     if dataset.is_virtual or dataset.external:
         raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
     require_plausible_length(dataset.size, place)
     require_plausible_expansion(dataset.size * dataset.dtype.itemsize, dataset.file.id.get_filesize(), place)
     if _unwritten(dataset):
         raise RecordingFormatError(f"{place}: expected {dataset.size} numbers; they were announced but never written")
-    if dataset.chunks is not None and dataset.size:
-        _require_sound_chunks(dataset, place)
 
 
 def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
-    """Read a dataset, in the byte order of this machine; the array cannot be written to."""
+    """Read a dataset, in the byte order of this machine; the array cannot be written to.
+
+    ``RecordingFormatError`` if a packed chunk becomes more than it says: the library would unpack it all the same.
+    """
     import h5py  # noqa: PLC0415
 
+    if dataset.chunks is not None and dataset.size:
+        _require_sound_chunks(dataset, f"{Path(dataset.file.filename).name} {dataset.name}")
     values: npt.NDArray[np.number] = np.zeros(dataset.shape, dataset.dtype.newbyteorder("="))
     if values.size:
         dataset.id.read(h5py.h5s.ALL, h5py.h5s.ALL, values, _type_in_memory(values.dtype.str, None))

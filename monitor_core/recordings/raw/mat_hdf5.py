@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.bounds import (
     MAX_CHANNELS,
@@ -18,7 +16,7 @@ from monitor_core.recordings.elements.bounds import (
     require_plausible_expansion,
 )
 from monitor_core.recordings.elements.files import refusing
-from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5, require_readable
+from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5, require_readable, values_of
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 if TYPE_CHECKING:
@@ -47,7 +45,9 @@ def read_channels(path: Path) -> Channels:
         require_plausible_channels([(name, dataset.size) for name, dataset in found.items()], path.name)
         n_bytes = sum(dataset.size * dataset.dtype.itemsize for dataset in found.values())
         require_plausible_expansion(n_bytes, path.stat().st_size, path.name)
-        return Channels(path.name, tuple(_channel(name, dataset, path.name) for name, dataset in found.items()))
+        for name, dataset in found.items():
+            require_readable(dataset, f"{path.name}, {name}")
+        return Channels(path.name, tuple(_channel(name, dataset) for name, dataset in found.items()))
 
 
 def _datasets(group: "h5py.Group", prefix: str, where: str, depth: int) -> Iterator[tuple[str, "h5py.Dataset"]]:
@@ -79,7 +79,6 @@ def _text(value: object) -> object:
     return value.decode("ascii", "replace") if isinstance(value, bytes) else value
 
 
-def _channel(name: str, dataset: "h5py.Dataset", where: str) -> Channel:
-    require_readable(dataset, f"{where}, {name}")
-    values = np.asarray(dataset[()]).T
+def _channel(name: str, dataset: "h5py.Dataset") -> Channel:
+    values = values_of(dataset).T
     return Channel(name, native_samples(values.reshape(-1) if 1 in values.shape else values))

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from openpyxl.worksheet._read_only import ReadOnlyWorksheet
 
 _MOST_ROWS = 2**20  # of a sheet, by the format
-_FREE_EMPTY_CELLS = 2**22
-#: What may be unpacked: sheets are read cell by cell, their texts and formats are held in memory.
-_FREE_SHEET_BYTES, _MOST_TEXT_BYTES = 2**26, 2**24
+_FREE_EMPTY_CELLS = 2**20
+#: What may be unpacked: sheets are read cell by cell, their texts and formats take time and are held in memory.
+_FREE_SHEET_BYTES = 2**26
+_FREE_TEXT_BYTES, _MOST_TEXT_BYTES = 2**20, 2**24
 _SECONDS_PER_DAY = 86400.0
 
 
@@ -119,7 +120,10 @@ def _require_plausible_parts(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         for part in archive.infolist():
             is_sheet = part.filename.startswith("xl/worksheets/")
-            most = max(_FREE_SHEET_BYTES, 2 * MOST_EXPANSION * packed) if is_sheet else _MOST_TEXT_BYTES
+            if is_sheet:
+                most = max(_FREE_SHEET_BYTES, 2 * MOST_EXPANSION * packed)
+            else:
+                most = min(_MOST_TEXT_BYTES, max(_FREE_TEXT_BYTES, MOST_EXPANSION * packed))
             is_read = part.filename.endswith((".xml", ".rels"))
             if is_read and part.file_size > most:
                 raise RecordingFormatError(
