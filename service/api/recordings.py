@@ -130,19 +130,19 @@ async def post_recording(axis: AxisId, request: Request, response: Response) -> 
     boundary = boundary_of(request.headers.get("content-type"))
     declared = request.headers.get("content-length", "")
     recordings = on.recordings
-    upload = await recordings.write_by(partial(recordings.begin, axis, int(declared) if declared.isdecimal() else 0))
+    upload = await recordings.begin(axis, int(declared) if declared.isdecimal() else 0)
     try:
         form, waiting = FormReader(boundary, upload), bytearray()
         async for part in request.stream():
             waiting += part
             if len(waiting) >= _AT_ONCE:
-                await recordings.write_by(partial(form.feed, bytes(waiting)))
+                await recordings.write(upload, partial(form.feed, bytes(waiting)))
                 waiting.clear()
-        await recordings.write_by(partial(form.feed, bytes(waiting)))
+        await recordings.write(upload, partial(form.feed, bytes(waiting)))
         form.end()
-        row = await recordings.look_by(partial(recordings.take, axis, upload))
+        row = await recordings.take(axis, upload)
     finally:
-        await recordings.write_by(upload.close)
+        await recordings.end(upload)
     response.headers["Location"] = f"/v1/jobs/{row.id}"
     return job_out(row)
 
@@ -225,11 +225,15 @@ def get_windows(
     kind = query.format or _accepted(request.headers.get("accept", "*/*"))
     name = f"{axis}-{measurement}" + (f"-{query.window}" if query.window else "")
     if kind == "csv":
-        rows = on.stored_windows.table(axis, measurement, query.window)
-        return StreamingResponse(rows, media_type=CSV_TYPE, headers=_attachment(f"{name}.csv"))
-    file = on.stored_windows.session(axis, measurement, query.window)
-    headers = {"Content-Length": str(file.size_bytes)} | _attachment(f"{name}.session.h5")
-    return StreamingResponse(file.parts, media_type=HDF5_TYPE, headers=headers)
+        file, media_type, name = on.stored_windows.table(axis, measurement, query.window), CSV_TYPE, f"{name}.csv"
+    else:
+        file, media_type, name = (
+            on.stored_windows.session(axis, measurement, query.window),
+            HDF5_TYPE,
+            f"{name}.session.h5",
+        )
+    headers = {"Content-Length": str(file.size_bytes), "Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(file.parts, media_type=media_type, headers=headers)
 
 
 def _accepted(accept: str) -> Literal["hdf5", "csv"]:
@@ -250,7 +254,3 @@ def _accepted(accept: str) -> Literal["hdf5", "csv"]:
     if not quality > 0.0:
         raise NotAcceptableError(f"windows are read as {HDF5_TYPE} or {CSV_TYPE}; Accept names {accept[:100]!r}")
     return best
-
-
-def _attachment(name: str) -> dict[str, str]:
-    return {"Content-Disposition": f'attachment; filename="{name}"'}

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -71,33 +72,43 @@ class Recordings:
         with database.read() as session:
             files.clean_up(recordings.folders(session))
 
-    def write_by(self, step: Callable[[], Done]) -> "asyncio.Future[Done]":
-        """Do a step of an upload in a thread for such steps."""
-        return asyncio.get_running_loop().run_in_executor(self._writers, step)
+    async def begin(self, axis_id: str, declared_bytes: int) -> Upload:
+        """Make room for an upload before it arrives.
 
-    def look_by(self, step: Callable[[], Done]) -> "asyncio.Future[Done]":
-        """Do what takes the memory of a recording, one after the other."""
-        return asyncio.get_running_loop().run_in_executor(self._lookers, step)
+        Raises UnknownResourceError, BusyError or StorageError if it could not be taken.
+        """
+        return await self._by(self._writers, partial(self._begin, axis_id, declared_bytes))
+
+    async def write(self, upload: Upload, step: Callable[[], None]) -> None:
+        """Do a step of an upload in a thread for such steps; raises what it raises."""
+        await self._by(self._writers, partial(_at_work, upload, step))
+
+    async def take(self, axis_id: str, upload: Upload) -> JobRow:
+        """Look into what arrived, keep it, and begin to import its windows: one recording at a time.
+
+        Raises what :func:`look_into` raises, and as :meth:`begin`; then nothing of it is kept.
+        """
+        return await self._by(self._lookers, partial(_at_work, upload, partial(self._take, axis_id, upload)))
+
+    async def end(self, upload: Upload) -> None:
+        """Remove what is not kept of an upload."""
+        await self._by(self._writers, upload.close)
 
     def close(self) -> None:
         """Finish what is under way."""
         self._lookers.shutdown()
         self._writers.shutdown()
 
-    def begin(self, axis_id: str, declared_bytes: int) -> Upload:
-        """Make room for an upload before it arrives.
+    @staticmethod
+    async def _by(threads: ThreadPoolExecutor, step: Callable[[], Done]) -> Done:
+        return await asyncio.get_running_loop().run_in_executor(threads, step)
 
-        Raises UnknownResourceError, BusyError or StorageError if it could not be taken.
-        """
+    def _begin(self, axis_id: str, declared_bytes: int) -> Upload:
         self._runner.require_place(KIND, axis_id)
         self._files.require_room(declared_bytes)
         return Upload(self._files.begin(), self._most_bytes, self._files.require_room)
 
-    def take(self, axis_id: str, upload: Upload) -> JobRow:
-        """Look into what arrived, keep it, and begin to import its windows.
-
-        Raises what :func:`look_into` raises, and as :meth:`begin`; then nothing of it is kept.
-        """
+    def _take(self, axis_id: str, upload: Upload) -> JobRow:
         upload.require_whole()
         folder = upload.folder
         map_path = None if upload.map_text is None else upload.map_path
@@ -190,6 +201,11 @@ class Recordings:
         if not path.is_file():
             raise UnknownResourceError(f"the file of recording {row.id} is missing in the data folder")
         return path
+
+
+def _at_work(upload: Upload, step: Callable[[], Done]) -> Done:
+    with upload.at_work():
+        return step()
 
 
 def contents_of(row: RecordingRow) -> RecordingContents:

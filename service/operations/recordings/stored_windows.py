@@ -1,9 +1,10 @@
 """Read the stored windows of a measurement back: as a session file, or as a table of their samples."""
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
+from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +14,12 @@ from monitor_core.recordings.session_hdf5 import write_session
 from service.errors import UnknownResourceError
 from service.store import measurements
 from service.store.database import Database
-from service.store.recordings import RecordingFiles
+from service.store.recordings import RecordingFiles, not_taken
 from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.window_format import size_of
 
+#: Five numbers of at most 24 characters, and what is between them.
+LONGEST_ROW_BYTES = 128
 _ROWS_AT_ONCE = 4096
 _AT_ONCE = 2**20
 _EXCITATION_COLUMN = {ExcitationQuantity.TORQUE: "torque_nm", ExcitationQuantity.FORCE: "force_n"}
@@ -45,20 +49,31 @@ class StoredWindows:
         """
         with self._one_at_a_time:
             windows = self._windows(axis_id, measurement_id, number)
-            folder = self._files.begin()
-            try:
-                path = folder.path / "windows.session.h5"
-                write_session(path, Session(axis_id, tuple(windows)))
-                file = path.open("rb")
-            finally:
-                folder.close()  # what is open can be read to its end
-        return StoredFile(_size(file), _parts(file))
+            return self._written(
+                2 * size_of(windows), lambda path: write_session(path, Session(axis_id, tuple(windows)))
+            )
 
-    def table(self, axis_id: str, measurement_id: int, number: int | None) -> Iterator[bytes]:
-        """Return them as CSV, one row a sample; raises before the first row as :meth:`session` does."""
+    def table(self, axis_id: str, measurement_id: int, number: int | None) -> StoredFile:
+        """Return them as CSV, one row a sample; raises as :meth:`session` does."""
         with self._one_at_a_time:
             windows = self._windows(axis_id, measurement_id, number)
-        return _rows(windows, number or 1)
+            n_samples = sum(window.n_samples for window in windows)
+            return self._written(LONGEST_ROW_BYTES * n_samples, lambda path: _write_table(path, windows, number or 1))
+
+    def _written(self, most_bytes: int, write: Callable[[Path], None]) -> StoredFile:
+        """Write a file and open it; it has no name any more, and is gone when it is closed."""
+        self._files.require_room(most_bytes)
+        folder = self._files.begin()
+        try:
+            path = folder.path / "windows"
+            try:
+                write(path)
+                file = path.open("rb")
+            except OSError as error:
+                raise not_taken(error) from error
+        finally:
+            folder.close()
+        return StoredFile(_size(file), _parts(file))
 
     def _windows(self, axis_id: str, measurement_id: int, number: int | None) -> list[Window]:
         with self._database.read() as session:
@@ -83,6 +98,11 @@ def _parts(file: BufferedReader) -> Iterator[bytes]:
     with file:
         while part := file.read(_AT_ONCE):
             yield part
+
+
+def _write_table(path: Path, windows: Sequence[Window], first_number: int) -> None:
+    with path.open("wb") as file:
+        file.writelines(_rows(windows, first_number))
 
 
 def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:

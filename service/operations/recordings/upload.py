@@ -3,7 +3,9 @@
 import hashlib
 import os
 import re
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
@@ -32,6 +34,10 @@ class UploadedFile:
     sha256: str
 
 
+class ClosedError(Exception):
+    """The request of an upload has ended; nobody is left to be told."""
+
+
 class Upload:
     """What arrives of one recording: files below ``folder``/files, a map in ``folder``/map.toml.
 
@@ -48,6 +54,8 @@ class Upload:
         self._looked_at = 0  # bytes that had arrived when the room was looked at
         self._all = hashlib.sha256()
         self._part: _FilePart | _MapPart | None = None
+        self._at_work = threading.Lock()
+        self._closed = False
 
     @property
     def sha256(self) -> str:
@@ -108,11 +116,24 @@ class Upload:
         if not self.files:
             raise InvalidRequestError(f"expected a part {FILE!r} with a recording; got none")
 
+    @contextmanager
+    def at_work(self) -> Iterator[None]:
+        """Work on the files: a request may end meanwhile, and then they are not removed before this is done.
+
+        Raises ClosedError if that has happened.
+        """
+        with self._at_work:
+            if self._closed:
+                raise ClosedError
+            yield
+
     def close(self) -> None:
         """Close what is open, and remove what is not kept."""
-        if isinstance(self._part, _FilePart):
-            self._part.close()
-        self.folder.close()
+        with self._at_work:
+            self._closed = True
+            if isinstance(self._part, _FilePart):
+                self._part.close()
+            self.folder.close()
 
     def _begin_file(self, file_name: str) -> "_FilePart":
         name = re.split(r"[/\\]", file_name)[-1]  # some browsers send the whole path
