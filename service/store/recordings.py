@@ -40,11 +40,11 @@ class ArrivingFolder:
         self._kept = False
 
     def sync(self) -> None:
-        """Wait until the names in it are on disk."""
+        """Wait until all that is in it is on disk."""
         with _disk_errors():
-            for folder in (self.path, *(path for path in self.path.iterdir() if path.is_dir())):
-                sync_folder(folder)
-            sync_folder(self.path.parent)
+            # files and folders alike
+            for path in (*self.path.rglob("*"), self.path, self.path.parent):
+                sync_folder(path)
 
     def keep(self) -> None:
         """Let it be: a row is about to be committed that names it."""

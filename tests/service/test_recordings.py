@@ -616,6 +616,9 @@ def test_full_disk_is_told_before_the_upload_and_while_it_arrives(
     problem = assert_problem(upload(refusing, ("x.npz", bytes(MIB))), 503, "storage-failed")
     assert "0 MiB" not in problem["detail"].split(";")[0]
     assert "Free some" in problem["detail"]
+    free = iter([2**40])  # enough for the file, and not for the session that is made of it
+    answer = upload(refusing, ("p500.npz", raw_bytes()), channel_map=MAP)
+    assert_problem(answer, 503, "storage-failed")
     free = iter([2**40, 2**40])
     answer = refusing.http.post("/v1/axes/axis/recordings", content=form(*[bytes(MIB)] * 60), headers=FORM)
     assert_problem(answer, 503, "storage-failed")

@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -31,6 +31,7 @@ from service.operations.fields import (
     Temperature,
 )
 from service.operations.recordings.raw_import import LeftOut, channels_of, import_raw
+from service.store.recordings import not_taken
 from service.store.window_format import size_of
 
 SESSION_SUFFIX = ".session.h5"
@@ -69,11 +70,13 @@ class Look:
     left_out: tuple[LeftOut, ...] = ()
 
 
-def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, most_bytes: int) -> Look:
+def look_into(
+    paths: Sequence[Path], map_path: Path | None, folder: Path, most_bytes: int, require_room: Callable[[int], None]
+) -> Look:
     """Open a session, or make one in a folder of raw files and their map; every window of it is checked.
 
     Raises RecordingFormatError if it is no session, does not fit its map, or a window is not one that can be taken;
-    BodyTooLargeError if its samples take more room than a recording may; MissingReaderError.
+    BodyTooLargeError if its samples take more room than a recording may; MissingReaderError; StorageError.
     """
     bounds = _Bounds(MOST_EXPANSION * most_bytes)
     if map_path is None:
@@ -86,7 +89,11 @@ def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, most_b
         bounds.require_length(window.excitation.size, where)
         bounds.require(window, where)
     path = folder / f"{paths[0].stem}{SESSION_SUFFIX}"
-    write_session(path, session)
+    require_room(2 * size_of(session.windows))  # the windows are stored besides
+    try:
+        write_session(path, session)
+    except OSError as error:
+        raise not_taken(error) from error
     return Look(
         path, plain(session.axis_id), len(session.windows), len(session.measurements), channels, imported.left_out
     )

@@ -1,4 +1,4 @@
-"""Import raw files with their channel map: the one place where the service calls what the command line calls."""
+"""Import raw files with their channel map: the only place where the service calls what the command line calls."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

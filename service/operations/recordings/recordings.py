@@ -112,7 +112,7 @@ class Recordings:
         upload.require_whole()
         folder = upload.folder
         map_path = None if upload.map_text is None else upload.map_path
-        look = look_into(upload.paths, map_path, folder.path, self._most_bytes)
+        look = look_into(upload.paths, map_path, folder.path, self._most_bytes, self._files.require_room)
         folder.sync()
 
         def store(session: Session, job: JobRow) -> JsonObject:

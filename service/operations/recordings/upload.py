@@ -1,7 +1,6 @@
 """Write the parts of an upload to the disk as they arrive, each within its bound."""
 
 import hashlib
-import os
 import re
 import threading
 from collections.abc import Callable, Iterator
@@ -171,10 +170,6 @@ class _FilePart:
         self._sha256.update(data)
 
     def end(self) -> UploadedFile:
-        try:
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise not_taken(error) from error
         self.close()
         return UploadedFile(self._name, self._size, self._sha256.hexdigest())
 
