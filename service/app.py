@@ -8,10 +8,10 @@ from importlib.metadata import version
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
-from starlette.middleware.gzip import GZipMiddleware
 
-from service.api import alarms, analyses, axes, calibrations, health, jobs, trend, windows
+from service.api import alarms, analyses, axes, calibrations, health, jobs, recordings, trend, windows
 from service.api.http.body import require_json
+from service.api.http.compression import Compression
 from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
@@ -35,10 +35,14 @@ from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
+from service.operations.recordings.recordings import KIND as IMPORT
+from service.operations.recordings.recordings import Recordings
+from service.operations.recordings.stored_windows import StoredWindows
 from service.settings import Settings
 from service.store.axes import list_axes
 from service.store.database import Database
 from service.store.jobs import ReportStore
+from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
 from service.web import pages
@@ -60,6 +64,7 @@ def create_app(settings: Settings) -> FastAPI:
         try:
             yield
         finally:
+            services.recordings.close()
             services.jobs.close()
             services.ingest.close()
             services.waveforms.close()
@@ -78,12 +83,16 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.settings = settings
     install_problem_handlers(app)
     app.add_middleware(
-        RequestLimits, largest_body=settings.max_body_mib * 2**20, most_waiting=settings.max_waiting_requests
+        RequestLimits,
+        largest_body=settings.max_body_mib * 2**20,
+        most_waiting=settings.max_waiting_requests,
+        largest_recording=settings.max_recording_mib * 2**20,
     )
-    app.add_middleware(GZipMiddleware, minimum_size=1000)
+    app.add_middleware(Compression, minimum_size=1000)
     app.add_middleware(Guard, host_names=settings.own_names())
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
+    app.include_router(recordings.router)
     for resource in (axes, trend, calibrations, analyses, alarms, jobs):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
@@ -127,11 +136,14 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     alarm_explanations = AlarmExplanations(database, waveforms, runner)
     ingest = Ingest(database, waveforms, lanes, metrics, alarm_explanations.follow)
     replays = Replays(settings.replay_dir, ingest)
+    files = RecordingFiles(settings.data_dir)
+    uploads = Recordings(database, files, ingest, runner, settings.max_recording_mib * 2**20)
     reports = ReportStore(settings.data_dir)
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
     work |= {
         "replay": replays.run,
+        IMPORT: uploads.run,
         identifications.kind: identifications.run,
         discrepancies.kind: discrepancies.run,
         ALARM_EXPLANATION: alarm_explanations.run,
@@ -147,6 +159,8 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         calibrations=Calibrations(database, waveforms, lanes),
         alarms=Alarms(database, lanes),
         replays=replays,
+        recordings=uploads,
+        stored_windows=StoredWindows(database, waveforms, files),
         identifications=identifications,
         discrepancies=discrepancies,
         alarm_explanations=alarm_explanations,

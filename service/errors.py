@@ -30,6 +30,18 @@ class BodyTooLargeError(ServiceError):
     """The request body holds more than is read at once."""
 
 
+class BodyTooSlowError(ServiceError):
+    """The request body did not arrive in time."""
+
+
+class InvalidRequestError(ServiceError):
+    """The request lacks something, or holds what does not belong there."""
+
+
+class NotAcceptableError(ServiceError):
+    """The resource is not there in the format that the caller reads."""
+
+
 class UnsupportedContentError(ServiceError):
     """The content type is not one that this resource reads."""
 
@@ -64,6 +76,9 @@ STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
     (ConflictError, 409, "conflict"),
     (UnreadableBodyError, 400, "unreadable-body"),
     (BodyTooLargeError, 413, "body-too-large"),
+    (BodyTooSlowError, 408, "body-too-slow"),
+    (InvalidRequestError, 422, "invalid-request"),
+    (NotAcceptableError, 406, "not-acceptable"),
     (UnsupportedContentError, 415, "unsupported-content"),
     (PreconditionError, 412, "precondition-failed"),
     (WaveformDamagedError, 500, "waveform-damaged"),

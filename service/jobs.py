@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
+from sqlalchemy.orm import Session
+
 from service.clock import now
 from service.errors import BusyError, StorageError
 from service.json_types import JsonObject
@@ -72,10 +74,17 @@ class JobRunner:
         for kind, job_id in unfinished:
             self._queue(kind, job_id)
 
-    def submit(self, kind: str, axis_id: str, arguments: JsonObject) -> JobRow:
+    def submit(
+        self,
+        kind: str,
+        axis_id: str,
+        arguments: JsonObject,
+        store_with: Callable[[Session, JobRow], JsonObject] | None = None,
+    ) -> JobRow:
         """Store a new job and queue it.
 
-        Raises BusyError if too many of its kind are not done yet.
+        ``store_with``: stores more in the same transaction, and returns the arguments with what it adds to them. Raises
+        BusyError if too many of its kind are not done yet.
         """
         at = now()
         row = JobRow(
@@ -83,13 +92,24 @@ class JobRunner:
             done=0, total=None, result=None, error=None, created_at=at, updated_at=at,
         )  # fmt: skip
         with self._database.write() as session:
-            axes.get_axis(session, axis_id)
-            waiting = jobs.count_unfinished(session, kind)
-            if waiting >= self._most_waiting:
-                raise BusyError(f"{waiting} jobs of kind {kind} are not done yet, more do not wait; come back later")
+            self._require_place(session, kind, axis_id)
             session.add(row)
+            if store_with is not None:
+                session.flush()
+                row.arguments = store_with(session, row)
         self._queue(kind, row.id)
         return row
+
+    def require_place(self, kind: str, axis_id: str) -> None:
+        """Refuse a job before what it needs is sent; raises as :meth:`submit`."""
+        with self._database.read() as session:
+            self._require_place(session, kind, axis_id)
+
+    def _require_place(self, session: Session, kind: str, axis_id: str) -> None:
+        axes.get_axis(session, axis_id)
+        waiting = jobs.count_unfinished(session, kind)
+        if waiting >= self._most_waiting:
+            raise BusyError(f"{waiting} jobs of kind {kind} are not done yet, more do not wait; come back later")
 
     def get(self, job_id: str) -> JobRow:
         """Return a job as it stands."""

@@ -24,6 +24,7 @@ class Settings(BaseSettings):
     )
     replay_dir: Path = Field(default=BUNDLED_SESSIONS, description="Folder of recorded sessions offered for replay.")
     max_body_mib: int = Field(default=64, ge=1, le=1024, description="Largest request body that is accepted.")
+    max_recording_mib: int = Field(default=1024, ge=1, le=16384, description="Largest recording that is uploaded.")
     max_waiting_requests: int = Field(
         default=64, ge=1, description="More requests with a body at one time are asked to come back."
     )

@@ -68,6 +68,14 @@ class SessionReader:
         """Names of the measurements, in order of first appearance."""
         return tuple(self._names_of)
 
+    def length(self, name: str) -> int:
+        """Return how many samples the longest channel of a window has; none is read."""
+        where = f"{self._where} /windows/{name}"
+        with refusing(where, "a readable window"):
+            group = self._windows[name]
+            channels = [channel for channel in ("excitation", "response", "position") if channel in group]
+            return max((column(group, channel, where, _SAMPLES).size for channel in channels), default=0)
+
     def window(self, name: str) -> Window:
         """Read one window by the name of its group."""
         where = f"{self._where} /windows/{name}"

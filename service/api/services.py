@@ -18,6 +18,8 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
+from service.operations.recordings.recordings import Recordings
+from service.operations.recordings.stored_windows import StoredWindows
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 
@@ -36,6 +38,8 @@ class Services:
     calibrations: Calibrations
     alarms: Alarms
     replays: Replays
+    recordings: Recordings
+    stored_windows: StoredWindows
     identifications: AnalysisJob[IdentificationIn]
     discrepancies: AnalysisJob[DiscrepancyIn]
     alarm_explanations: AlarmExplanations

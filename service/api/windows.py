@@ -16,7 +16,18 @@ from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_b
 from service.api.http.samples import Samples
 from service.api.services import Services, services
 from service.json_types import JsonObject
-from service.operations.fields import AxisId, Label, Moment, Number, RequestModel
+from service.operations.fields import (
+    AxisId,
+    Label,
+    Moment,
+    Payload,
+    Position,
+    PositionSpan,
+    RequestModel,
+    SampleRate,
+    SetPreload,
+    Temperature,
+)
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])
@@ -35,9 +46,9 @@ class WindowIn(RequestModel):
 
     started_at: Moment
     measurement: Annotated[Label, Field(description="windows that share it are averaged")]
-    sample_rate_hz: Annotated[Number, Field(gt=0, le=1e6)]
-    position_mm: Annotated[Number, Field(ge=-100_000, le=100_000, description="from the fixed bearing")]
-    position_span_mm: Annotated[Number, Field(ge=0, le=100_000, description="travel during the window")]
+    sample_rate_hz: SampleRate
+    position_mm: Position
+    position_span_mm: PositionSpan
     excitation: Samples
     response: Samples
     excitation_quantity: Literal["torque", "force"] = "torque"
@@ -47,9 +58,9 @@ class WindowIn(RequestModel):
     response_unit: Literal["m/s2"]
     position_trace_m: Samples | None = None
     direction: Literal["+", "-", "both"] = "both"
-    payload_kg: Annotated[Number, Field(ge=0, le=1e6)] | None = None
-    temperature_c: Annotated[Number, Field(gt=-273.15, le=1000)] | None = None
-    preload_n: Annotated[Number, Field(gt=0, le=1e7)] | None = Field(
+    payload_kg: Payload | None = None
+    temperature_c: Temperature | None = None
+    preload_n: SetPreload | None = Field(
         default=None, description="only where it was set on purpose, as in a calibration"
     )
 

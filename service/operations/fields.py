@@ -48,6 +48,16 @@ def exactly_one_of(*names: str) -> list[JsonValue]:
 Number = Annotated[float, Strict(), AllowInfNan(False)]
 Positive = Annotated[Number, Field(gt=0)]
 
+#: What is said of a window, however it is sent.
+SampleRate = Annotated[Number, Field(gt=0, le=1e6)]
+Position = Annotated[Number, Field(ge=-100_000, le=100_000, description="from the fixed bearing")]
+PositionSpan = Annotated[Number, Field(ge=0, le=100_000, description="travel during the window")]
+Payload = Annotated[Number, Field(ge=0, le=1e6)]
+Temperature = Annotated[Number, Field(gt=-273.15, le=1000)]
+SetPreload = Annotated[Number, Field(gt=0, le=1e7)]
+#: A window may hold so many samples: 41 s at 25.6 kHz. What is computed of one takes several times its room.
+MOST_SAMPLES = 2**20
+
 
 def _rfc3339(value: object) -> object:
     if isinstance(value, datetime) or (isinstance(value, str) and _RFC3339.fullmatch(value)):

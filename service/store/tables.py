@@ -12,6 +12,7 @@ from sqlalchemy import (
     Integer,
     MetaData,
     String,
+    Text,
     UniqueConstraint,
     text,
 )
@@ -229,6 +230,27 @@ class AlarmEventRow(Base):
     old_status: Mapped[str | None] = mapped_column(String(16))
     new_status: Mapped[str] = mapped_column(String(16))
     reason: Mapped[str] = mapped_column(String(1000))
+
+
+class RecordingRow(Base):
+    """An uploaded recording: files in a folder of their own, and what was found in them before it was taken."""
+
+    __tablename__ = "recordings"
+    # the number of one that was removed is not given to another: jobs go on naming it
+    __table_args__ = {"sqlite_autoincrement": True}  # noqa: RUF012 - SQLAlchemy's own hook
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    name: Mapped[str] = mapped_column(String(200))  # of its first file
+    sha256: Mapped[str] = mapped_column(String(64))  # of the bytes of its files, one after the other
+    size_bytes: Mapped[int] = mapped_column(BigInteger)
+    state: Mapped[str] = mapped_column(String(16))  # checked | imported
+    problems: Mapped[list[str]] = mapped_column(JSON)  # what does not keep it from being taken, a sentence each
+    channel_map: Mapped[str | None] = mapped_column(Text)  # TOML as it was sent; None: it is a session
+    contents: Mapped[JsonObject]  # files, channels, windows, what was left out
+    folder: Mapped[str] = mapped_column(String(32))
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
+    created_at: Mapped[datetime]
 
 
 class JobRow(Base):

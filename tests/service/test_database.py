@@ -12,8 +12,10 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import JSON, Connection, MetaData, inspect, select, text
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session as DatabaseSession
 
+from monitor_core.recording import Session
+from monitor_core.recordings.session_hdf5 import write_session
 from service.documents.measurement import with_trend
 from service.errors import DataFolderError
 from service.store import intake
@@ -22,6 +24,7 @@ from service.store.intake import MeasurementRecord
 from service.store.tables import AxisRow, Base, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.points import TrendPoint, point_of
 from tests.service.conftest import START, Api, running_service, simulated_measurement
+from tests.service.test_jobs import wait_for
 
 HOUR = timedelta(hours=1)
 LATER = START + HOUR
@@ -108,6 +111,33 @@ def test_downgrade_that_would_lose_something_is_refused_and_changes_nothing(data
     database.close()
 
 
+def test_downgrade_keeps_uploaded_recordings(database_url: str, tmp_path: Path) -> None:
+    """With a recording 0009 is not left; without one it is, and comes back."""
+    session = Session("axis", tuple(simulated_measurement(np.random.default_rng(1), "m", n_windows=8)))
+    write_session(tmp_path / "m.session.h5", session)
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        api.register("axis", windows_per_measurement=8)
+        with (tmp_path / "m.session.h5").open("rb") as file:
+            job = api.http.post("/v1/axes/axis/recordings", files={"file": file}).json()
+        wait_for(api, job["id"], "done")
+        assert len(api.trend("axis")) == 1
+    database = Database(database_url)
+    with pytest.raises(DataFolderError, match="recordings"), database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0008")
+    database.close()
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        number = job["arguments"]["recording"]
+        assert api.http.delete(f"/v1/axes/axis/recordings/{number}").json()["windows_stay"] == 8
+    database = Database(database_url)
+    with database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0008")
+        assert "recordings" not in inspect(connection).get_table_names()
+    database.migrate()
+    database.close()
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        assert api.http.get("/v1/axes/axis/recordings").json()["recordings"] == []
+
+
 def test_database_of_an_older_version_says_what_it_said(database_url: str, tmp_path: Path) -> None:
     """Everything that was stored before 0005, put down as it was then, is answered with as it is now."""
     with running_service(tmp_path / "var") as api:
@@ -150,7 +180,7 @@ def answers(api: Api) -> dict[str, object]:
     }
 
 
-def put_down_as_before_0005(session: Session, connection: Connection) -> None:
+def put_down_as_before_0005(session: DatabaseSession, connection: Connection) -> None:
     """Copy a database into the tables of version 0004."""
     tables = MetaData()
     tables.reflect(connection)
@@ -175,7 +205,7 @@ def put_down_as_before_0005(session: Session, connection: Connection) -> None:
             connection.execute(text(f"SELECT setval(pg_get_serial_sequence('{name}', 'id'), {len(rows)})"))
 
 
-def said_of(session: Session, measurement_id: int, started_at: datetime) -> dict[str, object]:
+def said_of(session: DatabaseSession, measurement_id: int, started_at: datetime) -> dict[str, object]:
     document = session.get(MeasurementDocumentRow, measurement_id)
     point = point_of(session.connection(), 1, started_at, measurement_id)
     if document is None or point is None:

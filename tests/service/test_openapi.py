@@ -46,7 +46,7 @@ def test_every_body_has_an_example_that_fits(document: dict[str, Any]) -> None:
         operation["requestBody"]["content"]["application/json"]
         for operations in document["paths"].values()
         for operation in operations.values()
-        if "requestBody" in operation
+        if "requestBody" in operation and "multipart/form-data" not in operation["requestBody"]["content"]
     ]
     assert len(bodies) == 9
     schemas = document["components"]["schemas"]
@@ -59,6 +59,22 @@ def test_every_body_has_an_example_that_fits(document: dict[str, Any]) -> None:
     examples = windows["application/json"]["examples"]
     TypeAdapter(WindowIn).validate_python(examples["one window"]["value"])
     TypeAdapter(WindowsIn).validate_python(examples["a whole measurement"]["value"])
+
+
+def test_an_upload_is_described_as_the_form_that_it_is(document: dict[str, Any]) -> None:
+    operations = document["paths"]["/v1/axes/{axis}/recordings"]
+    (kind,) = operations["post"]["requestBody"]["content"]
+    assert kind == "multipart/form-data"
+    schema = operations["post"]["requestBody"]["content"][kind]["schema"]
+    assert (set(schema["properties"]), schema["required"]) == ({"file", "map"}, ["file"])
+    assert set(operations["post"]["responses"]) == {"202", "4XX", "5XX"}
+    files = {
+        "/v1/axes/{axis}/recordings/{recording}/file": {"application/octet-stream"},
+        "/v1/axes/{axis}/recordings/{recording}/session": {"application/x-hdf5"},
+        "/v1/axes/{axis}/measurements/{measurement}/windows": {"application/x-hdf5", "text/csv"},
+    }
+    for path, kinds in files.items():
+        assert set(document["paths"][path]["get"]["responses"]["200"]["content"]) == kinds
 
 
 @pytest.mark.parametrize("path", ["/docs", "/redoc", "/"])

@@ -1,6 +1,7 @@
 """Take requests in time and within bounds, and let no sender take every place.
 
 A body is read here, whole, before its request gets one of the places at work: who sends slowly keeps nobody waiting.
+A recording is larger than memory may be: its route takes it part by part, within the same time, in places of its own.
 
 Speak HTTP/1.1 with one client, and close connections whose request headers do not come to an end.
 
@@ -8,6 +9,7 @@ uvicorn's own connection waits for headers as long, and takes as many bytes of t
 """
 
 import asyncio
+import re
 from collections import Counter
 from http import HTTPStatus
 from io import BytesIO
@@ -19,6 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from service.api.http.problems import problem
+from service.errors import BodyTooLargeError, BodyTooSlowError
 
 MOST_HEADER_BYTES = 64 * 2**10
 #: A body may take so long, and a second more for each so many bytes that have arrived.
@@ -31,14 +34,31 @@ LARGEST_AT_ONCE = 4
 #: A sender may hold so many times the places that are free: at most three quarters, while nobody else holds any.
 SHARE = 3
 
+#: The only bodies that are not read here: their route writes them to the disk as they arrive.
+STREAMED = re.compile(r"/v1/axes/[^/]+/recordings")
+#: More of them at one time are asked to come back.
+MOST_STREAMED = 4
+#: What surrounds the files of a recording: a map, and the headers of its parts.
+ROOM_AROUND_FILES = 2**20
+
 _WITHOUT_BODY = ("GET", "HEAD", "OPTIONS")
 
 
 class RequestLimits:
     """ASGI middleware: bounds the size of a body, the time it takes, and the number and memory of all bodies."""
 
-    def __init__(self, app: ASGIApp, *, largest_body: int, most_waiting: int, body_time_s: float = BODY_TIME_S) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        largest_body: int,
+        most_waiting: int,
+        body_time_s: float = BODY_TIME_S,
+        largest_recording: int = 0,
+    ) -> None:
         self._app = app
+        self._largest_streamed = largest_recording + ROOM_AROUND_FILES
+        self._streamed: Counter[str] = Counter()  # under way, by sender
         self._largest_body = largest_body  # of windows
         self._largest_document = min(LARGEST_DOCUMENT, largest_body)
         self._most_waiting = most_waiting
@@ -58,6 +78,9 @@ class RequestLimits:
             return
         if scope["method"] in _WITHOUT_BODY:
             await self._app(scope, receive, send)
+            return
+        if scope["method"] == "POST" and STREAMED.fullmatch(scope["path"]):
+            await self._stream(scope, receive, send)
             return
         largest = self._largest_body if scope["path"].endswith("/windows") else self._largest_document
         body, sender = _Body(receive, largest), (scope.get("client") or ("",))[0]
@@ -79,8 +102,7 @@ class RequestLimits:
 
     async def _arrive(self, body: "_Body", headers: Headers) -> Response | None:
         """Wait for a body, and return the refusal where it is too large or too slow."""
-        declared = headers.get("content-length", "")
-        if declared.isdecimal() and int(declared) > body.largest:
+        if _declared(headers) > body.largest:
             return _too_large(body.largest)
         loop = asyncio.get_running_loop()
         began = loop.time()
@@ -106,11 +128,37 @@ class RequestLimits:
             self._arriving.pop(body, None)
         return None
 
+    async def _stream(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a request whose body its route reads: what is too large or too slow is refused while it does."""
+        sender, taken = (scope.get("client") or ("",))[0], self._streamed.total()
+        refusal = None
+        if _declared(Headers(scope=scope)) > self._largest_streamed:
+            refusal = _too_large(self._largest_streamed)
+        elif self._streamed[sender] >= SHARE * (MOST_STREAMED - taken):
+            refusal = problem(503, "busy", f"{taken} recordings are being taken; come back later")
+        if refusal is not None:
+            await refusal(scope, receive, send)
+            return
+        self._streamed[sender] += 1
+        try:
+            await self._app(scope, _Stream(receive, self._largest_streamed, self._body_time_s).more, send)
+        except ClientDisconnect:
+            pass  # nobody is left to be told
+        finally:
+            self._streamed[sender] -= 1
+            self._streamed += Counter()
+
     def _without_place(self, sender: str) -> Response | None:
         taken = self._at_work.total()
         if self._at_work[sender] < SHARE * (self._most_waiting - taken):
             return None
         return problem(503, "busy", f"{taken} requests are waiting; come back later")
+
+
+def _declared(headers: Headers) -> int:
+    """Return how many bytes a body is said to have; 0 where nothing is said."""
+    declared = headers.get("content-length", "")
+    return int(declared) if declared.isdecimal() else 0
 
 
 def _too_large(largest: int) -> Response:
@@ -146,6 +194,42 @@ class _Body:
             return await self._receive()
         content, self._content = self._content, None
         return {"type": "http.request", "body": content.getvalue(), "more_body": False}
+
+
+class _Stream:
+    """The body of one request, handed on as it arrives."""
+
+    def __init__(self, receive: Receive, largest: int, body_time_s: float) -> None:
+        self._receive = receive
+        self._largest = largest
+        self._body_time_s = body_time_s
+        self._began = asyncio.get_running_loop().time()
+        self._size = 0
+        self._complete = False
+
+    async def more(self) -> Message:
+        """Return the next part.
+
+        Raises BodyTooLargeError or BodyTooSlowError.
+        """
+        if self._complete:
+            return await self._receive()
+        loop = asyncio.get_running_loop()
+        due = self._began + self._body_time_s + self._size / SLOWEST_BYTES_PER_S
+        try:
+            async with asyncio.timeout_at(min(due, loop.time() + self._body_time_s)):
+                message = await self._receive()
+        except TimeoutError:
+            raise BodyTooSlowError(
+                f"a recording must arrive within {self._body_time_s:g} s and a second for each {SLOWEST_BYTES_PER_S} "
+                f"bytes, without a pause of {self._body_time_s:g} s; got {self._size} bytes in "
+                f"{loop.time() - self._began:.0f} s"
+            ) from None
+        self._complete = not message.get("more_body", False)
+        self._size += len(message.get("body", b""))
+        if self._size > self._largest:
+            raise BodyTooLargeError(f"a body may hold {self._largest} bytes here; got more. Send less at once")
+        return message
 
 
 #: A connection without a request ends after so long.

@@ -16,7 +16,7 @@ from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
 from service.api.windows import WindowIn, WindowsIn
-from service.errors import ServiceError, status_of
+from service.errors import BodyTooSlowError, ServiceError, status_of
 from service.json_types import Json, JsonObject
 
 _COMPONENT = "#/components/schemas/{model}"
@@ -103,7 +103,8 @@ def install_problem_handlers(app: FastAPI) -> None:
     @app.exception_handler(MonitorCoreError)
     async def _refused(_request: Request, error: Exception) -> JSONResponse:
         status, name = status_of(error)
-        return problem(status, name, str(error))
+        headers = {"Connection": "close"} if isinstance(error, BodyTooSlowError) else None
+        return problem(status, name, str(error), headers)
 
     @app.exception_handler(RequestValidationError)
     async def _invalid_request(_request: Request, error: RequestValidationError) -> JSONResponse:

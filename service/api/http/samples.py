@@ -15,9 +15,8 @@ import pydantic_core
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from monitor_core.arrays import FloatArray, SampleArray
+from service.operations.fields import MOST_SAMPLES
 
-#: A window may hold so many samples: 41 s at 25.6 kHz. What is computed of one takes several times its room.
-MOST_SAMPLES = 2**20
 #: So many bytes of a list are read at once.
 _AT_ONCE = 2**16
 

@@ -10,7 +10,7 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from monitor_core.recordings.session_hdf5 import open_session
+from monitor_core.recordings.session_hdf5 import SessionReader, open_session
 from service.errors import UnknownResourceError
 from service.jobs import JobHandle
 from service.operations.fields import Number
@@ -68,7 +68,7 @@ class WindowCounts:
         )
 
 
-_COUNTS = TypeAdapter(WindowCounts)
+COUNTS = TypeAdapter(WindowCounts)
 
 
 class Replays:
@@ -93,21 +93,25 @@ class Replays:
     def run(self, job: JobHandle) -> None:
         """Replay one session from where the job was interrupted; windows that are stored already are passed over."""
         arguments = ReplayIn.model_validate(job.arguments)
-        pace = Pace(arguments.speed, job.sleep)
-        counts = _COUNTS.validate_python(job.result or {})
         with open_session(self._folder / (arguments.session + SUFFIX)) as session:
-            sizes = Counter(session.measurement_of.values())
-            total, done = sum(sizes.values()), 0
-            job.report(job.done, total, asdict(counts))
-            for measurement in session.measurements:
-                done += sizes[measurement]
-                if done <= job.done:
-                    continue
-                windows = session.windows_of(measurement)
-                pace.wait_for(windows[0].started_at)
-                receipt = self._ingest.ingest(job.axis_id, windows, complete=True)
-                statuses = Counter(item.status for item in receipt.windows)
-                refused = statuses[WindowStatus.REFUSED]
-                posted = statuses[WindowStatus.ACCEPTED] + refused
-                counts += WindowCounts(posted, refused, statuses[WindowStatus.ALREADY_THERE])
-                job.report(done, total, asdict(counts))
+            take_session(session, self._ingest, job, Pace(arguments.speed, job.sleep))
+
+
+def take_session(session: SessionReader, ingest: Ingest, job: JobHandle, pace: Pace) -> None:
+    """Take the windows of a session as live ones, measurement by measurement, as far as the job has not come yet."""
+    counts = COUNTS.validate_python(job.result or {})
+    sizes = Counter(session.measurement_of.values())
+    total, done = sum(sizes.values()), 0
+    job.report(job.done, total, asdict(counts))
+    for measurement in session.measurements:
+        done += sizes[measurement]
+        if done <= job.done:
+            continue
+        windows = session.windows_of(measurement)
+        pace.wait_for(windows[0].started_at)
+        receipt = ingest.ingest(job.axis_id, windows, complete=True)
+        statuses = Counter(item.status for item in receipt.windows)
+        refused = statuses[WindowStatus.REFUSED]
+        posted = statuses[WindowStatus.ACCEPTED] + refused
+        counts += WindowCounts(posted, refused, statuses[WindowStatus.ALREADY_THERE])
+        job.report(done, total, asdict(counts))

@@ -19,6 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from service.clock import now
 from service.errors import DataFolderError, StorageError
+from service.store.recordings import UNDER_WAY
 from service.store.safekeeping.verification import damaged_windows
 from service.store.waveform_files import sync_folder
 from service.store.waveforms import WaveformPlace
@@ -60,7 +61,7 @@ def back_up(data_dir: Path, folder: Path, done: Done) -> Manifest:
         folder.mkdir(parents=True, exist_ok=True)
         _copy_database(source, folder / DATABASE)
         done(DATABASE)
-        for name in (*_waveform_files(folder / DATABASE), *_reports(data_dir)):
+        for name in (*_waveform_files(folder / DATABASE), *_reports(data_dir), *_recordings(data_dir)):
             if (data_dir / name).is_file():  # one that is not there is told by the windows that it lacks
                 copy_file(data_dir / name, folder / name)
                 done(name)
@@ -156,6 +157,13 @@ def _waveform_files(database: Path) -> list[str]:
 
 def _reports(data_dir: Path) -> list[str]:
     return sorted(str(path.relative_to(data_dir)) for path in (data_dir / "reports").glob("*.html"))
+
+
+def _recordings(data_dir: Path) -> list[str]:
+    """Return the files of recordings; of those that arrive or leave at this moment no row of the copy tells."""
+    folders = [path for path in (data_dir / "recordings").glob("*") if path.suffix not in UNDER_WAY]
+    files = (path for folder in folders for path in folder.rglob("*") if path.is_file())
+    return sorted(str(path.relative_to(data_dir)) for path in files)
 
 
 def _opened(database: Path) -> sqlite3.Connection:

@@ -1,0 +1,241 @@
+"""Look into an uploaded recording before anything of it is stored as a window: each is made and checked once."""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from monitor_core.errors import RecordingFormatError
+from monitor_core.recording import Window
+from monitor_core.recordings.elements.units import to_millimetres
+from monitor_core.recordings.raw.channel_map import read_channel_map
+from monitor_core.recordings.raw.channels import Channel
+from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.imported import LeftOut, import_session
+from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session, write_session
+from service.clock import text_of
+from service.documents.recording import ChannelEntry
+from service.errors import BodyTooLargeError
+from service.operations.fields import (
+    MOST_SAMPLES,
+    Label,
+    Moment,
+    Payload,
+    Position,
+    PositionSpan,
+    RequestModel,
+    SampleRate,
+    SetPreload,
+    Temperature,
+)
+from service.store.recordings import not_taken
+from service.store.window_format import size_of
+
+SESSION_SUFFIX = ".session.h5"
+#: Samples may take so many times the room of the largest file that is taken: files are compressed.
+MOST_EXPANSION = 4
+#: The windows of a measurement are averaged together, so they are in memory together.
+LARGEST_MEASUREMENT_BYTES = 2**30
+#: So many channels are listed.
+MOST_CHANNELS = 1000
+_LONGEST_TEXT = 200
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+class _Stated(RequestModel):
+    """What is said of a window, within the bounds that hold for every window that is sent."""
+
+    started_at: Moment
+    measurement: Label
+    sample_rate_hz: SampleRate
+    position_mm: Position
+    position_span_mm: PositionSpan
+    payload_kg: Payload | None
+    temperature_c: Temperature | None
+    preload_n: SetPreload | None
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What was found in a recording, and where the session is whose windows can be taken."""
+
+    session_path: Path
+    axis_id: str  # as the recording says
+    n_windows: int
+    n_measurements: int
+    channels: list[ChannelEntry]
+    left_out: tuple[LeftOut, ...] = ()
+    remarks: tuple[str, ...] = ()  # on how the session was made of raw files
+
+
+def look_into(
+    paths: Sequence[Path], map_path: Path | None, folder: Path, most_bytes: int, require_room: Callable[[int], None]
+) -> Look:
+    """Open a session, or make one in a folder of raw files and their map; every window of it is checked.
+
+    Raises RecordingFormatError if it is no session, does not fit its map, or a window is not one that can be taken;
+    BodyTooLargeError if its samples take more room than a recording may; MissingReaderError; StorageError.
+    """
+    bounds = _Bounds(MOST_EXPANSION * most_bytes)
+    if map_path is None:
+        return _session(paths, bounds)
+    channel_map = read_channel_map(map_path)
+    files = [(path.name, read_channels(path, channel_map.text)) for path in paths]
+    channels = [_channel(name, channel) for name, read in files for channel in read.channels][:MOST_CHANNELS]
+    del files
+    imported = import_session(paths, channel_map)
+    session = imported.session
+    for number, window in enumerate(session.windows, start=1):
+        where = f"{paths[0].name}, window number {number}" if len(paths) == 1 else f"window number {number}"
+        bounds.require_length(window.excitation.size, where)
+        bounds.require(window, where)
+    path = folder / f"{paths[0].stem}{SESSION_SUFFIX}"
+    require_room(2 * size_of(session.windows))  # the windows are stored besides
+    try:
+        write_session(path, session, tolerances=imported.tolerances.attributes)
+    except OSError as error:
+        raise not_taken(error) from error
+    return Look(
+        session_path=path,
+        axis_id=plain(session.axis_id),
+        n_windows=len(session.windows),
+        n_measurements=len(session.measurements),
+        channels=channels,
+        left_out=imported.left_out,
+        remarks=imported.remarks,
+    )
+
+
+def _session(paths: Sequence[Path], bounds: "_Bounds") -> Look:
+    path = paths[0]
+    with path.open("rb") as file:
+        is_hdf5 = file.read(len(_HDF5)) == _HDF5
+    if not is_hdf5:
+        raise RecordingFormatError(
+            f"{path.name}: expected a session (HDF5), or a raw file with its channel map in the part 'map'; got "
+            "another file without a map"
+        )
+    if len(paths) > 1:
+        raise RecordingFormatError(f"expected one session at once, or raw files with a map; got {len(paths)} files")
+    with open_session(path) as session:
+        seen = _Seen(path.name)
+        for name in session.measurement_of:
+            where = f"{path.name} /windows/{name}"
+            bounds.require_length(session.length(name), where)
+            window = session.window(name)
+            bounds.require(window, where)
+            seen.add(window)
+        axis_id = plain(session.axis_id)
+        return Look(path, axis_id, len(session.measurement_of), len(session.measurements), seen.channels())
+
+
+class _Bounds:
+    """Checks the windows of one recording, one after the other."""
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._bytes = 0
+        self._by_measurement: Counter[str] = Counter()
+        self._last_start: datetime | None = None
+
+    def require_length(self, n_samples: int, where: str) -> None:
+        """Refuse a window that is too long, before it is read."""
+        if n_samples > MOST_SAMPLES:
+            raise RecordingFormatError(
+                f"{where}: expected at most {MOST_SAMPLES} samples in a window; got {n_samples}. Cut it into several "
+                "(samples_per_window of the map)"
+            )
+
+    def require(self, window: Window, where: str) -> None:
+        """Refuse a window that could not be sent by itself, or that makes the recording too large."""
+        conditions = window.conditions
+        try:
+            _Stated(
+                started_at=window.started_at,
+                measurement=window.measurement,
+                sample_rate_hz=window.sample_rate,
+                position_mm=to_millimetres(conditions.position),
+                position_span_mm=to_millimetres(window.position_span),
+                payload_kg=conditions.payload_mass,
+                temperature_c=conditions.temperature,
+                preload_n=conditions.preload,
+            )
+        except ValidationError as error:
+            first = error.errors()[0]
+            name, message = first["loc"][0], first["msg"].removeprefix("Value error, ")
+            got = "" if "got" in message else f"; got {str(first['input'])[:50]!r}"
+            raise RecordingFormatError(f"{where}, {name}: {message}{got}") from error
+        if window.started_at == self._last_start:
+            raise RecordingFormatError(
+                f"{where}: expected windows that start at different times; two start at {text_of(window.started_at)}"
+            )
+        self._last_start = window.started_at
+        n_bytes = size_of([window])
+        self._bytes += n_bytes
+        self._by_measurement[window.measurement] += n_bytes
+        if self._bytes > self._most_bytes:
+            raise BodyTooLargeError(
+                f"{where}: the samples of a recording may take {self._most_bytes >> 20} MiB (four times "
+                "PRELOAD_MAX_RECORDING_MIB); they take more up to here"
+            )
+        if self._by_measurement[window.measurement] > LARGEST_MEASUREMENT_BYTES:
+            raise BodyTooLargeError(
+                f"{where}: the samples of one measurement may take {LARGEST_MEASUREMENT_BYTES >> 20} MiB; those of "
+                f"{window.measurement!r} take more up to here. Give its parts names of their own"
+            )
+
+
+class _Seen:
+    """The channels that the windows of a session have, and how many samples of each."""
+
+    def __init__(self, file_name: str) -> None:
+        self._file_name = file_name
+        self._n_samples: Counter[tuple[str, str, float]] = Counter()
+        self._first: dict[tuple[str, str, float], datetime] = {}
+
+    def add(self, window: Window) -> None:
+        """Note the channels of a window."""
+        found = {"excitation": EXCITATION_UNIT[window.excitation_quantity], "response": RESPONSE_UNIT}
+        if window.position_trace is not None:
+            found["position"] = "m"
+        for name, unit in found.items():
+            key = (name, unit, window.sample_rate)
+            self._n_samples[key] += window.n_samples
+            self._first.setdefault(key, window.started_at)
+
+    def channels(self) -> list[ChannelEntry]:
+        """Return them; those of different units or rates are different channels."""
+        return [
+            ChannelEntry(
+                file=self._file_name,
+                name=name,
+                shape=[n_samples],
+                unit=unit,
+                sample_rate_hz=rate,
+                started_at=self._first[name, unit, rate],
+            )
+            for (name, unit, rate), n_samples in list(self._n_samples.items())[:MOST_CHANNELS]
+        ]
+
+
+def _channel(file_name: str, channel: Channel) -> ChannelEntry:
+    """Say of a channel what its file says."""
+    rate = channel.sample_rate
+    return ChannelEntry(
+        file=file_name,
+        name=plain(channel.name),
+        shape=list(channel.samples.shape),
+        unit=None if channel.unit is None else plain(channel.unit),
+        sample_rate_hz=rate if rate is not None and math.isfinite(rate) else None,
+        started_at=channel.started_at,
+    )
+
+
+def plain(text: str) -> str:
+    """Return a text of a file as it can be stored and shown anywhere."""
+    return re.sub(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]", "\ufffd", text)[:_LONGEST_TEXT]

@@ -1,0 +1,130 @@
+"""Read the stored windows of a measurement back: as a session file, or as a table of their samples."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
+
+import numpy as np
+
+from monitor_core.arrays import SampleArray
+from monitor_core.recording import ExcitationQuantity, Session, Window
+from monitor_core.recordings.session_hdf5 import write_session
+from service.errors import UnknownResourceError
+from service.store import measurements
+from service.store.database import Database
+from service.store.recordings import RecordingFiles, not_taken
+from service.store.waveforms import WaveformPlace, WaveformStore
+from service.store.window_format import size_of
+
+#: Five numbers of at most 24 characters, and what is between them.
+LONGEST_ROW_BYTES = 128
+_ROWS_AT_ONCE = 4096
+_AT_ONCE = 2**20
+_EXCITATION_COLUMN = {ExcitationQuantity.TORQUE: "torque_nm", ExcitationQuantity.FORCE: "force_n"}
+
+
+@dataclass(frozen=True, slots=True)
+class StoredFile:
+    """A file that is there for one reader only, and gone with it."""
+
+    size_bytes: int
+    parts: Iterator[bytes]
+
+
+class StoredWindows:
+    """Gives stored windows back, with the samples as they are stored: bit by bit those that were sent."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore, files: RecordingFiles) -> None:
+        self._database = database
+        self._waveforms = waveforms
+        self._files = files
+        self._one_at_a_time = threading.Lock()  # the windows of a measurement are in memory together
+
+    def session(self, axis_id: str, measurement_id: int, number: int | None) -> StoredFile:
+        """Return the windows of a measurement, or one of them counted from 1, as a session file.
+
+        Raises UnknownResourceError; WaveformDamagedError if a window cannot be read; StorageError.
+        """
+        with self._one_at_a_time:
+            windows = self._windows(axis_id, measurement_id, number)
+            return self._written(
+                2 * size_of(windows), lambda path: write_session(path, Session(axis_id, tuple(windows)))
+            )
+
+    def table(self, axis_id: str, measurement_id: int, number: int | None) -> StoredFile:
+        """Return them as CSV, one row a sample; raises as :meth:`session` does."""
+        with self._one_at_a_time:
+            windows = self._windows(axis_id, measurement_id, number)
+            n_samples = sum(window.n_samples for window in windows)
+            return self._written(LONGEST_ROW_BYTES * n_samples, lambda path: _write_table(path, windows, number or 1))
+
+    def _written(self, most_bytes: int, write: Callable[[Path], None]) -> StoredFile:
+        """Write a file and open it; it has no name any more, and is gone when it is closed."""
+        self._files.require_room(most_bytes)
+        folder = self._files.begin()
+        try:
+            path = folder.path / "windows"
+            try:
+                write(path)
+                file = path.open("rb")
+            except OSError as error:
+                raise not_taken(error) from error
+        finally:
+            folder.close()
+        return StoredFile(_size(file), _parts(file))
+
+    def _windows(self, axis_id: str, measurement_id: int, number: int | None) -> list[Window]:
+        with self._database.read() as session:
+            measurements.get_measurement(session, axis_id, measurement_id)
+            rows = measurements.windows_of(session, measurement_id)
+        if number is not None and number > len(rows):
+            raise UnknownResourceError(f"measurement {measurement_id} has {len(rows)} windows; got window {number}")
+        if number is not None:
+            rows = rows[number - 1 : number]
+        return self._waveforms.read(
+            WaveformPlace(row.file_path, row.offset_in_file, row.index_in_frame, row.content_sha256) for row in rows
+        )
+
+
+def _size(file: BufferedReader) -> int:
+    size = file.seek(0, 2)
+    file.seek(0)
+    return size
+
+
+def _parts(file: BufferedReader) -> Iterator[bytes]:
+    with file:
+        while part := file.read(_AT_ONCE):
+            yield part
+
+
+def _write_table(path: Path, windows: Sequence[Window], first_number: int) -> None:
+    with path.open("wb") as file:
+        file.writelines(_rows(windows, first_number))
+
+
+def _rows(windows: Sequence[Window], first_number: int) -> Iterator[bytes]:
+    """Yield the header and the rows; a column that a window has no samples for is empty there."""
+    excitations = list(dict.fromkeys(window.excitation_quantity for window in windows))
+    with_position = any(window.position_trace is not None for window in windows)
+    names = ["window", "time_s", *(_EXCITATION_COLUMN[quantity] for quantity in excitations), "acceleration_m_s2"]
+    yield (",".join([*names, "position_m"] if with_position else names) + "\n").encode()
+    for number, window in enumerate(windows, start=first_number):
+        for begin in range(0, window.n_samples, _ROWS_AT_ONCE):
+            part = slice(begin, min(begin + _ROWS_AT_ONCE, window.n_samples))
+            length = part.stop - part.start
+            empty = [""] * length
+            columns = [[str(number)] * length, _texts(np.arange(part.start, part.stop) / window.sample_rate)]
+            for quantity in excitations:
+                columns.append(_texts(window.excitation[part]) if quantity is window.excitation_quantity else empty)
+            columns.append(_texts(window.response[part]))
+            if with_position:
+                columns.append(empty if window.position_trace is None else _texts(window.position_trace[part]))
+            yield "".join(",".join(row) + "\n" for row in zip(*columns, strict=True)).encode()
+
+
+def _texts(values: SampleArray) -> list[str]:
+    """Write numbers in as many digits as their precision needs, so that they are read back as they are."""
+    return [str(value) for value in values] if values.dtype == np.float32 else [repr(v) for v in values.tolist()]
