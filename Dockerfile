@@ -6,7 +6,7 @@ COPY requirements/runtime.lock requirements/runtime.lock
 COPY monitor_core monitor_core
 COPY service service
 RUN python -m venv /opt/preload \
- && /opt/preload/bin/pip install --no-cache-dir --require-hashes -r requirements/runtime.lock \
+ && /opt/preload/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements/runtime.lock \
  && /opt/preload/bin/pip install --no-cache-dir --no-deps --no-build-isolation .
 
 FROM python:3.11-slim

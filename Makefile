@@ -20,7 +20,7 @@ setup: $(STAMP)  ## virtual environment with the locked versions
 $(STAMP): requirements/dev.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 is needed; '$(PYTHON)' was not found. Set PYTHON=/path/to/python3.11."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.lock
+	$(BIN)/python -m pip install --quiet --no-deps --require-hashes -r requirements/dev.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
@@ -44,7 +44,7 @@ coverage: setup  ## every test with coverage measured and printed (takes twice t
 test-python:     ## the tests that are not slow on another Python: make test-python OTHER=python3.13
 	@$(OTHER) --version >/dev/null 2>&1 || { echo "'$(OTHER)' does not run. Set OTHER=/path/to/python3.13."; exit 1; }
 	$(OTHER) -m venv $(OTHER_VENV)
-	$(OTHER_VENV)/bin/python -m pip install --quiet --require-hashes -r requirements/dev.lock
+	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --require-hashes -r requirements/dev.lock
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	$(OTHER_VENV)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
