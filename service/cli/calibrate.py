@@ -25,7 +25,7 @@ from monitor_core.uncertainty import Estimate
 from service.cli.inputs.formats import calibration_at
 from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, map_option, opened_session
 from service.cli.inputs.session import axis_settings, band_option
-from service.cli.output import json_option, print_json, print_table
+from service.cli.output import json_option, print_json, print_line, print_table
 from service.cli.targets import require_target
 
 
@@ -83,7 +83,7 @@ def calibrate(
     else:
         _print(data, calibration)
         for remark in remarks:
-            click.echo(f"- {remark}.")
+            print_line(f"- {remark}.")
 
 
 def _require_options_of(data: Data, excitation_source: str | None, band_hz: tuple[float, float] | None) -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import h5py
 import pytest
 
 import service.cli.calibrate
@@ -41,15 +42,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         raise AssertionError("worked before it had looked at what it is to write")
 
     for module, names in {
-        service.cli.calibrate: ("watched_session", "read_modal_table", "calibrate_judged", "fit_calibration"),
-        service.cli.identify: ("responses_of_file", "read_modal_table", "identify_joints"),
-        service.cli.explain: ("format_of", "responses_of_file", "explain_axis"),
+        service.cli.calibrate: ("opened_session", "read_modal_table", "calibrate_judged", "fit_calibration"),
+        service.cli.identify: ("responses_of_data", "read_modal_table", "identify_joints"),
+        service.cli.explain: ("responses_of_data", "read_modal_table", "explain_axis"),
         service.cli.simulate: ("built_model", "simulate_measurements"),
     }.items():
         for name in names:
             monkeypatch.setattr(module, name, work)
-    (tmp_path / "axis.session.h5").write_bytes(b"long")
-    (tmp_path / "modes.csv").write_bytes(b"long")
+    with h5py.File(tmp_path / "axis.session.h5", "w") as file:  # enough to be told as one
+        file.attrs.update({"format": "preload-session", "version": 1, "axis_id": "axis"})
+    (tmp_path / "modes.csv").write_bytes(b"position_mm,frequency_hz\n")
     (tmp_path / "a-file").write_bytes(b"")
     for ending in (".json", ".toml", ".h5"):
         (tmp_path / f"a-folder{ending}").mkdir()

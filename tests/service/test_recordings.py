@@ -258,7 +258,10 @@ def test_upload_of_raw_and_map_is_the_import_of_the_command_line_byte_for_byte(t
 def test_files_that_the_map_puts_at_the_same_time_are_refused(taking: Api) -> None:
     files = {f"p{i}.npz": raw_bytes(i) for i in (1, 2)}
     answer = upload(taking, *files.items(), channel_map=MAP)
-    assert "start at different times" in assert_problem(answer, 422, "recording-format")["detail"]
+    assert (
+        "expected file_interval_s, or a start of each file in [[files]]"
+        in assert_problem(answer, 422, "recording-format")["detail"]
+    )
     assert_nothing_is_kept(taking)
 
 
