@@ -2,11 +2,11 @@
 
 ``python replay_data/as_recorded.py FOLDER`` writes
 
-* ``day-01.tdms`` … ``day-48.tdms``: a LabVIEW recorder on the machine, every morning of ``slow-wear``: current of the
-  motor in A, nut in g, scale in mm; rate and start are in the file. Each runs on for a third of a second.
+* ``day-01.tdms`` … ``day-48.tdms``: a LabVIEW recorder on the machine, every morning of ``slow-wear``: torque sensor in
+  V (1.25 V/N·m), nut in g, scale in mm; rate and start are in the file. Each runs on for a third of a second.
 * ``logger.csv``: a data logger with a German preamble, semicolons, decimal commas, a row of units and the date and time
   in two columns; the first measurement of ``hidden``.
-* ``bench.mat``: MATLAB, voltages of both sensors and the sampling times in one matrix; the second one of ``hidden``.
+* ``bench.mat``: MATLAB, a variable for each signal, its unit in its name; the second one of ``hidden``.
 """
 
 import sys
@@ -23,9 +23,7 @@ from monitor_core.recordings import open_session
 
 BUNDLED = Path(__file__).resolve().parent
 GRAVITY = 9.80665  # [m/s²] of one g
-TORQUE_CONSTANT = 0.74  # [N·m/A] of the motor
-TORQUE_VOLTS = 1.25  # [V/(N·m)] of the torque sensor
-ACCELEROMETER = 0.1  # [V/g]
+TORQUE_SENSOR = 1.25  # [V/(N·m)]
 
 
 def windows_of(session: str, number: int) -> tuple[Window, ...]:
@@ -52,7 +50,7 @@ def write_tdms(path: Path, windows: Sequence[Window]) -> None:
         "wf_start_offset": 0.0,
     }
     channels = (
-        ("Motor current", "A", torque / TORQUE_CONSTANT),
+        ("Torque sensor", "V", TORQUE_SENSOR * torque),
         ("Nut axial", "g", acceleration / GRAVITY),
         ("Scale", "mm", 1000.0 * position),
     )
@@ -86,11 +84,11 @@ def write_csv(path: Path, windows: Sequence[Window]) -> None:
 
 
 def write_mat(path: Path, windows: Sequence[Window]) -> None:
-    """Write a record as MATLAB does: one matrix, its columns time [s], torque sensor [V], accelerometer [V]."""
-    torque, acceleration, _ = one_record(windows)
+    """Write a record as MATLAB does, a variable for each signal."""
+    torque, acceleration, position = one_record(windows)
     times = np.arange(torque.size) / windows[0].sample_rate
-    columns = (times, TORQUE_VOLTS * torque, ACCELEROMETER * acceleration / GRAVITY)
-    scipy.io.savemat(path, {"data": np.column_stack(columns), "fs": windows[0].sample_rate})
+    signals = {"t": times, "torque_Nm": torque, "acc_g": acceleration / GRAVITY, "x_mm": 1000.0 * position}
+    scipy.io.savemat(path, signals, oned_as="column")
 
 
 def main(folder: Path) -> None:

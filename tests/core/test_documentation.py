@@ -221,7 +221,7 @@ def test_every_page_is_in_the_navigation_of_the_site():
 
 # --- the guided tours ------------------------------------------------------------------------------------------------
 
-TOURS = ["reference/http-api.md", "tutorial/first-axis.md"]
+TOURS = ["reference/http-api.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
 
 
 def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:

@@ -34,6 +34,10 @@ _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a
 _WORDS_OF_SENSOR = ("sensor", "cell", "hammer", "transduc", "screw", "shaft", "load")
 
 
+#: Records of fewer seconds are left whole.
+_FEWEST_WINDOWS = 8
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """A channel, or a row or column of an array, that may be given a meaning."""
@@ -387,11 +391,26 @@ def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, ha
         shape = "x".join(map(str, arrays[0].shape))
         yield _entry("windows_in", printed("rows" if in_rows else "columns"), f"{CONFIRM} the array is {shape}")
         yield _blank("window_interval_s", "from the start of one window to the start of the next")
-    yield "# samples_per_window = 20000           # optional: cuts a long record into windows that follow each other"
+    else:
+        yield _cutting_line(signals, times)
     yield '# measurement = "at 250 mm"             # optional: joins several files; else each is a measurement'
     yield "# file_interval_s = 60                 # optional: several files, from the start of one to that of the next"
     yield "# preload_n = 300                      # optional: only where it was set on purpose, as for a calibration"
-    yield "# payload_kg = 0.0                     # optional, as temperature_c and direction (+ | - | both)"
+    yield "# payload_kg = 0.0                     # on the table; left out, an interval holds all that may lie there"
+    yield "# temperature_c = 21.5                 # optional, as direction (+ | - | both)"
+
+
+def _cutting_line(signals: Sequence[Part], times: Part | TextTimes | None) -> str:
+    """Propose windows of a second of a record that has several: a measurement is an average over windows."""
+    rate = next((part.channel.sample_rate for part in signals if part.channel.sample_rate is not None), None)
+    if rate is None and isinstance(times, Part) and (step := step_of(times.samples)) is not None:
+        unit, _ = _unit_of_times(times)
+        rate = None if unit is None else 1.0 / (step * FACTOR_TO_SI[Quantity.TIME][unit])
+    size = max((part.samples.size for part in signals), default=0)
+    if rate is None or not _FEWEST_WINDOWS * rate <= size:
+        return "# samples_per_window = 20000           # cuts a long record: a measurement is an average of several"
+    said = f"{CONFIRM} windows of a second; a measurement is an average over several"
+    return _entry("samples_per_window", str(round(rate)), said)
 
 
 def _motion_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[str]:

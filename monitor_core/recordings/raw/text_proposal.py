@@ -172,7 +172,7 @@ def _reading(lines: list[str], separator: str, decimal: str) -> _Reading | None:
         n_cells_seen += min(n_cells, MAX_COLUMNS)
         if n_cells_seen > _MOST_CELLS and i > _FEWEST_ROWS:
             break
-        if _COMMENT.match(line) and n_rows:  # comments may stand between the rows
+        if _comment_sign(line, sign) and n_rows:  # comments may stand between the rows
             continue
         kinds = _kinds(line, sign, decimal) if 0 < n_cells <= MAX_COLUMNS + 1 else ""
         fit = _merged(merged, kinds) if n_rows else None
@@ -220,7 +220,7 @@ def _heads(lines: list[str], reading: _Reading) -> tuple[int | None, int | None]
     sign = SEPARATORS[reading.separator]
     candidates: list[tuple[int, list[str]]] = []
     for i in range(reading.begin - 1, max(reading.begin - 8, -1), -1):
-        line = _without_comment(lines[i])
+        line = _without_comment(lines[i], sign)
         if not line.strip():
             continue
         cells = split_cells(line, sign)
@@ -247,9 +247,14 @@ def _heads(lines: list[str], reading: _Reading) -> tuple[int | None, int | None]
     return None, None
 
 
-def _without_comment(line: str) -> str:
+def _comment_sign(line: str, separator: str | None) -> str:
+    """Return the sign of a comment that a line begins with, "" for none; a separator is no such sign."""
     found = _COMMENT.match(line)
-    return line[found.end() :] if found else line
+    return "" if found is None or found.group() == separator else found.group()
+
+
+def _without_comment(line: str, separator: str | None) -> str:
+    return line.removeprefix(_comment_sign(line, separator))
 
 
 def _are_names(cells: list[str]) -> bool:
@@ -277,10 +282,10 @@ def _repeat(cells: list[str]) -> bool:
 def _comment(lines: list[str], reading: _Reading, header: int | None, path: Path) -> str | None:
     """Return how the lines begin that are to be left out among or below the numbers, or ahead of the names."""
     for i in range(reading.begin, len(lines)):
-        if found := _COMMENT.match(lines[i]):
-            return found.group()
-    if header is not None and (found := _COMMENT.match(lines[header])):
-        return found.group()
+        if sign := _comment_sign(lines[i], SEPARATORS[reading.separator]):
+            return sign
+    if header is not None and (sign := _comment_sign(lines[header], SEPARATORS[reading.separator])):
+        return sign
     below = lines[reading.end :] if reading.end < len(lines) else _tail(path)
     for line in below:
         if found := _WORD.match(line.strip().strip('"')):
@@ -350,7 +355,7 @@ def _has_comments(lines: list[str], layout: TextLayout) -> bool:
 def _texts(lines: list[str], reading: _Reading, layout: TextLayout) -> str:
     """Say which columns hold texts, and whether these are dates and times."""
     sign, header_row = SEPARATORS[reading.separator], layout.header_row or 0
-    names = split_cells(_without_comment(lines[header_row - 1]), sign) if header_row else []
+    names = split_cells(_without_comment(lines[header_row - 1], sign), sign) if header_row else []
     cells = split_cells(lines[reading.begin], sign)
     kinds = _kinds(lines[reading.begin], sign, reading.decimal)
     texts = [i for i, kind in enumerate(kinds) if kind == "T"]

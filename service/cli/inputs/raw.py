@@ -160,12 +160,18 @@ def import_of(data: Data) -> Imported:
                 return import_frf_set(data.paths, data.channel_map, progress)
 
 
+#: So many sentences are printed of each kind: forty files say the same forty times.
+_MOST_SAID = 5
+
+
 def say(imported: Imported) -> None:
-    """Print on standard error what was left out of raw files, and what is to be said of them."""
-    for left in imported.left_out:
-        print_line(f"left out: {left.what}: {left.why}", err=True)
-    for remark in imported.remarks:
-        print_line(remark, err=True)
+    """Print on standard error what was left out of raw files, and what is to be said of them; of many, the first."""
+    left_out = [f"left out: {left.what}: {left.why}" for left in imported.left_out]
+    for sentences in (left_out, imported.remarks):
+        for sentence in sentences[:_MOST_SAID]:
+            print_line(sentence, err=True)
+        if len(sentences) > _MOST_SAID:
+            print_line(f"… and {len(sentences) - _MOST_SAID} more; preload import --json lists all", err=True)
 
 
 @contextmanager
