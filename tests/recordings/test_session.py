@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
-from monitor_core.recordings import open_session, read_session, write_session
+from monitor_core.recordings import check_file, open_session, read_session, write_session
 from monitor_core.recordings.elements import hdf5
+from tests.conftest import PROJECT_ROOT
 
 START = datetime(2025, 3, 1, 6, 0, 0, 250_000, tzinfo=timezone(timedelta(hours=1)))
 
@@ -382,3 +383,32 @@ def test_a_session_without_windows_is_not_written(tmp_path):
     with pytest.raises(RecordingFormatError, match="time order"):
         write_session(tmp_path / "a.h5", Session("x", (window(1), window(0))))
     assert not (tmp_path / "a.h5").exists()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_sound_session_is_taken_for_a_damaged_one(tmp_path, seed):
+    """Samples and the library's own tables may look like references to texts; the guard must not believe them."""
+    rng = np.random.default_rng(seed)
+    path = tmp_path / "a.session.h5"
+    with h5py.File(path, "w", libver="latest" if seed % 3 == 2 else "earliest") as file:
+        file.attrs.update({"format": "preload-session", "version": 1, "axis_id": f"axis {seed}"})
+        for number in range(int(rng.integers(1, 80))):
+            group = file.create_group(f"windows/{number:06d}")
+            for name in ("excitation", "response"):
+                samples = rng.choice([0.0, 1e-41, -1.0, 1e38, 2048.0], 400) * (number % 3)
+                compression = "gzip" if seed % 2 else None
+                group.create_dataset(name, data=samples.astype(np.float32), compression=compression)
+            group.attrs.update({
+                "started_at": f"2025-01-01T00:{number // 60:02d}:{number % 60:02d}Z", "sample_rate_hz": 1000.0,
+                "excitation_quantity": "torque", "excitation_unit": "N.m", "excitation_source": "sensor",
+                "response_quantity": "acceleration", "response_unit": "m/s2", "position_mm": 2048.0,
+                "position_span_mm": 0.0,
+                "measurement": "x" * int(rng.integers(1, 3000)),
+            })  # fmt: skip
+    assert check_file(path).problems == ()
+
+
+def test_every_bundled_session_is_valid():
+    sessions = sorted((PROJECT_ROOT / "replay_data").glob("*.session.h5"))
+    assert len(sessions) > 5
+    assert [check_file(path).problems for path in sessions] == [()] * len(sessions)

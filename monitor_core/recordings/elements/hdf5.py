@@ -37,6 +37,7 @@ _COLLECTION = b"GCOL\x01"
 _HEADER = struct.Struct("<HH4xQ")
 _LEAST_SIZE = 4096
 _HUGE_TEXT = 2**24  # [bytes]; names and instants are of a hundred
+_UNDEFINED = 2**32 - 1
 _CARRIED = 16  # a multiple of four, so that words stay where they are
 #: Filters of HDF5 that are known to stay within their chunk, or are looked at before.
 _DEFLATE, _SHUFFLE, _CHECKSUM, _LZF = 1, 2, 3, 32000
@@ -55,19 +56,20 @@ def require_sound_heap(path: Path) -> None:
     with path.open("rb") as stream:
         collections, claimed = _scanned(stream, n_bytes)
         for start in sorted(collections):
-            if not _is_sound(stream, start, n_bytes) or start in claimed:
+            objects = _objects(stream, start, n_bytes)
+            if objects is None or objects & claimed.get(start, set()):
                 raise RecordingFormatError(
                     f"{path.name}: expected an HDF5 file; got one whose texts are damaged (heap at byte {start})"
                 )
 
 
-def _scanned(stream: BinaryIO, n_bytes: int) -> tuple[set[int], set[int]]:
-    """Return where collections seem to begin, and the addresses that seem to be referred to for a huge text.
+def _scanned(stream: BinaryIO, n_bytes: int) -> tuple[set[int], dict[int, set[int]]]:
+    """Return where collections seem to begin, and by their address the objects that seem to be referred to as huge.
 
     A reference is the length of the text (4 bytes), the address of the collection (8) and the number of the object (4),
-    on a multiple of four bytes.
+    on a multiple of four bytes. Half of an address that is not defined is no length: it stands in front of others.
     """
-    collections, claimed = set[int](), set[int]()
+    collections, claimed = set[int](), dict[int, set[int]]()
     offset, carried = 0, b""
     while block := stream.read(_BLOCK):
         data = carried + block
@@ -77,35 +79,38 @@ def _scanned(stream: BinaryIO, n_bytes: int) -> tuple[set[int], set[int]]:
             start = data.find(_COLLECTION, start + 1)
         words = np.frombuffer(data, "<u4", len(data) // 4)
         # the upper half of an address is nearly always zero, and of samples nearly never: few are left to look at
-        at = np.flatnonzero(words[2:] <= n_bytes >> 32)
-        at = at[words[at] >= _HUGE_TEXT]
+        at = np.flatnonzero(words[2:-1] <= n_bytes >> 32)
+        at = at[(words[at] >= _HUGE_TEXT) & (words[at] != _UNDEFINED)]
         addresses = words[at + 1].astype(np.uint64) | words[at + 2].astype(np.uint64) << np.uint64(32)
-        claimed.update(addresses[addresses < n_bytes].tolist())
+        inside = addresses < n_bytes
+        for address, number in zip(addresses[inside].tolist(), words[at + 3][inside].tolist(), strict=True):
+            claimed.setdefault(address, set()).add(number)
         carried = data[-_CARRIED:]  # a header or a reference may lie across two blocks
         offset += len(data) - len(carried)
     return collections, claimed
 
 
-def _is_sound(stream: BinaryIO, start: int, n_bytes: int) -> bool:
+def _objects(stream: BinaryIO, start: int, n_bytes: int) -> set[int] | None:
+    """Return the numbers of the objects of a collection; None if its sizes contradict each other."""
     stream.seek(start)
     header = stream.read(_HEADER.size)
     reserved, size = header[5:8], int.from_bytes(header[8:], "little")
     end = start + size
     if size < _LEAST_SIZE or end > n_bytes:
-        return reserved != bytes(3)  # five bytes of samples that happen to read like a header
+        return set() if reserved != bytes(3) else None  # five bytes of samples that happen to read like a header
     if reserved != bytes(3):
-        return False
+        return None
     at, seen = start + _HEADER.size, set[int]()
     while end - at >= _HEADER.size:
         stream.seek(at)
         index, _, length = _HEADER.unpack(stream.read(_HEADER.size))
         if index == 0:
-            return bool(_HEADER.size <= length == end - at)
+            return seen if _HEADER.size <= length == end - at else None
         at += _HEADER.size + -(-length // 8) * 8
         if index in seen or at > end:
-            return False
+            return None
         seen.add(index)
-    return True
+    return seen
 
 
 @contextmanager
