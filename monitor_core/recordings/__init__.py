@@ -11,10 +11,10 @@ from monitor_core.recordings.frf_set import read_frf_set, write_frf_set
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table, write_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.recordings.motion_csv import read_motion_record, write_motion_record
-from monitor_core.recordings.raw.channel_map import ChannelMap, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.mapped import read_mapped
+from monitor_core.recordings.raw.mapping.channel_map import ChannelMap, read_channel_map
+from monitor_core.recordings.raw.mapping.imported import ImportedSession, import_session
 from monitor_core.recordings.session_hdf5 import SessionReader, open_session, read_session, write_session
 
 __all__ = [
@@ -22,15 +22,16 @@ __all__ = [
     "ChannelMap",
     "Channels",
     "FileReport",
+    "ImportedSession",
     "ModalRow",
     "SessionReader",
     "check_file",
+    "import_session",
     "open_session",
     "read_calibration",
     "read_channel_map",
     "read_channels",
     "read_frf_set",
-    "read_mapped",
     "read_modal_table",
     "read_model_file",
     "read_motion_record",

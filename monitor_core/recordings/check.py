@@ -13,13 +13,13 @@ from monitor_core.recordings.elements.files import read_text
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table
 from monitor_core.recordings.raw import inspection
-from monitor_core.recordings.raw.channel_map import read_channel_map
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import ChannelSummary
-from monitor_core.recordings.raw.map_proposal import made_of
-from monitor_core.recordings.raw.text_layout import TextLayout
-from monitor_core.recordings.raw.text_times import columns_of_texts
+from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
+from monitor_core.recordings.raw.mapping.map_proposal import made_of
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
     CHANNEL_MAP,

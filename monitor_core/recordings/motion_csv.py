@@ -12,8 +12,8 @@ from monitor_core.arrays import FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, MotionRecord
 from monitor_core.recordings.elements.files import naming
-from monitor_core.recordings.raw import csv_samples
 from monitor_core.recordings.raw.channels import Channels
+from monitor_core.recordings.raw.text import csv_samples
 
 TIME, POSITION, REFERENCE = "time_s", "position_m", "reference_m"
 DRIVES = {"force_n": ExcitationQuantity.FORCE, "torque_nm": ExcitationQuantity.TORQUE}

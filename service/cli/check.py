@@ -13,7 +13,7 @@ from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.inspection import ChannelSummary, read_as_proposed
-from monitor_core.recordings.raw.map_proposal import FILL_IN, map_text
+from monitor_core.recordings.raw.mapping.map_proposal import FILL_IN, map_text
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
 from service.cli.output import json_option, print_json, print_line, print_table

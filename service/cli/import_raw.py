@@ -6,8 +6,8 @@ import click
 
 from monitor_core.recordings.frf_set import write_frf_set
 from monitor_core.recordings.motion_csv import write_motion_record
-from monitor_core.recordings.raw.imported import ImportedMotion, ImportedSession
-from monitor_core.recordings.raw.imported_frf import ImportedFrfSet
+from monitor_core.recordings.raw.mapping.imported import ImportedMotion, ImportedSession
+from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet
 from monitor_core.recordings.session_hdf5 import write_session
 from service.cli.inputs.raw import DataKind, Imported, data_of, import_of, say
 from service.cli.inputs.session import SESSION_SUFFIXES

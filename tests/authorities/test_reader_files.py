@@ -9,7 +9,7 @@ import scipy.io
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity
-from monitor_core.recordings import check_file, read_channel_map, read_channels, read_mapped
+from monitor_core.recordings import check_file, import_session, read_channel_map, read_channels
 
 pytest.importorskip("nptdms")
 pytest.importorskip("pyuff")
@@ -111,7 +111,9 @@ def test_pcb_shocks_become_windows(measured_data, tmp_path):
         '[response]\nchannel = "Y"\nunit = "m/s2"\n[window]\nsample_rate_hz = 51200\nposition_mm = 0\n'
         'position_span_mm = 0\nstarted_at = 2022-01-01T00:00:00Z\nwindows_in = "rows"\nwindow_interval_s = 60\n'
     )  # the input is a table acceleration: quantity and unit are a stand-in, the pipeline's ratio does not mind
-    session = read_mapped(measured_data / "pcb_shock" / "pcb_shock.npz", read_channel_map(tmp_path / "map.toml"))
+    session = import_session(
+        [measured_data / "pcb_shock" / "pcb_shock.npz"], read_channel_map(tmp_path / "map.toml")
+    ).session
     assert len(session.windows) == 32
     assert session.windows[0].n_samples == 51_200
     assert session.windows[0].excitation.dtype == np.float32
@@ -123,9 +125,9 @@ def test_raw_hammer_hit_as_text(measured_data, tmp_path):
         '[response]\nchannel = "3"\nunit = "m/s2"\n[time]\nchannel = "1"\nunit = "s"\n'
         "[window]\nposition_mm = 0\nposition_span_mm = 0\nstarted_at = 2020-01-01T00:00:00+08:00\n"
     )
-    (window,) = read_mapped(
-        measured_data / "tool_frf" / "Impact_Point1_Channel1_CH1.txt", read_channel_map(tmp_path / "map.toml")
-    ).windows
+    (window,) = import_session(
+        [measured_data / "tool_frf" / "Impact_Point1_Channel1_CH1.txt"], read_channel_map(tmp_path / "map.toml")
+    ).session.windows
     assert window.n_samples == 51_200
     assert window.sample_rate == pytest.approx(51_200.0, rel=1e-6)  # times are printed with seven digits
     assert window.excitation_quantity is ExcitationQuantity.FORCE

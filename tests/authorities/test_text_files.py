@@ -5,7 +5,7 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text_layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
 
 
 @pytest.mark.parametrize("number", range(7))

@@ -11,9 +11,9 @@ from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings import read_motion_record, read_session, write_motion_record, write_session
 from monitor_core.recordings.elements.units import Quantity, factor_to_si, response_factor, sensor_factor
-from monitor_core.recordings.raw.channel_map import parse_channel_map
-from monitor_core.recordings.raw.imported import import_motion, import_session
-from monitor_core.recordings.raw.imported_frf import import_frf_set
+from monitor_core.recordings.raw.mapping.channel_map import parse_channel_map
+from monitor_core.recordings.raw.mapping.imported import import_motion, import_session
+from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set
 
 START = datetime(2025, 3, 1, 6, tzinfo=UTC)
 MAP = """

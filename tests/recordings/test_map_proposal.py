@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
-from monitor_core.recordings import read_channel_map, read_mapped
+from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
-from monitor_core.recordings.raw.map_proposal import CONFIRM, FILL_IN, map_text, printed, proposed_map
-from monitor_core.recordings.raw.text_times import TextTimes, text_times
+from monitor_core.recordings.raw.mapping.map_proposal import CONFIRM, FILL_IN, map_text, printed, proposed_map
+from monitor_core.recordings.raw.text.text_times import TextTimes, text_times
 
 RATE, N = 10_000.0, 4000
 TIME = np.arange(N) / RATE
@@ -62,7 +62,7 @@ class Filled:
     def session(self, raw):
         path = raw.with_suffix(".toml")
         path.write_text(self.text, encoding="utf-8")
-        return read_mapped(raw, read_channel_map(path))
+        return import_session([raw], read_channel_map(path)).session
 
 
 def tdms(path):
@@ -284,7 +284,7 @@ def test_the_pattern_that_is_proposed_reads_the_times_as_python_does():
 
 
 def test_how_a_text_is_written_is_proposed_with_it(tmp_path):
-    pytest.importorskip("monitor_core.recordings.raw.text_layout")
+    pytest.importorskip("monitor_core.recordings.raw.text.layout")
     rows = [f"25.03.2025;06:00:{k // 100:02d},{k % 100:02d};1,{k % 7};0,{k % 5}" for k in range(500)]
     head = ["Logger XY 2000", "", "Datum;Uhrzeit;Kraft [N];Beschleunigung [m/s²]"]
     (tmp_path / "log.csv").write_bytes("\r\n".join([*head, *rows]).encode("latin-1"))

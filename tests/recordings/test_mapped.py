@@ -8,9 +8,9 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
-from monitor_core.recordings import read_channel_map, read_mapped
+from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si, sensor_factor
-from monitor_core.recordings.raw import channel_map
+from monitor_core.recordings.raw.mapping import channel_map
 
 START = datetime(2025, 3, 1, 6, tzinfo=UTC)
 MAP = """
@@ -41,7 +41,7 @@ def read(tmp_path, text=MAP, **arrays):
     arrays = {"force": FORCE, "acc": ACCELERATION} | arrays
     np.savez(tmp_path / "hit.npz", **arrays)
     (tmp_path / "map.toml").write_text(text, encoding="utf-8")
-    return read_mapped(tmp_path / "hit.npz", read_channel_map(tmp_path / "map.toml"))
+    return import_session([tmp_path / "hit.npz"], read_channel_map(tmp_path / "map.toml")).session
 
 
 def test_a_file_becomes_one_window_in_si(tmp_path):
@@ -206,7 +206,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
     (tmp_path / "map.toml").write_text(MAP)
     (tmp_path / "a.flac").write_bytes(b"fLaC\x00\x00\x00\x22" + bytes(200))
     with pytest.raises(RecordingFormatError, match=r"a\.flac: expected "):
-        read_mapped(tmp_path / "a.flac", read_channel_map(tmp_path / "map.toml"))
+        import_session([tmp_path / "a.flac"], read_channel_map(tmp_path / "map.toml"))
 
 
 @pytest.fixture
@@ -237,7 +237,7 @@ TDMS_MAP = (
 
 def mapped(path, text=TDMS_MAP):
     (path.parent / "map.toml").write_text(text)
-    return read_mapped(path, read_channel_map(path.parent / "map.toml"))
+    return import_session([path], read_channel_map(path.parent / "map.toml")).session
 
 
 def test_rate_and_start_come_from_the_file_that_states_them(write_tdms):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from monitor_core.recordings.raw import mat
+from monitor_core.recordings.raw.binary import mat
 from tests.recordings.test_raw import SAMPLES, refusal
 
 MATRIX = np.arange(12.0).reshape(4, 3) / 7.0

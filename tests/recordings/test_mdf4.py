@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import MissingReaderError
-from monitor_core.recordings.raw import mdf4
+from monitor_core.recordings.raw.binary import mdf4
 from tests.recordings.test_raw import refusal
 
 asammdf = pytest.importorskip("asammdf")

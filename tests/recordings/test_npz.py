@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from monitor_core.recordings.raw import npz
+from monitor_core.recordings.raw.binary import npz
 from tests.recordings.test_raw import SAMPLES, refusal
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
-from monitor_core.recordings.raw import parquet
-from monitor_core.recordings.raw.parquet_pages import unpacked_size_of_pages
+from monitor_core.recordings.raw.binary import parquet
+from monitor_core.recordings.raw.binary.parquet_pages import unpacked_size_of_pages
 from tests.recordings.test_raw import refusal
 
 pa = pytest.importorskip("pyarrow")

@@ -8,7 +8,8 @@ import pytest
 import scipy.io
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
-from monitor_core.recordings.raw import csv_samples, mat, npz, tdms, uff58
+from monitor_core.recordings.raw.binary import mat, npz, tdms, uff58
+from monitor_core.recordings.raw.text import csv_samples
 
 SAMPLES = np.array([0.0, 0.5, -1.25, 3.0, 2.5, -2.0])
 

@@ -18,7 +18,7 @@ import pytest
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text_layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
 from tests.recordings.text_files import logger_files, lvm, trace_files, twincat
 
 N_FILES = int(os.environ.get("PRELOAD_FUZZ", "30"))

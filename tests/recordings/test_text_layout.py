@@ -5,9 +5,9 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.raw import csv_samples, siemens_trace
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text_layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text import csv_samples, siemens_trace
+from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
 from tests.recordings.text_files import LoggerFile, logger_files, table
 
 FILES = logger_files()

@@ -7,7 +7,7 @@ import pytest
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text_layout import propose_layout
+from monitor_core.recordings.raw.text.layout import propose_layout
 from tests.recordings.text_files import TWINCAT_START, lvm, twincat
 
 

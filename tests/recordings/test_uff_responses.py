@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from monitor_core.recordings.raw import uff58
+from monitor_core.recordings.raw.binary import uff58
 from tests.recordings.test_raw import SAMPLES, refusal, uff_set
 
 pyuff = pytest.importorskip("pyuff")

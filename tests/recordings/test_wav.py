@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io.wavfile
 
-from monitor_core.recordings.raw import wav
+from monitor_core.recordings.raw.binary import wav
 from tests.recordings.test_raw import refusal
 
 RATE = 51_200

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from monitor_core.errors import MissingReaderError
-from monitor_core.recordings.raw import xlsx
+from monitor_core.recordings.raw.binary import xlsx
 from tests.recordings.test_raw import refusal
 
 openpyxl = pytest.importorskip("openpyxl")

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from monitor_core.recording import Direction, Session, Window
-from monitor_core.recordings import read_channel_map, read_mapped
+from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.session_hdf5 import read_session, write_session
 from service import app
 from service.api.http import limits
@@ -241,7 +241,8 @@ def test_upload_of_raw_and_map_is_the_import_of_the_command_line_byte_for_byte(t
     (tmp_path / "p500.npz").write_bytes(raw)
     (tmp_path / "map.toml").write_text(MAP)
     write_session(
-        tmp_path / "cli.session.h5", read_mapped(tmp_path / "p500.npz", read_channel_map(tmp_path / "map.toml"))
+        tmp_path / "cli.session.h5",
+        import_session([tmp_path / "p500.npz"], read_channel_map(tmp_path / "map.toml")).session,
     )
     found = uploaded(taking, ("p500.npz", raw), channel_map=MAP)
     made = taking.http.get(f"/v1/axes/axis/recordings/{found['id']}/session")

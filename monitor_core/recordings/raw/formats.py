@@ -4,9 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.raw import csv_samples, lvm, mat, mdf4, npz, parquet, tdms, uff58, wav, xlsx
+from monitor_core.recordings.raw.binary import mat, mdf4, npz, parquet, tdms, uff58, wav, xlsx
 from monitor_core.recordings.raw.channels import Channels
-from monitor_core.recordings.raw.text_layout import TextLayout
+from monitor_core.recordings.raw.text import csv_samples, lvm
+from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.recognition import raw_ending
 
 #: Ending of the file name → reader of its channels.

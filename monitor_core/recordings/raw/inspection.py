@@ -20,7 +20,7 @@ from monitor_core.recordings.raw.channel_kind import (
 )
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text_layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
 
 #: How many values of a channel are shown.
 N_FIRST = 5

@@ -13,10 +13,10 @@ from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import MotionRecord
 from monitor_core.recordings.frf_set import FrequencyResponseSet, read_frf_set
 from monitor_core.recordings.motion_csv import read_motion_record
-from monitor_core.recordings.raw.channel_map import read_channel_map
-from monitor_core.recordings.raw.imported import ImportedMotion, ImportedSession, import_motion, import_session
-from monitor_core.recordings.raw.imported_frf import ImportedFrfSet, import_frf_set
-from monitor_core.recordings.raw.map_records import ChannelMap, MapKind
+from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
+from monitor_core.recordings.raw.mapping.imported import ImportedMotion, ImportedSession, import_motion, import_session
+from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet, import_frf_set
+from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MapKind
 from monitor_core.recordings.recognition import require_format
 from monitor_core.session import RecordedMeasurements
 from service.cli.inputs.session import counted_session, watched_session

@@ -13,10 +13,10 @@ from pydantic import ValidationError
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Window
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.raw.channel_map import read_channel_map
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.imported import LeftOut, import_session
+from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
+from monitor_core.recordings.raw.mapping.imported import LeftOut, import_session
 from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session, write_session
 from service.clock import text_of
 from service.documents.recording import ChannelEntry

@@ -9,10 +9,10 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import require_file
 from monitor_core.recordings.elements.units import canonical_unit
-from monitor_core.recordings.raw import lvm, siemens_trace, twincat
-from monitor_core.recordings.raw.text_layout import SEPARATORS, TextLayout
-from monitor_core.recordings.raw.text_rows import Rows, shown, split_cells
-from monitor_core.recordings.raw.text_table import MAX_COLUMNS, is_number
+from monitor_core.recordings.raw.text import lvm, siemens_trace, twincat
+from monitor_core.recordings.raw.text.layout import SEPARATORS, TextLayout
+from monitor_core.recordings.raw.text.rows import Rows, shown, split_cells
+from monitor_core.recordings.raw.text.table import MAX_COLUMNS, is_number
 
 _HEAD = 2**18
 _TAIL = 2**12

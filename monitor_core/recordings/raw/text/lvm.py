@@ -12,8 +12,8 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list
-from monitor_core.recordings.raw.text_table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
+from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list
+from monitor_core.recordings.raw.text.table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
 
 _SIGNATURE = b"LabVIEW Measurement"
 _END = "***End_of_Header***"

@@ -100,7 +100,7 @@ def propose_layout(path: Path) -> TextLayout | None:
     The first 256 KiB and the end of the file are looked at. It is a proposal, for a person to confirm in a channel map;
     no reader applies it by itself. ``RecordingFormatError`` if no rows of numbers are found.
     """
-    from monitor_core.recordings.raw.text_proposal import propose  # noqa: PLC0415  # it stands on this module
+    from monitor_core.recordings.raw.text.proposal import propose  # noqa: PLC0415  # it stands on this module
 
     found = propose(path)
     return None if found is None else found.layout

@@ -15,8 +15,8 @@ from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quan
 from monitor_core.recordings.raw.channel_kind import ChannelKind, is_planned, kind_of, unit_in_name, units_of
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, step_of
-from monitor_core.recordings.raw.text_layout import TextLayout
-from monitor_core.recordings.raw.text_times import TextTimes, columns_of_texts, text_times
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.text_times import TextTimes, columns_of_texts, text_times
 from monitor_core.recordings.recognition import KINDS, require_format
 
 CONFIRM, FILL_IN = "# confirm:", "# fill in"

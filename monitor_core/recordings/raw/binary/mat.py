@@ -3,7 +3,7 @@
 Version 5 to 7.2 is read here, by the layout of *MAT-File Format* (The MathWorks): a header of 128 bytes, then elements,
 each a tag (type, number of bytes) and its bytes. ``scipy.io.loadmat`` reads the same, but trusts the type codes: with
 single damaged bytes it ended the process in 26 of 2000 trials. Version 4 is a sequence of arrays, each behind a header
-of five whole numbers and its name. Version 7.3 is HDF5, see :mod:`monitor_core.recordings.raw.mat_hdf5`.
+of five whole numbers and its name. Version 7.3 is HDF5, see :mod:`monitor_core.recordings.raw.binary.mat_hdf5`.
 
 Numbers inside a structure are channels too, named as MATLAB calls them: ``record.force``, ``record.Y(2).Data``.
 """
@@ -26,7 +26,7 @@ from monitor_core.recordings.elements.bounds import (
     unpacked_size,
 )
 from monitor_core.recordings.elements.files import MAX_SAMPLES, refusing, require_file, require_plausible_length
-from monitor_core.recordings.raw import mat_hdf5
+from monitor_core.recordings.raw.binary import mat_hdf5
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 _HEADER_SIZE = 128

@@ -14,11 +14,11 @@ from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.elements.units import quotient_of
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse
 from monitor_core.recordings.raw.channels import Channels, FrequencyResponse
-from monitor_core.recordings.raw.doubts import require_place
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.imported import LeftOut, Progress, facts_of_file
-from monitor_core.recordings.raw.map_records import ChannelMap, MappedChannel, ResponseLines, Tolerances
-from monitor_core.recordings.raw.mapped import in_si, signal_of
+from monitor_core.recordings.raw.mapping.doubts import require_place
+from monitor_core.recordings.raw.mapping.imported import LeftOut, Progress, facts_of_file
+from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, ResponseLines, Tolerances
+from monitor_core.recordings.raw.mapping.mapped import in_si, signal_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -38,7 +38,7 @@ def is_version_7_3(head: bytes) -> bool:
 def read_channels(path: Path) -> Channels:
     """Read the numeric arrays of a MATLAB file of version 7.3; it states neither units nor a time base.
 
-    Raises and leaves out as :func:`monitor_core.recordings.raw.mat.read_channels`.
+    Raises and leaves out as :func:`monitor_core.recordings.raw.binary.mat.read_channels`.
     """
     with open_hdf5(path) as file, refusing(path.name, "a MATLAB file of version 7.3"):
         found = dict(_datasets(file, "", path.name, 0))

@@ -12,9 +12,9 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_layout import TextLayout
-from monitor_core.recordings.raw.text_rows import shown, shown_list
-from monitor_core.recordings.raw.text_table import Table
+from monitor_core.recordings.raw.text.layout import TextLayout
+from monitor_core.recordings.raw.text.rows import shown, shown_list
+from monitor_core.recordings.raw.text.table import Table
 
 _TIME_WORDS = frozenset(("time", "zeit", "timestamp", "zeitstempel", "temps", "tempo"))
 _BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)")
@@ -26,7 +26,7 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
 
     ``RecordingFormatError`` if the columns are no pairs of time and value, or as for other text columns.
     """
-    from monitor_core.recordings.raw.csv_samples import read_channels as read_columns  # noqa: PLC0415  # it calls this one
+    from monitor_core.recordings.raw.text.csv_samples import read_channels as read_columns  # noqa: PLC0415  # it calls this one
 
     channels = read_columns(path, layout)
     if not any(channel.clock for channel in channels.channels):

@@ -3,17 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recording import Session
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si
-from monitor_core.recordings.raw.channel_map import ChannelMap
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.clocks import (
+from monitor_core.recordings.raw.mapping.channel_map import ChannelMap
+from monitor_core.recordings.raw.mapping.clocks import (
     Clock,
     clock_of_times,
     of_one_clock,
@@ -21,8 +19,8 @@ from monitor_core.recordings.raw.clocks import (
     resample,
     seconds_apart,
 )
-from monitor_core.recordings.raw.map_records import MappedChannel, TimeSource
-from monitor_core.recordings.raw.times import times_of
+from monitor_core.recordings.raw.mapping.map_records import MappedChannel, TimeSource
+from monitor_core.recordings.raw.text.times import times_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +34,6 @@ class Record:
     started_at: datetime | None  # of the first sample, where the file says it
     delay: float  # of the first sample behind the first of the file, where resampling left some out [s]
     remarks: tuple[str, ...]
-
-
-def read_mapped(path: Path, channel_map: ChannelMap) -> Session:
-    """Read one raw file as a session in SI units, see :func:`monitor_core.recordings.raw.imported.import_session`."""
-    from monitor_core.recordings.raw.imported import import_session  # noqa: PLC0415  # it stands on this module
-
-    return import_session((path,), channel_map).session
 
 
 def take_record(channels: Channels, sources: Sequence[MappedChannel], channel_map: ChannelMap) -> Record:

@@ -90,7 +90,7 @@ from monitor_core.recordings.elements.units import (
     response_factor,
     sensor_factor,
 )
-from monitor_core.recordings.raw.map_records import (
+from monitor_core.recordings.raw.mapping.map_records import (
     ChannelMap,
     Cutting,
     MapKind,
@@ -105,7 +105,7 @@ from monitor_core.recordings.raw.map_records import (
     WindowFacts,
     WindowsIn,
 )
-from monitor_core.recordings.raw.text_layout import TextLayout
+from monitor_core.recordings.raw.text.layout import TextLayout
 
 __all__ = [
     "ChannelMap",

@@ -13,9 +13,10 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, MotionRecord, Session, Window
 from monitor_core.recordings import motion_csv
 from monitor_core.recordings.elements.files import naming
-from monitor_core.recordings.raw.channel_map import facts_required
 from monitor_core.recordings.raw.channels import Channels
-from monitor_core.recordings.raw.doubts import (
+from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.mapping.channel_map import facts_required
+from monitor_core.recordings.raw.mapping.doubts import (
     doubts_of_numbers,
     doubts_of_rate,
     doubts_of_session,
@@ -23,8 +24,7 @@ from monitor_core.recordings.raw.doubts import (
     require_place,
     require_vibration_rate,
 )
-from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.map_records import (
+from monitor_core.recordings.raw.mapping.map_records import (
     ChannelMap,
     Cutting,
     MappedChannel,
@@ -34,7 +34,7 @@ from monitor_core.recordings.raw.map_records import (
     WindowFacts,
     WindowsIn,
 )
-from monitor_core.recordings.raw.mapped import Record, interval_of, signal_of, take_record
+from monitor_core.recordings.raw.mapping.mapped import Record, interval_of, signal_of, take_record
 
 #: Called with the name of each file before it is read.
 Progress = Callable[[str], None]

@@ -15,8 +15,8 @@ import numpy as np
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.binary.mdf4_blocks import require_sound_blocks
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
-from monitor_core.recordings.raw.mdf4_blocks import require_sound_blocks
 
 if TYPE_CHECKING:
     from asammdf import MDF

@@ -13,8 +13,8 @@ import numpy as np
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list
-from monitor_core.recordings.raw.text_table import Table, TableForm, read_table, require_columns
+from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list
+from monitor_core.recordings.raw.text.table import Table, TableForm, read_table, require_columns
 
 _SEPARATORS = ("\t", ";", ",", ":")
 _MOST_HEADER_ROWS = 200

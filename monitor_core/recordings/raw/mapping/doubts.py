@@ -11,7 +11,7 @@ from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, Session
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.raw.map_records import MappedChannel, SessionSignals
+from monitor_core.recordings.raw.mapping.map_records import MappedChannel, SessionSignals
 
 #: Below, no axial mode of an axis can be in a record: the fit takes up to 0.4 of the rate.
 _LEAST_RATE, _LOW_RATE, _HIGH_RATE, _MOST_RATE = 20.0, 200.0, 1e6, 1e7  # [Hz]

@@ -15,8 +15,8 @@ import numpy as np
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.raw.binary.parquet_pages import unpacked_size_of_pages
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
-from monitor_core.recordings.raw.parquet_pages import unpacked_size_of_pages
 
 if TYPE_CHECKING:
     import pyarrow as pa

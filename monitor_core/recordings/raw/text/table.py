@@ -9,8 +9,8 @@ import numpy as np
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import MAX_SAMPLES
-from monitor_core.recordings.raw.text_layout import SEPARATOR_NAMES
-from monitor_core.recordings.raw.text_rows import shown, split_cells
+from monitor_core.recordings.raw.text.layout import SEPARATOR_NAMES
+from monitor_core.recordings.raw.text.rows import shown, split_cells
 
 #: Most columns of a file, and most numbers in all of them.
 MAX_COLUMNS = 4096

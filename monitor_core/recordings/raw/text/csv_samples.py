@@ -11,11 +11,11 @@ from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import require_file
-from monitor_core.recordings.raw import lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.text_layout import SEPARATOR_NAMES, SEPARATORS, TextLayout
-from monitor_core.recordings.raw.text_rows import Rows, shown, shown_list, split_cells
-from monitor_core.recordings.raw.text_table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
+from monitor_core.recordings.raw.text import lvm, siemens_trace, twincat
+from monitor_core.recordings.raw.text.layout import SEPARATOR_NAMES, SEPARATORS, TextLayout
+from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list, split_cells
+from monitor_core.recordings.raw.text.table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
 
 __all__ = ["SEPARATOR_NAMES", "is_number", "read_channels"]
 
@@ -43,7 +43,7 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     try:
         return _read_plain(path)
     except RecordingFormatError as error:
-        from monitor_core.recordings.raw.text_proposal import next_step  # noqa: PLC0415  # only where it is needed
+        from monitor_core.recordings.raw.text.proposal import next_step  # noqa: PLC0415  # only where it is needed
 
         raise RecordingFormatError(f"{error}{next_step(path)}") from None
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
 from monitor_core.recording import Direction, ExcitationQuantity, ExcitationSource
-from monitor_core.recordings.raw.text_layout import TextLayout
+from monitor_core.recordings.raw.text.layout import TextLayout
 
 
 class WindowsIn(StrEnum):

@@ -18,7 +18,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import require_plausible_length
-from monitor_core.recordings.raw.map_records import ResampleMethod, Resampling
+from monitor_core.recordings.raw.mapping.map_records import ResampleMethod, Resampling
 
 #: A step of time that is off by more than this share of the mean one is a gap or jitter.
 _STEP_TOLERANCE = 0.01
