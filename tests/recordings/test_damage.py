@@ -1,12 +1,13 @@
 """Damaged bytes: every reader reads or raises ``RecordingFormatError``, nothing else, within bounds of time and memory.
 
 The readers run in a process of their own with limited memory: HDF5 and scipy are known to end the process on some
-damaged files (see ``elements/hdf5.py`` and ``raw/mat.py``).
+damaged files (see ``elements/hdf5.py`` and ``raw/binary/mat.py``).
 """
 
 import importlib
 import io
 import json
+import os
 import random
 import resource
 import subprocess
@@ -28,7 +29,7 @@ from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import write_session
 from tests.recordings.test_raw import SAMPLES, uff_set
 
-N_DAMAGED = 150
+N_DAMAGED = int(os.environ.get("PRELOAD_FUZZ", "150"))
 MEMORY = 2**32  # [bytes] of address space, most of which the libraries only reserve
 SLOWEST = 2.0  # [s] for files of a few kB
 
@@ -121,24 +122,31 @@ def _frf_58(path):
 MAKERS = {
     "session_hdf5.read_session": _session,
     "session_hdf5.read_session packed": _packed_session,
-    "raw.npz.read_channels": _npz,
-    "raw.npz.read_channels npy": lambda p: p.write_bytes(_npy(np.arange(60.0).reshape(3, 20))),
-    "raw.mat.read_channels 7.3": _mat_7_3,
-    "raw.mat.read_channels structure": lambda p: scipy.io.savemat(
+    "raw.binary.npz.read_channels": _npz,
+    "raw.binary.npz.read_channels npy": lambda p: p.write_bytes(_npy(np.arange(60.0).reshape(3, 20))),
+    "raw.binary.mat.read_channels 7.3": _mat_7_3,
+    "raw.binary.mat.read_channels structure": lambda p: scipy.io.savemat(
         p, {"r": {"force": SAMPLES, "inner": {"a": np.ones((2, 3))}}}, appendmat=False
     ),
-    "raw.wav.read_channels": _wav,
-    "raw.mdf4.read_channels": _mdf4,
-    "raw.parquet.read_channels": _parquet,
-    "raw.xlsx.read_channels inside": _xlsx,
-    "raw.uff58.read_channels frf": _frf_58,
-    "raw.mat.read_channels": lambda p: scipy.io.savemat(p, {"x": SAMPLES, "y": np.arange(9)}, appendmat=False),
-    "raw.mat.read_channels version 4": lambda p: scipy.io.savemat(p, {"x": SAMPLES}, format="4", appendmat=False),
-    "raw.tdms.read_channels": _tdms,
-    "raw.uff58.read_channels": lambda p: p.write_bytes(uff_set(SAMPLES) + uff_set(SAMPLES, binary=True)),
-    "raw.csv_samples.read_channels": lambda p: p.write_text("t,a\n" + "".join(f"{i},{i / 4}\n" for i in range(40))),
+    "raw.binary.wav.read_channels": _wav,
+    "raw.binary.mdf4.read_channels": _mdf4,
+    "raw.binary.parquet.read_channels": _parquet,
+    "raw.binary.xlsx.read_channels inside": _xlsx,
+    "raw.binary.uff58.read_channels frf": _frf_58,
+    "raw.binary.mat.read_channels": lambda p: scipy.io.savemat(p, {"x": SAMPLES, "y": np.arange(9)}, appendmat=False),
+    "raw.binary.mat.read_channels version 4": lambda p: scipy.io.savemat(
+        p, {"x": SAMPLES}, format="4", appendmat=False
+    ),
+    "raw.binary.tdms.read_channels": _tdms,
+    "raw.binary.uff58.read_channels": lambda p: p.write_bytes(uff_set(SAMPLES) + uff_set(SAMPLES, binary=True)),
+    "raw.text.csv_samples.read_channels": lambda p: p.write_text(
+        "t,a\n" + "".join(f"{i},{i / 4}\n" for i in range(40))
+    ),
+    "motion_csv.read_motion_record": lambda p: p.write_text(
+        "time_s,position_m,force_n\n" + "".join(f"{i / 1000},{i / 4},{i % 7}\n" for i in range(150))
+    ),
     "modal_csv.read_modal_table": lambda p: p.write_text("position_mm,frequency_hz,mode\n" + "250,189.25,1\n" * 20),
-    "raw.channel_map.read_channel_map": lambda p: p.write_bytes(
+    "raw.mapping.channel_map.read_channel_map": lambda p: p.write_bytes(
         b'axis_id = "x"\n[excitation]\nchannel = "f"\nquantity = "force"\nsource = "sensor"\nunit = "N"\n[response]\n'
         b'channel = "a"\nunit = "g"\n[window]\nposition_mm = 1\nposition_span_mm = 0\n'
     ),
@@ -186,7 +194,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, case):
         (folder / f"{number:03d}").write_bytes(damage(good.read_bytes(), rng))
     run = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.recordings.test_damage", case.split()[0], str(folder)],
-        cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=240, check=False,
+        cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=240 + N_DAMAGED, check=False,
     )  # fmt: skip
     assert run.returncode == 0, f"last file {run.stdout.splitlines()[-1:]}: {run.stderr[-2000:]}"
     outcome = json.loads(run.stdout.splitlines()[-1])

@@ -17,7 +17,7 @@ MAX_SAMPLES_IN_ALL = 2**27
 #: Bytes that any file may unpack to, however small it is: a constant channel packs to nearly nothing.
 FREE_BYTES = 2**26
 #: Beyond that, a file unpacks to this many times its own size at most.
-MOST_EXPANSION = 32
+MOST_EXPANSION = 16
 _PIECE = 2**16
 
 

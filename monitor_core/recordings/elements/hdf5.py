@@ -297,8 +297,11 @@ def _require_sound_chunks(dataset: "h5py.Dataset", place: str) -> None:
         raise RecordingFormatError(
             f"{place}: expected lzf chunks of at most {_LARGEST_LZF_CHUNK} bytes; got {size}: pack it by gzip"
         )
-    if _DEFLATE in filters:
-        for stored in _stored_chunks(dataset):
+    least = 5 if _CHECKSUM in filters else 1  # of fewer bytes the library takes the checksum off all the same
+    for stored in _stored_chunks(dataset) if filters else ():
+        if stored.size < least:
+            raise RecordingFormatError(f"{place}: expected packed chunks of samples; got one of {stored.size} bytes")
+        if _DEFLATE in filters:
             _require_sound_chunk(dataset, stored, filters, size, place)
 
 

@@ -5,7 +5,6 @@ says that it is in UTC. The unit is what the metadata of a column call ``unit`` 
 NaN.
 """
 
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -15,7 +14,7 @@ import numpy as np
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.binary.parquet_pages import unpacked_size_of_pages
+from monitor_core.recordings.raw.binary.parquet_pages import column_chunks, unpacked_size_of_pages
 from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
 
 if TYPE_CHECKING:
@@ -62,26 +61,17 @@ def _require_plausible(metadata: "pq.FileMetaData", names: list[str], stream: Bi
         raise RecordingFormatError(f"{path.name}: expected columns of different names; got {names}")
     require_plausible_channels([(name, metadata.num_rows) for name in names], path.name)
     total, n_bytes = 0, path.stat().st_size
-    for name, chunk in _chunks(metadata):
-        if name in names:
-            starts = [at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at]
-            start = min(starts)
-            end = start + chunk.total_compressed_size
-            if not 0 < start < end <= n_bytes:
+    for chunk in column_chunks(stream, n_bytes, path.name):
+        if chunk.path in names:
+            end = chunk.start + chunk.size
+            if not 0 < chunk.start < end <= n_bytes:
                 raise RecordingFormatError(
-                    f"{path.name}, {name}: expected pages within {n_bytes} bytes; got {start} to {end}"
+                    f"{path.name}, {chunk.path}: expected pages within {n_bytes} bytes; got {chunk.start} to {end}"
                 )
-            total += unpacked_size_of_pages(stream, start, end, f"{path.name}, {name}")
+            total += unpacked_size_of_pages(stream, chunk.start, end, f"{path.name}, {chunk.path}")
     # values may be packed twice: by what they repeat, and the pages that say so
     total = max(total, 8 * metadata.num_rows * len(names))
     require_plausible_expansion(total, n_bytes, path.name)
-
-
-def _chunks(metadata: "pq.FileMetaData") -> Iterator[tuple[str, "pq.ColumnChunkMetaData"]]:
-    for number in range(metadata.num_row_groups):
-        rows = metadata.row_group(number)
-        for index in range(rows.num_columns):
-            yield rows.column(index).path_in_schema, rows.column(index)
 
 
 def _channel(file: "pq.ParquetFile", field: "pa.Field", where: str) -> Channel:
