@@ -63,6 +63,11 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
     report = check_file(file)
     written = []
     if report.valid and map_path is not None:
+        if not report.usable_with_map:
+            kind = KINDS[report.format].what
+            raise click.UsageError(
+                f"--write-map goes with a raw file; got {kind}, which needs no map: {report.next_step}"
+            )
         map_path.write_text(map_text(file), encoding="utf-8")
         written.append(map_path)
     if report.valid and plot is not None:

@@ -112,6 +112,11 @@ def unit_in_name(name: str) -> str | None:
     return unit if (fits is None and len(ending[1]) > 1) or fits == kind_of_unit(unit) else None
 
 
+def names_other_unit(name: str) -> bool:
+    """Tell whether a name ends in brackets that hold no unit known here: minutes, hours, nanoseconds, …."""
+    return _IN_BRACKETS.search(name) is not None and unit_in_name(name) is None
+
+
 def kind_of(name: str, unit: str | None, samples: SampleArray) -> ChannelKind | None:
     """Return what a channel looks like: by its name, else by its unit, else a time by values that rise evenly."""
     by_name = kind_of_name(name)

@@ -17,7 +17,7 @@ from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.mapping.imported import ImportedMotion, ImportedSession, import_motion, import_session
 from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet, import_frf_set
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MapKind
-from monitor_core.recordings.recognition import require_format
+from monitor_core.recordings.recognition import CHANNEL_MAP, require_format
 from monitor_core.session import RecordedMeasurements
 from service.cli.inputs.session import counted_session, watched_session
 from service.cli.output import print_line, progress_bar
@@ -91,6 +91,7 @@ def data_of(paths: Sequence[Path], map_path: Path | None, *, takes: Sequence[Dat
                 f"several files are raw files of one recording, and need --map; got {len(paths)} files without it"
             )
         return Data(tuple(paths), _kind_of_file(paths[0], takes), None)
+    require_format(map_path, CHANNEL_MAP)
     channel_map = read_channel_map(map_path)
     kind = _OF_MAP[channel_map.kind]
     if kind not in takes:

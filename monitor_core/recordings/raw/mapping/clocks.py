@@ -75,10 +75,19 @@ def clock_of_times(times: FloatArray, printed: float, where: str) -> tuple[Clock
         share = 100.0 * printed / line_step
         said = f"{where}: times are printed to {printed:.2g} s, {share:.2g} % of a step; taken as even, as they agree"
         return Clock(_plain_rate(1.0 / line_step, times, printed), times), (said,)
+    advice = "a table [resample] with sample_rate_hz and method makes it even"
+    if steps.min() < 0.0:
+        advice = "times run back: the file holds several records, to be given one by one"
+    elif steps.min() == 0.0:
+        advice = (
+            f"several samples share a time, which is printed to {printed:.2g} s only: leave [time] out and state "
+            "sample_rate_hz and started_at in [window]"
+        )
+    elif steps.max() > _GAP * float(np.median(steps)):
+        advice = "nothing is known of a gap: give the parts in front of it and behind it as files of their own"
     uneven = (
         f"{where}: expected uniform sampling every {step:.6g} s; got a step of {steps[worst]:.6g} s behind sample "
-        f"{worst} (all of them: {steps.min():.6g} to {steps.max():.6g} s); a table [resample] with sample_rate_hz and "
-        "method makes it even"
+        f"{worst} (all of them: {steps.min():.6g} to {steps.max():.6g} s); {advice}"
     )
     return Clock(None, times, unevenness=uneven), ()
 

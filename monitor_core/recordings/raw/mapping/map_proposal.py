@@ -10,9 +10,18 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from monitor_core.arrays import SampleArray
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quantity, canonical_unit
-from monitor_core.recordings.raw.channel_kind import ChannelKind, is_planned, kind_of, unit_in_name, units_of
+from monitor_core.recordings.raw.channel_kind import (
+    ChannelKind,
+    is_planned,
+    kind_of,
+    names_other_unit,
+    unit_in_name,
+    units_of,
+)
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, step_of
 from monitor_core.recordings.raw.text.layout import TextLayout
@@ -351,12 +360,20 @@ def _text_time_lines(times: TextTimes) -> Iterator[str]:
         yield _blank("zone", 'zone of these times, such as "+01:00" or "Z"')
 
 
+def _counts(times: Part) -> bool:
+    """Tell whether values are 0, 1, 2, …: the number of a sample, of which the rate is not known."""
+    first = times.samples[:1000]
+    return first.size > 1 and bool((np.diff(first) == 1.0).all()) and float(first[0]) in (0.0, 1.0)
+
+
 def _unit_of_times(times: Part) -> tuple[str | None, str]:
     """Return the unit of sampling times: as stated, else the first in which the rate is one of recordings."""
     factors, step = FACTOR_TO_SI[Quantity.TIME], step_of(times.samples)
     unit = times.unit if times.unit in factors else None
     if unit is not None and canonical_unit(times.channel.unit) is not None:
         return unit, "as the file says"
+    if unit is None and (names_other_unit(times.channel.name) or _counts(times)):
+        return None, ""
     if unit is None and step is not None:
         unit = next((name for name, longest in _PLAUSIBLE_STEPS if step <= longest), None)
     if unit is None or step is None:
@@ -367,7 +384,8 @@ def _unit_of_times(times: Part) -> tuple[str | None, str]:
 def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, has_position: bool) -> Iterator[str]:
     arrays = [part.samples for part in signals if part.samples.ndim == 2]
     rates = [part.channel.sample_rate for part in signals if part.channel.sample_rate is not None]
-    starts = [part.channel.started_at for part in signals if part.channel.started_at is not None]
+    timed = [*signals, *([times] if isinstance(times, Part) else [])]
+    starts = [part.channel.started_at for part in timed if part.channel.started_at is not None]
     clocks = any(part.channel.clock is not None for part in signals)
     yield ""
     yield "[window]"

@@ -138,7 +138,7 @@ def _times_of(signal: Channel, source: MappedChannel, time: TimeSource | None) -
     unit = None if time is None else time.unit
     found = list[tuple[str, str, str | None]]()
     if signal.clock is not None:
-        found.append(("a channel that the file names", signal.clock, None))
+        found.append(("a channel that the file names", signal.clock, unit if source.time is None else None))
     if source.time is not None:
         found.append(("the channel of time", source.time, unit))
     elif time is not None and time.channel is not None:
