@@ -19,15 +19,15 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
-from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
+from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.fields import Fields, format_instant
 from monitor_core.recordings.elements.files import naming, refusing
 from monitor_core.recordings.elements.hdf5 import (
     attributes,
+    attributes_at,
     column,
     numbered_groups,
     open_hdf5,
-    values_of,
     write_attributes,
 )
 from monitor_core.recordings.elements.units import metres, to_millimetres
@@ -40,14 +40,15 @@ VERSION = 1
 EXCITATION_UNIT = {ExcitationQuantity.TORQUE: "N.m", ExcitationQuantity.FORCE: "N"}
 RESPONSE_QUANTITY = "acceleration"
 RESPONSE_UNIT = "m/s2"
-_KNOWN_ATTRIBUTES = frozenset((
-    "format", "version", "axis_id", "description", "created",
-    "started_at", "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",
-    "response_unit", "position_mm", "position_span_mm", "direction", "measurement", "payload_kg", "temperature_c",
+_ROOT_ATTRIBUTES = frozenset(("format", "version", "axis_id", "description", "created"))
+_WINDOW_ATTRIBUTES = frozenset((
+    "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",
+    "response_unit", "position_mm", "position_span_mm", "direction", "payload_kg", "temperature_c",
     "preload_n",
 ))  # fmt: skip
 #: What the frame of a session says of each window; the others are read with its samples.
 _FRAME_ATTRIBUTES = frozenset(("started_at", "measurement"))
+_CHANNELS = ("excitation", "response", "position")
 _SAMPLES = ("float32", "float64")
 
 
@@ -60,6 +61,7 @@ class SessionReader:
     created: datetime | None
     measurement_of: Mapping[str, str]  # window's group name → its measurement, in time order
     _names_of: Mapping[str, tuple[str, ...]]  # measurement → group names of its windows, in time order
+    _starts: Mapping[str, datetime]  # by the names of the groups
     _windows: "h5py.Group"
     _where: str
 
@@ -72,15 +74,20 @@ class SessionReader:
         """Return how many samples the longest channel of a window has; none is read."""
         where = f"{self._where} /windows/{name}"
         with refusing(where, "a readable window"):
-            group = self._windows[name]
-            channels = [channel for channel in ("excitation", "response", "position") if channel in group]
+            group = self._group(name)
+            channels = [channel for channel in _CHANNELS if group.links.exists(channel.encode())]
             return max((column(group, channel, where, _SAMPLES).size for channel in channels), default=0)
 
     def window(self, name: str) -> Window:
         """Read one window by the name of its group."""
         where = f"{self._where} /windows/{name}"
         with refusing(where, "a readable window"):
-            return _read_window(self._windows[name], name, where)
+            return _read_window(self._group(name), self._starts[name], self.measurement_of[name], where)
+
+    def _group(self, name: str) -> "h5py.h5g.GroupID":
+        import h5py  # noqa: PLC0415
+
+        return h5py.h5g.open(self._windows.id, name.encode())
 
     def windows(self) -> Iterator[Window]:
         """Read one window after the other, in time order."""
@@ -136,21 +143,22 @@ def write_session(path: Path, session: Session, *, tolerances: Mapping[str, floa
 
 
 def _session_reader(file: "h5py.File", where: str) -> SessionReader:
-    root = attributes(file, _KNOWN_ATTRIBUTES, f"{where} /")
+    root = attributes(file, _ROOT_ATTRIBUTES, f"{where} /")
     root.require_format(FORMAT, VERSION)
     windows, stated = numbered_groups(file, "windows", 6, _FRAME_ATTRIBUTES, where)
     measurement_of = {
         name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()
     }
-    starts = [fields.instant("started_at") for fields in stated.values()]
+    starts = {name: fields.instant("started_at") for name, fields in stated.items()}
     axis_id = root.text("axis_id")
-    _require_content(axis_id, starts, where)
+    _require_content(axis_id, list(starts.values()), where)
     return SessionReader(
         axis_id=axis_id,
         description=root.text("description") if root.values.get("description") else "",
         created=root.instant("created") if "created" in root else None,
         measurement_of=measurement_of,
         _names_of=_names_by_measurement(measurement_of),
+        _starts=starts,
         _windows=windows,
         _where=where,
     )
@@ -177,8 +185,9 @@ def _require_content(axis_id: str, starts: list[datetime], where: str) -> None:
             )
 
 
-def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
-    fields = attributes(group, _KNOWN_ATTRIBUTES, where)
+def _read_window(group: "h5py.h5g.GroupID", started_at: datetime, measurement: str, where: str) -> Window:
+    """Read what the frame does not say of a window, and its samples."""
+    fields = attributes_at(group, _WINDOW_ATTRIBUTES, where)
     quantity = fields.choice("excitation_quantity", ExcitationQuantity)
     fields.exactly("excitation_unit", EXCITATION_UNIT[quantity])
     fields.exactly("response_quantity", RESPONSE_QUANTITY)
@@ -190,14 +199,14 @@ def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
             excitation=excitation,
             response=response,
             sample_rate=fields.positive("sample_rate_hz", "Hz"),
-            started_at=fields.instant("started_at"),
+            started_at=started_at,
             conditions=Conditions(
                 position=metres(fields.number("position_mm", "mm")),
                 payload_mass=fields.optional_number("payload_kg", "kg"),
                 temperature=fields.optional_number("temperature_c", "°C"),
                 preload=fields.optional_number("preload_n", "N"),
             ),
-            measurement=fields.text("measurement") if "measurement" in fields else name,
+            measurement=measurement,
             excitation_quantity=quantity,
             excitation_source=fields.choice("excitation_source", ExcitationSource),
             direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
@@ -212,14 +221,17 @@ def _position_span(fields: Fields, trace: SampleArray | None) -> float:
     return float(np.ptp(trace.astype(np.float64, copy=False)))
 
 
-def _samples(group: "h5py.Group", where: str) -> list[SampleArray]:
+def _samples(group: "h5py.h5g.GroupID", where: str) -> list[SampleArray]:
     """Read excitation, response and, where the window has it, position, after a look at what all of them take."""
-    names = ["excitation", "response", *(["position"] if "position" in group else [])]
+    import h5py  # noqa: PLC0415
+
+    names = ["excitation", "response", *(["position"] if group.links.exists(b"position") else [])]
     columns = [column(group, name, where, _SAMPLES) for name in names]
     require_plausible_channels([(name, c.size) for name, c in zip(names, columns, strict=True)], where)
     n_bytes = sum(c.size * c.dtype.itemsize for c in columns)
-    require_plausible_expansion(n_bytes, group.file.id.get_filesize(), where)
-    return [cast(SampleArray, values_of(c)) for c in columns]
+    if n_bytes > FREE_BYTES:
+        require_plausible_expansion(n_bytes, h5py.h5i.get_file_id(group).get_filesize(), where)
+    return [cast(SampleArray, c.values()) for c in columns]
 
 
 def _write_window(group: "h5py.Group", window: Window) -> None:
