@@ -235,10 +235,13 @@ def write_frf_set(
 def _set_reader(file: "h5py.File", where: str) -> FrequencyResponseSetReader:
     root = attributes(file, _ROOT_ATTRIBUTES, f"{where} /")
     root.require_format(FORMAT, VERSION)
-    conditions, temperatures = numbered_groups(file, "conditions", 4, TEMPERATURES, where)
+    conditions = numbered_groups(file, "conditions", 4, where)
+    temperatures = conditions.stated(TEMPERATURES)
     if not temperatures:
         raise RecordingFormatError(f"{where}: expected at least one condition; got none")
-    return FrequencyResponseSetReader(tuple(temperatures), conditions, where, _reference_temperature(temperatures))
+    return FrequencyResponseSetReader(
+        tuple(temperatures), conditions.folder, where, _reference_temperature(temperatures)
+    )
 
 
 def _reference_temperature(temperatures: Mapping[str, Fields]) -> float | None:

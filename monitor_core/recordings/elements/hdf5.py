@@ -244,25 +244,40 @@ def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group
     return found
 
 
-def numbered_groups(
-    file: "h5py.File", folder: str, digits: int, known: frozenset[str], where: str
-) -> tuple["h5py.Group", dict[str, Fields]]:
-    """Return a folder whose groups are named by numbers, and the known attributes of each of them, in order.
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedGroups:
+    """A folder whose groups are named by numbers, in order."""
 
-    ``folder``: name of the folder in the file; ``digits``: fewest digits of a name; ``known``: attributes to read;
-    ``where``: name of the file, for messages. ``RecordingFormatError`` if the folder is missing, or something in it
-    is no group or not named by a number.
+    folder: "h5py.Group"
+    names: tuple[str, ...]
+    _kinds: Mapping[str, int]  # of links
+    _where: str
+
+    def stated(self, known: frozenset[str]) -> dict[str, Fields]:
+        """Return two or three known attributes of each group. ``RecordingFormatError`` if something is no group."""
+        return {name: self._frame_of(name, known) for name in self.names}
+
+    def _frame_of(self, name: str, known: frozenset[str]) -> Fields:
+        place = f"{self._where}/{name}"
+        return _frame_of(_group_in(self.folder, name, self._kinds[name], place), known, place)
+
+
+def numbered_groups(file: "h5py.File", folder: str, digits: int, where: str) -> NumberedGroups:
+    """Return a folder whose groups are named by numbers.
+
+    ``folder``: name of the folder in the file; ``digits``: fewest digits of a name; ``where``: name of the file, for
+    messages. ``RecordingFormatError`` if the folder is missing, or something in it is not named by a number.
     """
     found = member(file, folder, "Group", f"{where} /{folder}")
-    kinds = dict[str, int]()  # of links
+    kinds = dict[str, int]()
     found.id.links.iterate(lambda name, link: kinds.update({_text(name): link.type}), info=True)
-    stated = {}
-    for name in sorted(kinds, key=lambda name: (len(name), name)):
-        place = f"{where} /{folder}/{name}"
+    names = sorted(kinds, key=lambda name: (len(name), name))
+    for name in names:
         if len(name) < digits or not (name.isascii() and name.isdigit()):
-            raise RecordingFormatError(f"{place}: expected a group named by at least {digits} digits; got {name!r}")
-        stated[name] = _frame_of(_group_in(found, name, kinds[name], place), known, place)
-    return found, stated
+            raise RecordingFormatError(
+                f"{where} /{folder}/{name}: expected a group named by at least {digits} digits; got {name!r}"
+            )
+    return NumberedGroups(found, tuple(names), kinds, f"{where} /{folder}")
 
 
 def _text(name: bytes) -> str:
