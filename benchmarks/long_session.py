@@ -3,10 +3,12 @@
     python -m benchmarks.long_session [--windows 7200] [--sample-rate-hz 2000]
 
 The session has windows of a second, 15 a measurement. It is judged by ``preload frf`` in a process of its own, and
-from memory.
+from memory; as ``write_session`` writes it, and without its index, as others write theirs.
 """
 
 import argparse
+import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,23 +17,28 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import open_session, write_session
+from monitor_core.recordings.session_index import NAME
 from monitor_core.session import judge_session
+from service.blas_threads import compute_in_one_thread
 
 PER_MEASUREMENT = 15
 MODE_HZ, DAMPING = 180.0, 0.02
+#: The peak of this program alone: what the operating system counts (``ru_maxrss``) begins with the one that started it.
 _PEAK = """
-import resource, sys
+import sys
 sys.argv[0] = "preload"
 from service.cli.main import main
 try:
     main()
 finally:
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+    with open("/proc/self/status") as status:
+        print(*(line.split()[1] for line in status if line.startswith("VmHWM")), file=sys.stderr)
 """
 
 
@@ -79,33 +86,62 @@ def open_and_close(path: Path) -> None:
         pass
 
 
-def frf_peak(path: Path) -> tuple[float, float]:
-    """Run ``preload frf`` in a process of its own; return its time [s] and peak memory [MiB]."""
-    started = time.perf_counter()
+def frf_peak(path: Path) -> tuple[float, float, float]:
+    """Run ``preload frf`` in a process of its own; return its time, processor time [s] and peak memory [MiB]."""
+    started, processor = time.perf_counter(), processor_of_children()
     ran = subprocess.run(
         [sys.executable, "-c", _PEAK, "frf", str(path), "--json"], check=False, capture_output=True, text=True
     )
-    seconds = time.perf_counter() - started
-    return seconds, int(ran.stderr.split()[-1]) / 1024.0
+    seconds, processor = time.perf_counter() - started, processor_of_children() - processor
+    return seconds, processor, int(ran.stderr.split()[-1]) / 1024.0
+
+
+def processor_of_children() -> float:
+    """Return the processor time of processes that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def start_seconds() -> tuple[float, float]:
+    """Return time and processor time of a ``preload frf`` that has nothing to do [s]."""
+    started, processor = time.perf_counter(), processor_of_children()
+    subprocess.run([sys.executable, "-c", _PEAK, "frf", "--help"], check=False, capture_output=True)
+    return time.perf_counter() - started, processor_of_children() - processor
+
+
+def measure(path: Path, judging: tuple[float, float]) -> None:
+    """Print opening time, time of ``preload frf`` over that of judging alone, and its peak memory."""
+    print(f"{path.name}: {path.stat().st_size / 1e6:.0f} MB")
+    wall, processor = min(seconds_of(lambda: open_and_close(path)) for _ in range(5))
+    print(f"  opening: {wall:.2f} s, of processor {processor:.2f} s")
+    frf, of_processor, peak = frf_peak(path)
+    print(
+        f"  preload frf: {frf:.1f} s, of processor {of_processor:.1f} s; {frf / judging[0]:.2f} and "
+        f"{of_processor / judging[1]:.2f} times the judging; peak {peak:.0f} MiB"
+    )
 
 
 def main() -> None:
-    """Print opening time, time of ``preload frf`` over that of judging alone, and its peak memory."""
+    """Measure a session with its index and without."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--windows", type=int, default=7200)
     parser.add_argument("--sample-rate-hz", type=float, default=2000.0)
     stated = parser.parse_args()
+    compute_in_one_thread()
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "long.session.h5"
         recorded = session(stated.windows, stated.sample_rate_hz)
+        path = Path(folder) / "indexed.session.h5"
         write_session(path, recorded)
-        print(f"{path.stat().st_size / 1e6:.0f} MB")
-        wall, processor = min(seconds_of(lambda: open_and_close(path)) for _ in range(5))
-        print(f"opening {stated.windows} windows: {wall:.2f} s, of processor {processor:.2f} s")
-        judging, processor = seconds_of(lambda: list(judge_session(recorded, AxisSettings())))
-        print(f"judging from memory: {judging:.1f} s, of processor {processor:.1f} s")
-        frf, peak = frf_peak(path)
-        print(f"preload frf: {frf:.1f} s, {frf / judging:.2f} times the judging; peak {peak:.0f} MiB")
+        without = Path(folder) / "plain.session.h5"
+        shutil.copyfile(path, without)
+        with h5py.File(without, "r+") as file:
+            file.pop(NAME, None)
+        judging = seconds_of(lambda: list(judge_session(recorded, AxisSettings())))
+        print(f"judging {stated.windows} windows from memory: {judging[0]:.1f} s, of processor {judging[1]:.1f} s")
+        wall, processor = start_seconds()
+        print(f"preload frf --help: {wall:.1f} s, of processor {processor:.1f} s")
+        measure(path, judging)
+        measure(without, judging)
 
 
 if __name__ == "__main__":

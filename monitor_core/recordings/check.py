@@ -101,7 +101,7 @@ def _refuse(name: str, path: Path) -> FileReport:
 
 
 def _look_at_session(name: str, path: Path) -> FileReport:
-    with open_session(path) as reader:
+    with open_session(path, compared=True) as reader:
         found = look_at_session(reader, _MOST_PROBLEMS)
     settings = found.settings
     uses = usability.uses_of_session(path, settings)

@@ -33,7 +33,7 @@ from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
 from monitor_core.recordings.elements.files import naming
-from monitor_core.recordings.elements.hdf5 import column, values_of, write_attributes
+from monitor_core.recordings.elements.hdf5 import column, write_attributes
 from monitor_core.recordings.elements.units import (
     excitation_unit,
     is_response_unit,
@@ -117,8 +117,8 @@ def _read_lines(group: "h5py.Group", where: str) -> tuple[FloatArray, ComplexArr
     if len({values.size for values in columns}) != 1:  # before any of them takes memory
         sizes = ", ".join(f"{values.size} in {name}" for name, values in zip(names, columns, strict=True))
         raise RecordingFormatError(f"{where}: expected as many values in each dataset; got {sizes}")
-    frequency, deviation = (np.asarray(values_of(values), dtype=np.float64) for values in columns[::2])
-    response = np.asarray(values_of(columns[1]), dtype=np.complex128)
+    frequency, deviation = (np.asarray(values.values(), dtype=np.float64) for values in columns[::2])
+    response = np.asarray(columns[1].values(), dtype=np.complex128)
     _require(np.isfinite(frequency) & (frequency > 0.0), frequency, "positive, finite frequencies [Hz]", where)
     _require(np.diff(frequency, prepend=0.0) > 0.0, frequency, "rising frequencies [Hz]", where)
     _require(np.isfinite(response), response, "a finite response", where)
@@ -235,10 +235,13 @@ def write_frf_set(
 def _set_reader(file: "h5py.File", where: str) -> FrequencyResponseSetReader:
     root = attributes(file, _ROOT_ATTRIBUTES, f"{where} /")
     root.require_format(FORMAT, VERSION)
-    conditions, temperatures = numbered_groups(file, "conditions", 4, TEMPERATURES, where)
+    conditions = numbered_groups(file, "conditions", 4, where)
+    temperatures = conditions.stated(TEMPERATURES)
     if not temperatures:
         raise RecordingFormatError(f"{where}: expected at least one condition; got none")
-    return FrequencyResponseSetReader(tuple(temperatures), conditions, where, _reference_temperature(temperatures))
+    return FrequencyResponseSetReader(
+        tuple(temperatures), conditions.folder, where, _reference_temperature(temperatures)
+    )
 
 
 def _reference_temperature(temperatures: Mapping[str, Fields]) -> float | None:

@@ -6,31 +6,33 @@ Each group ``/windows/NNNNNN`` holds one window, in time order; the attributes a
 known here are left alone. A window without ``measurement`` is a measurement of its own, named by its group.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
-from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
+from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.fields import Fields, format_instant
 from monitor_core.recordings.elements.files import naming, refusing
 from monitor_core.recordings.elements.hdf5 import (
+    Column,
     attributes,
+    attributes_at,
     column,
     numbered_groups,
     open_hdf5,
-    values_of,
     write_attributes,
 )
 from monitor_core.recordings.elements.units import metres, to_millimetres
+from monitor_core.recordings.session_index import FEWEST_WINDOWS, SessionIndex, read_index, row_of, seal, write_index
 
 if TYPE_CHECKING:
     import h5py
@@ -40,14 +42,15 @@ VERSION = 1
 EXCITATION_UNIT = {ExcitationQuantity.TORQUE: "N.m", ExcitationQuantity.FORCE: "N"}
 RESPONSE_QUANTITY = "acceleration"
 RESPONSE_UNIT = "m/s2"
-_KNOWN_ATTRIBUTES = frozenset((
-    "format", "version", "axis_id", "description", "created",
-    "started_at", "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",
-    "response_unit", "position_mm", "position_span_mm", "direction", "measurement", "payload_kg", "temperature_c",
+_ROOT_ATTRIBUTES = frozenset(("format", "version", "axis_id", "description", "created"))
+_WINDOW_ATTRIBUTES = frozenset((
+    "sample_rate_hz", "excitation_quantity", "excitation_unit", "excitation_source", "response_quantity",
+    "response_unit", "position_mm", "position_span_mm", "direction", "payload_kg", "temperature_c",
     "preload_n",
 ))  # fmt: skip
 #: What the frame of a session says of each window; the others are read with its samples.
 _FRAME_ATTRIBUTES = frozenset(("started_at", "measurement"))
+_CHANNELS = ("excitation", "response", "position")
 _SAMPLES = ("float32", "float64")
 
 
@@ -60,8 +63,11 @@ class SessionReader:
     created: datetime | None
     measurement_of: Mapping[str, str]  # window's group name → its measurement, in time order
     _names_of: Mapping[str, tuple[str, ...]]  # measurement → group names of its windows, in time order
+    _starts: Mapping[str, datetime]  # by the names of the groups
     _windows: "h5py.Group"
     _where: str
+    _index: SessionIndex | None
+    _compared: bool
 
     @property
     def measurements(self) -> tuple[str, ...]:
@@ -72,15 +78,29 @@ class SessionReader:
         """Return how many samples the longest channel of a window has; none is read."""
         where = f"{self._where} /windows/{name}"
         with refusing(where, "a readable window"):
-            group = self._windows[name]
-            channels = [channel for channel in ("excitation", "response", "position") if channel in group]
+            if self._index is not None and not self._compared:
+                return max((size for _, size, _ in self._index.places(name, where).values()), default=0)
+            group = self._group(name)
+            channels = [channel for channel in _CHANNELS if group.links.exists(channel.encode())]
             return max((column(group, channel, where, _SAMPLES).size for channel in channels), default=0)
 
     def window(self, name: str) -> Window:
         """Read one window by the name of its group."""
         where = f"{self._where} /windows/{name}"
         with refusing(where, "a readable window"):
-            return _read_window(self._windows[name], name, where)
+            frame = self._starts[name], self.measurement_of[name]
+            if self._index is not None and not self._compared:
+                return _window(self._index.fields(name, where), _indexed_samples(self._index, name, where), *frame)
+            group = self._group(name)
+            fields, columns = attributes_at(group, _WINDOW_ATTRIBUTES, where), _columns(group, where)
+            if self._index is not None:
+                _require_agreement(self._index, name, fields, columns)
+            return _window(fields, [cast(SampleArray, c.values()) for c in columns.values()], *frame)
+
+    def _group(self, name: str) -> "h5py.h5g.GroupID":
+        import h5py  # noqa: PLC0415
+
+        return h5py.h5g.open(self._windows.id, name.encode())
 
     def windows(self) -> Iterator[Window]:
         """Read one window after the other, in time order."""
@@ -92,15 +112,16 @@ class SessionReader:
 
 
 @contextmanager
-def open_session(path: Path) -> Iterator[SessionReader]:
+def open_session(path: Path, *, compared: bool = False) -> Iterator[SessionReader]:
     """Open a session file and check its frame; the samples stay on disk until a window is asked for.
 
-    ``path``: a ``*.session.h5`` file. Returned: valid inside the ``with`` block. ``RecordingFormatError`` if the
-    file is no such session: one sentence says what was expected, what was got, and where.
+    ``path``: a ``*.session.h5`` file; ``compared``: whether what its index says, where it has one, is compared with
+    each group. Returned: valid inside the ``with`` block. ``RecordingFormatError`` if the file is no such session: one
+    sentence says what was expected, what was got, and where.
     """
-    with open_hdf5(path) as file:
+    with open_hdf5(path) as file, path.open("rb") as raw:
         with refusing(path.name, f"a {FORMAT} file"):
-            reader = _session_reader(file, path.name)
+            reader = _session_reader(file, raw, path.name, compared=compared)
         yield reader
 
 
@@ -131,28 +152,43 @@ def write_session(path: Path, session: Session, *, tolerances: Mapping[str, floa
             file.attrs["created"] = format_instant(session.created)
         write_attributes(file, tolerances or {})
         windows = file.create_group("windows")
+        rows = dict[str, dict[str, object]]()
         for number, window in enumerate(session.windows):
-            _write_window(windows.create_group(f"{number:06d}"), window)
+            group = windows.create_group(name := f"{number:06d}")
+            rows[name] = row_of(group, _write_window(group, window))
+        index = write_index(file, rows) if len(rows) >= FEWEST_WINDOWS else None
+    if index is not None:
+        seal(path, index)
 
 
-def _session_reader(file: "h5py.File", where: str) -> SessionReader:
-    root = attributes(file, _KNOWN_ATTRIBUTES, f"{where} /")
+def _session_reader(file: "h5py.File", raw: BinaryIO, where: str, *, compared: bool) -> SessionReader:
+    root = attributes(file, _ROOT_ATTRIBUTES, f"{where} /")
     root.require_format(FORMAT, VERSION)
-    windows, stated = numbered_groups(file, "windows", 6, _FRAME_ATTRIBUTES, where)
+    windows = numbered_groups(file, "windows", 6, where)
+    index = read_index(file, raw, windows.names, where)
+    stated = {} if index is None else {name: index.fields(name, f"{where} /windows/{name}") for name in windows.names}
+    if index is None or compared:
+        by_group = windows.stated(_FRAME_ATTRIBUTES)
+        for name, fields in stated.items():
+            _require_same(fields, by_group[name], _FRAME_ATTRIBUTES)
+        stated = by_group
     measurement_of = {
         name: fields.text("measurement") if "measurement" in fields else name for name, fields in stated.items()
     }
-    starts = [fields.instant("started_at") for fields in stated.values()]
+    starts = {name: fields.instant("started_at") for name, fields in stated.items()}
     axis_id = root.text("axis_id")
-    _require_content(axis_id, starts, where)
+    _require_content(axis_id, list(starts.values()), where)
     return SessionReader(
         axis_id=axis_id,
         description=root.text("description") if root.values.get("description") else "",
         created=root.instant("created") if "created" in root else None,
         measurement_of=measurement_of,
         _names_of=_names_by_measurement(measurement_of),
-        _windows=windows,
+        _starts=starts,
+        _windows=windows.folder,
         _where=where,
+        _index=index,
+        _compared=compared,
     )
 
 
@@ -177,27 +213,55 @@ def _require_content(axis_id: str, starts: list[datetime], where: str) -> None:
             )
 
 
-def _read_window(group: "h5py.Group", name: str, where: str) -> Window:
-    fields = attributes(group, _KNOWN_ATTRIBUTES, where)
+def _require_same(indexed: Fields, stated: Fields, names: frozenset[str]) -> None:
+    """Refuse an index that says otherwise than the attributes of a window."""
+    for name in sorted(names):
+        said, got = indexed.values.get(name), stated.values.get(name)
+        if said != got:
+            raise RecordingFormatError(
+                f"{stated.where}, {name}: expected {said!r:.60}, as the index of the session says; got {got!r:.60}"
+            )
+
+
+def _require_agreement(index: SessionIndex, name: str, fields: Fields, columns: Mapping[str, Column]) -> None:
+    """Refuse an index that says otherwise than a window."""
+    _require_same(index.fields(name, fields.where), fields, _WINDOW_ATTRIBUTES)
+    stored = {channel: (c.stored.get_offset(), c.size, c.dtype.str) for channel, c in columns.items()}
+    if stored != index.places(name, fields.where):
+        raise RecordingFormatError(f"{fields.where}: expected its samples where the index of the session says")
+
+
+def _indexed_samples(index: SessionIndex, name: str, where: str) -> list[SampleArray]:
+    """Read excitation, response and, where the window has it, position."""
+    places = index.places(name, where)
+    if not {"excitation", "response"} <= places.keys() <= set(_CHANNELS):
+        raise RecordingFormatError(f"{where}: expected excitation and response in the index; got {', '.join(places)}")
+    require_plausible_channels([(channel, size) for channel, (_, size, _) in places.items()], where)
+    return [index.samples(places[channel], f"{where}/{channel}") for channel in _CHANNELS if channel in places]
+
+
+def _window(fields: Fields, samples: Sequence[SampleArray], started_at: datetime, measurement: str) -> Window:
+    """Return a window of what its attributes say and its frame does not, and of its samples."""
+    where = fields.where
     quantity = fields.choice("excitation_quantity", ExcitationQuantity)
     fields.exactly("excitation_unit", EXCITATION_UNIT[quantity])
     fields.exactly("response_quantity", RESPONSE_QUANTITY)
     fields.exactly("response_unit", RESPONSE_UNIT)
-    excitation, response, *traces = _samples(group, where)
+    excitation, response, *traces = samples
     trace = traces[0] if traces else None
     with naming(where):
         return Window(
             excitation=excitation,
             response=response,
             sample_rate=fields.positive("sample_rate_hz", "Hz"),
-            started_at=fields.instant("started_at"),
+            started_at=started_at,
             conditions=Conditions(
                 position=metres(fields.number("position_mm", "mm")),
                 payload_mass=fields.optional_number("payload_kg", "kg"),
                 temperature=fields.optional_number("temperature_c", "°C"),
                 preload=fields.optional_number("preload_n", "N"),
             ),
-            measurement=fields.text("measurement") if "measurement" in fields else name,
+            measurement=measurement,
             excitation_quantity=quantity,
             excitation_source=fields.choice("excitation_source", ExcitationSource),
             direction=fields.optional_choice("direction", Direction) or Direction.BOTH,
@@ -212,23 +276,27 @@ def _position_span(fields: Fields, trace: SampleArray | None) -> float:
     return float(np.ptp(trace.astype(np.float64, copy=False)))
 
 
-def _samples(group: "h5py.Group", where: str) -> list[SampleArray]:
-    """Read excitation, response and, where the window has it, position, after a look at what all of them take."""
-    names = ["excitation", "response", *(["position"] if "position" in group else [])]
-    columns = [column(group, name, where, _SAMPLES) for name in names]
-    require_plausible_channels([(name, c.size) for name, c in zip(names, columns, strict=True)], where)
-    n_bytes = sum(c.size * c.dtype.itemsize for c in columns)
-    require_plausible_expansion(n_bytes, group.file.id.get_filesize(), where)
-    return [cast(SampleArray, values_of(c)) for c in columns]
+def _columns(group: "h5py.h5g.GroupID", where: str) -> dict[str, Column]:
+    """Return excitation, response and, where the window has it, position, after a look at what all of them take."""
+    import h5py  # noqa: PLC0415
+
+    names = ["excitation", "response", *(["position"] if group.links.exists(b"position") else [])]
+    columns = {name: column(group, name, where, _SAMPLES) for name in names}
+    require_plausible_channels([(name, c.size) for name, c in columns.items()], where)
+    n_bytes = sum(c.size * c.dtype.itemsize for c in columns.values())
+    if n_bytes > FREE_BYTES:
+        require_plausible_expansion(n_bytes, h5py.h5i.get_file_id(group).get_filesize(), where)
+    return columns
 
 
-def _write_window(group: "h5py.Group", window: Window) -> None:
+def _write_window(group: "h5py.Group", window: Window) -> dict[str, object]:
+    """Write a window and return its attributes."""
     group["excitation"] = window.excitation
     group["response"] = window.response
     if window.position_trace is not None:
         group["position"] = window.position_trace
     conditions = window.conditions
-    stated = {
+    stated: dict[str, object] = {
         "started_at": format_instant(window.started_at),
         "sample_rate_hz": float(window.sample_rate),
         "excitation_quantity": str(window.excitation_quantity),
@@ -245,3 +313,4 @@ def _write_window(group: "h5py.Group", window: Window) -> None:
         "preload_n": conditions.preload,
     }
     write_attributes(group, stated)
+    return stated

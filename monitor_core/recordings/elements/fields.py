@@ -35,13 +35,15 @@ def parse_instant(text: str, where: str) -> datetime:
     >>> parse_instant("1985-04-12T23:20:50.52Z", "example").isoformat()
     '1985-04-12T23:20:50.520000+00:00'
     """
-    expected = f"{where}: expected an RFC 3339 time with zone such as 2025-03-01T06:00:00Z; got {text!r}"
-    if not _RFC_3339.fullmatch(text):
-        raise RecordingFormatError(expected)
-    try:
-        return datetime.fromisoformat(text.upper())
-    except ValueError as error:
-        raise RecordingFormatError(f"{expected} ({error})") from error
+    reason = ""
+    if _RFC_3339.fullmatch(text):
+        try:
+            return datetime.fromisoformat(text.upper())
+        except ValueError as error:
+            reason = f" ({error})"
+    raise RecordingFormatError(
+        f"{where}: expected an RFC 3339 time with zone such as 2025-03-01T06:00:00Z; got {text!r}{reason}"
+    )
 
 
 def format_instant(instant: datetime) -> str:
@@ -72,7 +74,7 @@ class Fields:
             value = value.decode("utf-8", "surrogateescape")
         if not isinstance(value, str) or not value:
             raise RecordingFormatError(f"{self._place(name)}: expected a text; got {_shown(value)}")
-        if any("\ud800" <= letter <= "\udfff" for letter in value):
+        if not value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in value):
             raise RecordingFormatError(f"{self._place(name)}: expected UTF-8 text; got {value[:40]!a}")
         return str(value)
 

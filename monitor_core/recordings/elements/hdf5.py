@@ -12,9 +12,9 @@ space at the end. The library follows these sizes without looking at them; here 
 """
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,7 +38,8 @@ _HEADER = struct.Struct("<HH4xQ")
 _LEAST_SIZE = 4096
 _HUGE_TEXT = 2**24  # [bytes]; names and instants are of a hundred
 _UNDEFINED = 2**32 - 1
-_CARRIED = 16  # a multiple of four, so that words stay where they are
+_REFERENCE = 16  # [bytes]
+_CARRIED = _REFERENCE  # a multiple of four, so that words stay where they are
 #: Filters of HDF5 that are known to stay within their chunk, or are looked at before.
 _DEFLATE, _SHUFFLE, _CHECKSUM, _LZF = 1, 2, 3, 32000
 _FILTERS = frozenset((_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF))
@@ -101,9 +102,11 @@ def _objects(stream: BinaryIO, start: int, n_bytes: int) -> set[int] | None:
     if reserved != bytes(3):
         return None
     at, seen = start + _HEADER.size, set[int]()
+    piece, begin = b"", at
     while end - at >= _HEADER.size:
-        stream.seek(at)
-        index, _, length = _HEADER.unpack(stream.read(_HEADER.size))
+        if at - begin > len(piece) - _HEADER.size:
+            piece, begin = _read_at(stream, at), at
+        index, _, length = _HEADER.unpack_from(piece, at - begin)
         if index == 0:
             return seen if _HEADER.size <= length == end - at else None
         at += _HEADER.size + -(-length // 8) * 8
@@ -111,6 +114,11 @@ def _objects(stream: BinaryIO, start: int, n_bytes: int) -> set[int] | None:
             return None
         seen.add(index)
     return seen
+
+
+def _read_at(stream: BinaryIO, at: int) -> bytes:
+    stream.seek(at)
+    return stream.read(_LEAST_SIZE)
 
 
 @contextmanager
@@ -144,27 +152,58 @@ def _keep_cache_small(file: "h5py.File") -> None:
 
 def attributes(group: "h5py.Group", known: frozenset[str], where: str) -> Fields:
     """Return the known attributes. Only numbers and texts are touched: other types crash HDF5 when damaged."""
-    return _attributes_of(group.id, known, where)
+    return attributes_at(group.id, known, where)
 
 
-def _attributes_of(place: "h5py.h5g.GroupID", known: frozenset[str], where: str) -> Fields:
-    """Return the known attributes of a group that is open.
+def attributes_at(place: "h5py.h5g.GroupID", known: frozenset[str], where: str) -> Fields:
+    """Return the known attributes of a group that is open, as :func:`attributes`.
 
     By the calls of HDF5 itself: what h5py does around each takes longer than they do, and a session of two hours has a
     hundred thousand.
     """
     import h5py  # noqa: PLC0415
 
-    values: dict[str, object] = {}
-    for name in sorted(known):
-        encoded = name.encode()
-        if h5py.h5a.exists(place, encoded):
-            values[name] = _value_of(h5py.h5a.open(place, encoded), f"{where}, {name}")
-    return Fields(values, where)
+    names = list[bytes]()
+    h5py.h5a.iterate(place, names.append)  # by name
+    stated = _decoded(known)
+    found = {stated[name]: h5py.h5a.open(place, name) for name in names if name in stated}
+    return Fields({name: _value_of(attribute, where, name) for name, attribute in found.items()}, where)
 
 
-def _value_of(stored: "h5py.h5a.AttrID", place: str) -> object:
-    """Read the single value of an attribute that is open."""
+@lru_cache(maxsize=64)
+def _decoded(known: frozenset[str]) -> dict[bytes, str]:
+    """Return names by their bytes."""
+    return {name.encode(): name for name in known}
+
+
+def _value_of(stored: "h5py.h5a.AttrID", where: str, name: str) -> object:
+    """Read the single value of an attribute that is open; what nearly all of them are goes without detours."""
+    import h5py  # noqa: PLC0415
+
+    kind = stored.get_type()
+    if isinstance(kind, h5py.h5t.TypeStringID) and kind.is_variable_str():
+        size, array, memory = _REFERENCE, np.empty((), dtype=object), _text_in_memory(kind.get_cset())
+    elif isinstance(kind, h5py.h5t.TypeFloatID) and kind.equal(h5py.h5t.IEEE_F64LE):
+        size, array, memory = 8, np.empty(()), h5py.h5t.NATIVE_DOUBLE
+    else:
+        return _unusual_value_of(stored, f"{where}, {name}")
+    if not _takes(stored, size):  # h5py does not look whether the array has room
+        return _unusual_value_of(stored, f"{where}, {name}")
+    stored.read(array, memory)
+    value: object = array.item()
+    return _text(value) if isinstance(value, bytes) else value
+
+
+def _takes(stored: "h5py.h5a.AttrID", size: int) -> bool:
+    """Tell whether an attribute takes so many bytes: those of one value. HDF5 has counted them when it opened it."""
+    try:
+        return bool(stored.get_storage_size() == size)
+    except RuntimeError:  # no value at all
+        return False
+
+
+def _unusual_value_of(stored: "h5py.h5a.AttrID", place: str) -> object:
+    """Read the single value of an attribute, of any type of number or text."""
     import h5py  # noqa: PLC0415
 
     kind, shape = stored.get_type(), stored.shape
@@ -176,7 +215,16 @@ def _value_of(stored: "h5py.h5a.AttrID", place: str) -> object:
     stored.read(array, _type_in_memory(array.dtype.str, h5py.check_string_dtype(array.dtype)))
     value: object = array.reshape(-1)[0]
     of_any_length = array.dtype.hasobject
-    return value.decode("utf-8", "surrogateescape") if of_any_length and isinstance(value, bytes) else value
+    return _text(value) if of_any_length and isinstance(value, bytes) else value
+
+
+@lru_cache(maxsize=4)
+def _text_in_memory(characters: int) -> "h5py.h5t.TypeID":
+    """Return HDF5's own description of a text of any length, in ASCII or UTF-8."""
+    import h5py  # noqa: PLC0415
+
+    encoding = "utf-8" if characters == h5py.h5t.CSET_UTF8 else "ascii"
+    return h5py.h5t.py_create(h5py.string_dtype(encoding))
 
 
 @lru_cache(maxsize=256)
@@ -201,32 +249,63 @@ def member(group: "h5py.Group", name: str, kind: str, place: str) -> "h5py.Group
     return found
 
 
-def numbered_groups(
-    file: "h5py.File", folder: str, digits: int, known: frozenset[str], where: str
-) -> tuple["h5py.Group", dict[str, Fields]]:
-    """Return a folder whose groups are named by numbers, and the known attributes of each of them, in order.
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedGroups:
+    """A folder whose groups are named by numbers, in order."""
 
-    ``folder``: name of the folder in the file; ``digits``: fewest digits of a name; ``known``: attributes to read;
-    ``where``: name of the file, for messages. ``RecordingFormatError`` if the folder is missing, or something in it
-    is no group or not named by a number.
+    folder: "h5py.Group"
+    names: tuple[str, ...]
+    _kinds: Mapping[str, int]  # of links
+    _where: str
+
+    def stated(self, known: frozenset[str]) -> dict[str, Fields]:
+        """Return two or three known attributes of each group. ``RecordingFormatError`` if something is no group."""
+        return {name: self._frame_of(name, known) for name in self.names}
+
+    def _frame_of(self, name: str, known: frozenset[str]) -> Fields:
+        place = f"{self._where}/{name}"
+        return _frame_of(_group_in(self.folder, name, self._kinds[name], place), known, place)
+
+
+def numbered_groups(file: "h5py.File", folder: str, digits: int, where: str) -> NumberedGroups:
+    """Return a folder whose groups are named by numbers.
+
+    ``folder``: name of the folder in the file; ``digits``: fewest digits of a name; ``where``: name of the file, for
+    messages. ``RecordingFormatError`` if the folder is missing, or something in it is not named by a number.
     """
     found = member(file, folder, "Group", f"{where} /{folder}")
-    fields = {}
-    for name in sorted(found, key=lambda name: (len(name), name)):
-        place = f"{where} /{folder}/{name}"
-        if not re.fullmatch(rf"\d{{{digits},}}", name, re.ASCII):
-            raise RecordingFormatError(f"{place}: expected a group named by at least {digits} digits; got {name!r}")
-        fields[name] = _attributes_of(_group_in(found, name, place), known, place)
-    return found, fields
+    kinds = dict[str, int]()
+    found.id.links.iterate(lambda name, link: kinds.update({_text(name): link.type}), info=True)
+    names = sorted(kinds, key=lambda name: (len(name), name))
+    for name in names:
+        if len(name) < digits or not (name.isascii() and name.isdigit()):
+            raise RecordingFormatError(
+                f"{where} /{folder}/{name}: expected a group named by at least {digits} digits; got {name!r}"
+            )
+    return NumberedGroups(found, tuple(names), kinds, f"{where} /{folder}")
 
 
-def _group_in(folder: "h5py.Group", name: str, place: str) -> "h5py.h5g.GroupID":
+def _text(name: bytes) -> str:
+    return name.decode("utf-8", "surrogateescape")
+
+
+def _frame_of(group: "h5py.h5g.GroupID", known: frozenset[str], place: str) -> Fields:
+    """Return two or three known attributes of a group; the others are not even listed."""
+    import h5py  # noqa: PLC0415
+
+    values = dict[str, object]()
+    for encoded, name in _decoded(known).items():
+        if h5py.h5a.exists(group, encoded):
+            values[name] = _value_of(h5py.h5a.open(group, encoded), place, name)
+    return Fields(values, place)
+
+
+def _group_in(folder: "h5py.Group", name: str, kind: int, place: str) -> "h5py.h5g.GroupID":
     """Return a group that really lies in this folder, as :func:`member` does, in a tenth of its time."""
     import h5py  # noqa: PLC0415
 
-    encoded = name.encode("utf-8", "surrogateescape")
-    if folder.id.links.get_info(encoded).type == h5py.h5l.TYPE_HARD:
-        opened = h5py.h5o.open(folder.id, encoded)
+    if kind == h5py.h5l.TYPE_HARD:
+        opened = h5py.h5o.open(folder.id, name.encode())
         if isinstance(opened, h5py.h5g.GroupID):
             return opened
     return member(folder, name, "Group", place).id  # or the sentence that says what it is
@@ -237,26 +316,76 @@ def write_attributes(group: "h5py.Group", stated: Mapping[str, object]) -> None:
     group.attrs.update({name: value for name, value in stated.items() if value is not None})
 
 
-def column(group: "h5py.Group", name: str, where: str, types: tuple[str, ...]) -> "h5py.Dataset":
-    """Return a one-dimensional dataset of one of these NumPy types, in either byte order; nothing is read yet."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """A one-dimensional dataset that was looked at; its numbers are not read yet."""
+
+    size: int
+    dtype: "np.dtype[np.generic]"
+    stored: "h5py.h5d.DatasetID"
+    settings: "h5py.h5p.PropDCID"  # of how it is stored
+
+    def values(self) -> npt.NDArray[np.number]:
+        """Read the numbers, as :func:`values_of`."""
+        return _values(self.stored, self.settings, (self.size,), self.dtype)
+
+
+def column(group: "h5py.Group | h5py.h5g.GroupID", name: str, where: str, types: tuple[str, ...]) -> Column:
+    """Look at a one-dimensional dataset of one of these NumPy types, in either byte order; nothing is read yet."""
+    import h5py  # noqa: PLC0415
+
     place = f"{where}/{name}"
-    dataset = member(group, name, "Dataset", place)
-    if dataset.dtype.newbyteorder("=") not in types:
-        raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dataset.dtype}")
-    if dataset.ndim != 1:
-        raise RecordingFormatError(f"{place}: expected one dimension; got shape {dataset.shape}")
-    require_readable(dataset, place)
-    return dataset
+    stored = _dataset_in(group if isinstance(group, h5py.h5g.GroupID) else group.id, name, place)
+    dtype, shape = stored.dtype, stored.shape
+    if dtype.newbyteorder("=") not in types:
+        raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dtype}")
+    if shape is None or len(shape) != 1:
+        raise RecordingFormatError(f"{place}: expected one dimension; got shape {shape}")
+    settings = stored.get_create_plist()
+    _require_readable(stored, settings, shape, dtype, place)
+    return Column(shape[0], dtype, stored, settings)
+
+
+def _dataset_in(group: "h5py.h5g.GroupID", name: str, place: str) -> "h5py.h5d.DatasetID":
+    """Return a dataset that really lies in this group, as :func:`member` does, in a tenth of its time."""
+    import h5py  # noqa: PLC0415
+
+    encoded, links = name.encode(), group.links
+    if links.exists(encoded) and links.get_info(encoded).type == h5py.h5l.TYPE_HARD:
+        opened = h5py.h5o.open(group, encoded)
+        if isinstance(opened, h5py.h5d.DatasetID):
+            return opened
+    return member(h5py.Group(group), name, "Dataset", place).id  # or the sentence that says what it is
 
 
 def require_readable(dataset: "h5py.Dataset", place: str) -> None:
     """Refuse numbers that are elsewhere, too many, or were announced and never written; nothing is unpacked yet."""
-    if dataset.is_virtual or dataset.external:
+    _require_readable(dataset.id, dataset.id.get_create_plist(), dataset.shape, dataset.dtype, place)
+
+
+def _require_readable(
+    stored: "h5py.h5d.DatasetID",
+    settings: "h5py.h5p.PropDCID",
+    shape: tuple[int, ...],
+    dtype: "np.dtype[np.generic]",
+    place: str,
+) -> None:
+    import h5py  # noqa: PLC0415
+
+    layout, size = settings.get_layout(), math.prod(shape)
+    if layout == h5py.h5d.VIRTUAL or settings.get_external_count():
         raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
-    require_plausible_length(dataset.size, place)
-    require_plausible_expansion(dataset.size * dataset.dtype.itemsize, dataset.file.id.get_filesize(), place)
-    if _unwritten(dataset):
-        raise RecordingFormatError(f"{place}: expected {dataset.size} numbers; they were announced but never written")
+    require_plausible_length(size, place)
+    n_bytes = size * dtype.itemsize
+    if n_bytes > FREE_BYTES:
+        require_plausible_expansion(n_bytes, h5py.h5i.get_file_id(stored).get_filesize(), place)
+    if layout == h5py.h5d.CHUNKED:
+        per_axis = (-(-length // part) for length, part in zip(shape, settings.get_chunk(), strict=True))
+        unwritten = stored.get_num_chunks() < math.prod(per_axis)
+    else:
+        unwritten = stored.get_storage_size() < n_bytes
+    if unwritten:  # HDF5 answers fill values for them
+        raise RecordingFormatError(f"{place}: expected {size} numbers; they were announced but never written")
 
 
 def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
@@ -264,30 +393,34 @@ def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
 
     ``RecordingFormatError`` if a packed chunk becomes more than it says: the library would unpack it all the same.
     """
+    return _values(dataset.id, dataset.id.get_create_plist(), dataset.shape, dataset.dtype)
+
+
+def _values(
+    stored: "h5py.h5d.DatasetID", settings: "h5py.h5p.PropDCID", shape: tuple[int, ...], dtype: "np.dtype[np.generic]"
+) -> npt.NDArray[np.number]:
     import h5py  # noqa: PLC0415
 
-    if dataset.chunks is not None and dataset.size:
-        _require_sound_chunks(dataset, f"{Path(dataset.file.filename).name} {dataset.name}")
-    values: npt.NDArray[np.number] = np.zeros(dataset.shape, dataset.dtype.newbyteorder("="))
+    values: npt.NDArray[np.number] = np.zeros(shape, dtype.newbyteorder("="))
     if values.size:
-        dataset.id.read(h5py.h5s.ALL, h5py.h5s.ALL, values, _type_in_memory(values.dtype.str, None))
+        if settings.get_layout() == h5py.h5d.CHUNKED:
+            _require_sound_chunks(stored, settings, values)
+        stored.read(h5py.h5s.ALL, h5py.h5s.ALL, values, _type_in_memory(values.dtype.str, None))
     values.setflags(write=False)  # ours alone: a record need not copy it
     return values
 
 
-def _unwritten(dataset: "h5py.Dataset") -> bool:
-    """Tell whether numbers were announced and never written; HDF5 answers fill values for them."""
-    if dataset.chunks is not None:
-        per_axis = (-(-length // part) for length, part in zip(dataset.shape, dataset.chunks, strict=True))
-        return bool(dataset.id.get_num_chunks() < math.prod(per_axis))
-    return bool(dataset.id.get_storage_size() < dataset.size * dataset.dtype.itemsize)
+def _require_sound_chunks(
+    stored: "h5py.h5d.DatasetID", settings: "h5py.h5p.PropDCID", values: npt.NDArray[np.number]
+) -> None:
+    """Look at the chunks before they are unpacked into an array."""
+    import h5py  # noqa: PLC0415
 
-
-def _require_sound_chunks(dataset: "h5py.Dataset", place: str) -> None:
-    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
-    if size > max(FREE_BYTES, dataset.size * dataset.dtype.itemsize):
+    file = _text(h5py.h5i.get_file_id(stored).name)
+    place = f"{Path(file).name} {_text(h5py.h5i.get_name(stored) or b'')}"
+    size = math.prod(settings.get_chunk()) * values.itemsize
+    if size > max(FREE_BYTES, values.nbytes):
         raise RecordingFormatError(f"{place}: expected chunks of at most {FREE_BYTES} bytes; got {size}")
-    settings = dataset.id.get_create_plist()
     filters = [settings.get_filter(i)[0] for i in range(settings.get_nfilters())]
     if not _FILTERS.issuperset(filters) or len(set(filters)) < len(filters):
         raise RecordingFormatError(
@@ -298,21 +431,21 @@ def _require_sound_chunks(dataset: "h5py.Dataset", place: str) -> None:
             f"{place}: expected lzf chunks of at most {_LARGEST_LZF_CHUNK} bytes; got {size}: pack it by gzip"
         )
     least = 5 if _CHECKSUM in filters else 1  # of fewer bytes the library takes the checksum off all the same
-    for stored in _stored_chunks(dataset) if filters else ():
-        if stored.size < least:
-            raise RecordingFormatError(f"{place}: expected packed chunks of samples; got one of {stored.size} bytes")
+    for chunk in _stored_chunks(stored) if filters else ():
+        if chunk.size < least:
+            raise RecordingFormatError(f"{place}: expected packed chunks of samples; got one of {chunk.size} bytes")
         if _DEFLATE in filters:
-            _require_sound_chunk(dataset, stored, filters, size, place)
+            _require_sound_chunk(stored, chunk, filters, size, place)
 
 
-def _stored_chunks(dataset: "h5py.Dataset") -> list["h5py.h5d.StoreInfo"]:
+def _stored_chunks(dataset: "h5py.h5d.DatasetID") -> list["h5py.h5d.StoreInfo"]:
     chunks: list[h5py.h5d.StoreInfo] = []
-    dataset.id.chunk_iter(chunks.append)
+    dataset.chunk_iter(chunks.append)
     return chunks
 
 
 def _require_sound_chunk(
-    dataset: "h5py.Dataset", stored: "h5py.h5d.StoreInfo", filters: list[int], size: int, place: str
+    dataset: "h5py.h5d.DatasetID", stored: "h5py.h5d.StoreInfo", filters: list[int], size: int, place: str
 ) -> None:
     """Unpack a chunk piece by piece, and refuse it if it becomes more than it says. ``size``: of a chunk [bytes]."""
     position = filters.index(_DEFLATE)
@@ -321,7 +454,7 @@ def _require_sound_chunk(
     # gzip never adds more than this; a checksum takes four bytes
     if stored.size > size + size // 1000 + 64:
         raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes to be packed; it takes {stored.size}")
-    _, packed = dataset.id.read_direct_chunk(stored.chunk_offset)
+    _, packed = dataset.read_direct_chunk(stored.chunk_offset)
     checksum = _CHECKSUM in filters
     most = size + (4 if checksum and filters.index(_CHECKSUM) < position else 0)
     if unpacked_size(packed, most) > most:

@@ -122,7 +122,7 @@ def _session(paths: Sequence[Path], bounds: "_Bounds") -> Look:
         )
     if len(paths) > 1:
         raise RecordingFormatError(f"expected one session at once, or raw files with a map; got {len(paths)} files")
-    with open_session(path) as session:
+    with open_session(path, compared=True) as session:
         seen = _Seen(path.name)
         for name in session.measurement_of:
             where = f"{path.name} /windows/{name}"
