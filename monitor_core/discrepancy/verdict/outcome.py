@@ -205,7 +205,7 @@ def separations(fitted: Fitted[Physics], other: Fitted[Physics]) -> dict[str, fl
     """
     first, second = fitted.physics(), other.physics()
     found = {}
-    for words, imagined in fitted.comparison.imagined().items():
+    for words, imagined in fitted.comparison.imagined(first).items():
         try:
             there = imagined.misfit(first), imagined.misfit(second)
         except OutsideValidityError:
