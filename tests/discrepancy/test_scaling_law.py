@@ -23,6 +23,7 @@ from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.model_form import DEFAULT_SPECTRUM, ModelFormError
+from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.models.extended import moving_mass
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
@@ -30,6 +31,7 @@ from monitor_core.recording import MotionRecord
 from monitor_core.recordings.model_file import parse_model
 from tests.fitting.emps import emps_record
 from tests.hidden_effects.cases import baseline_text
+from tests.hidden_effects.frequencies import draw_modal_case, plain_design, transmission_line_accelerances
 from tests.hidden_effects.truth import transmission_line
 from tests.hidden_effects.truth.axis import Axis, Hidden, Parts, Setting
 from tests.models.simulated_motion import Truth, simulated_record
@@ -47,9 +49,9 @@ UNITS = {
     "-": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 0, 1), "kg_m2": (1, 0, 2), "pa": (1, 2, -1), "kg_per_m3": (1, 0, -3),
     "n_per_m": (1, 2, 0), "nm_per_rad": (1, 2, 2), "ns_per_m": (1, 1, 0), "nms_per_rad": (1, 1, 2), "n": (1, 2, 1),
 }  # fmt: skip
-#: A machine of two tonnes whose screw is 4 m long, with frequencies a quarter as high: a power of two leaves no
-#: rounding. A small and quick one; one of 1 t with frequencies a third as high.
 AS_IT_IS = (1.0, 1.0, 1.0)
+#: A machine of 2.8 t whose screw is 3.9 m long, with frequencies a quarter as high; a small one of 2.7 kg, four times
+#: as quick; one of 1.1 t with frequencies a third as high.
 SCALES = {"large": (128.0, 0.25, 4.0), "small": (0.125, 4.0, 0.25), "fifty": (50.0, 0.3, 3.0)}
 
 HIDDEN = {
@@ -174,6 +176,46 @@ def test_a_scaled_machine_gets_the_same_answer_among_all(key, scale) -> None:
     assert limits.keys() == expected.keys()
     for other, limit in limits.items():
         assert (limit is None) == (expected[other] is None), other
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", ["large", "small"])
+def test_a_scaled_modal_table_gets_the_same_answer(scale) -> None:
+    """A second bearing at the far end, from natural frequencies alone."""
+    usual, found = modal_answer(AS_IT_IS), modal_answer(SCALES[scale])
+    assert found.outcome is usual.outcome is Outcome.NAMED
+    (before,), (after,) = usual.effects, found.effects
+    assert after.key == before.key == "far-bearing-stiffness"
+    assert after.delta_bic == pytest.approx(before.delta_bic, rel=1e-4)
+    size, expected = (effect.parameters["stiffness_n_per_m"].estimate for effect in (after, before))
+    assert size.value == pytest.approx(factor((1, 2, 0), SCALES[scale]) * expected.value, rel=1e-3)
+
+
+@cache
+def modal_answer(scale):
+    """Return the answer from natural frequencies of a machine whose far bearing is not in its description."""
+    a, b, c = scale
+    plants = {"size": "large", "uncertainty": 1e-3, "seed": 5, "accelerances": transmission_line_accelerances}
+    case = draw_modal_case("far-bearing-stiffness", design=plain_design(), **plants)
+    table = [
+        replace(
+            peak,
+            conditions=replace(
+                peak.conditions,
+                position=c * peak.conditions.position,
+                preload=a * b**2 * c * peak.conditions.preload,
+            ),
+            frequency=b * peak.frequency,
+            frequency_uncertainty=b * peak.frequency_uncertainty,
+        )
+        for peak in case.table
+    ]
+    drive = described(scale).drive()
+    folds = default_folds(peak.conditions for peak in table)
+    tolerances = SettingTolerances(position=c * SettingTolerances().position)
+    comparison = compare_modes(table, case.motor_end, held_out=folds, tolerances=tolerances)
+    candidates = drive.candidates(sizes_of_drive(drive.physics({}), table))
+    return explain_comparison(comparison, drive, [each for each in candidates if each.key in FEW])
 
 
 # --- motions ---------------------------------------------------------------------------------------------------------
