@@ -22,6 +22,7 @@ from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Candidate, Outcome
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
@@ -163,7 +164,8 @@ def answer(job: Job, first_seed: int) -> Answered:
     folds = default_folds(observation.conditions for observation in case.table)
     comparison = compare_modes(case.table, case.motor_end, held_out=folds)
     began = time.process_time()
-    found = explain_comparison(comparison, subject, subject.candidates())
+    candidates = subject.candidates(sizes_of_drive(subject.physics({}), case.table))
+    found = explain_comparison(comparison, subject, candidates)
     true_keys = frozenset(key for key in case.truth if not key.startswith(OUTSIDE))
     same_as = [
         [remark.rpartition(" ")[2] for remark in effect.remarks if remark.startswith("the same")]

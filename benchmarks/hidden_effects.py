@@ -20,6 +20,7 @@ from typing import Any
 from benchmarks.score_card import NOISES, OUTSIDE, Job, Scored, score_card
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
+from monitor_core.effects import Effect
 from monitor_core.errors import MonitorCoreError, OutsideValidityError
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
@@ -27,9 +28,11 @@ from monitor_core.fitting.evidence import evidence_scale
 from monitor_core.fitting.hold_out import fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.learnt_form import learn_form_error
+from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from monitor_core.fitting.residuals.responses import ResponsesComparison, compare_responses
 from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.models.extended import AxisPhysics
 from monitor_core.models.families import build_model
 from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.model_file import parse_model
@@ -73,14 +76,17 @@ def draw(job: Job, folder: Path) -> str:
     return sealed.read_text(encoding="utf-8")
 
 
-def given(name: str, folder: Path, form: ModelFormError) -> tuple[ResponsesComparison, DescribedDrive]:
-    """Return what a case gives to the workflow, from its files."""
+def given(
+    name: str, folder: Path, form: ModelFormError
+) -> tuple[ResponsesComparison, DescribedDrive, tuple[Effect[AxisPhysics], ...]]:
+    """Return what a case gives to the workflow, from its files: data, axis, and what that may lack."""
     observations = read_frf_set(folder / "given" / f"{name}.frf.h5").observations
     file = parse_model((folder / "given" / f"{name}.toml").read_text(encoding="utf-8"), name)
     model = build_model(file.family, file.parameters)
     folds = default_folds(observation.conditions for observation in observations)
     comparison = compare_responses(observations, held_out=folds, form=form)
-    return comparison, DescribedDrive(model.parameters, dict(file.uncertain), dict(file.effects))
+    subject = DescribedDrive(model.parameters, dict(file.uncertain), dict(file.effects))
+    return comparison, subject, subject.candidates(sizes_of_drive(subject.physics({}), observations))
 
 
 def answer(name: str, folder: Path, form: ModelFormError) -> dict[str, Any]:
@@ -88,10 +94,10 @@ def answer(name: str, folder: Path, form: ModelFormError) -> dict[str, Any]:
     path = folder / "answers" / f"{name}.json"
     if path.exists():
         return dict(json.loads(path.read_text(encoding="utf-8")))
-    comparison, subject = given(name, folder, form)
+    comparison, subject, candidates = given(name, folder, form)
     began = time.process_time()
     try:
-        found = explain_comparison(comparison, subject, subject.candidates())
+        found = explain_comparison(comparison, subject, candidates)
     except MonitorCoreError as error:  # counts as an answer that is not right
         document = {"name": name, "outcome": f"refused: {error}", "effects": [], "gap": _NO_GAP, "detection_limits": {}}
     else:
@@ -126,8 +132,8 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
 
 def detectability(name: str, truth: dict[str, dict[str, float]], folder: Path, form: ModelFormError) -> float:
     """Return d' of the weakest true effect: the root of the evidence that it brings when all else is refitted."""
-    comparison, subject = given(name, folder, form)
-    by_key = {candidate.key: candidate for candidate in subject.candidates() if candidate.applies(subject.physics({}))}
+    comparison, subject, candidates = given(name, folder, form)
+    by_key = {candidate.key: candidate for candidate in candidates if candidate.applies(subject.physics({}))}
     effects = tuple(by_key[key] for key in truth)
     chosen = fitted_values(comparison.layout)
     plain, hypothesis = Hypothesis(subject), Hypothesis(subject, effects)

@@ -11,8 +11,11 @@ from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.effects.inertia import ADDED_MASS
 from monitor_core.effects.preload import PRELOAD_CHANGE
 from monitor_core.effects.sensing import POSITION_OFFSET, TORQUE_DELAY
+from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.effects.stiffness import BEARING_CHANGE, FAR_BEARING_CHANGE
 from monitor_core.effects.thermal import WARMING
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.models.extended import moving_mass
 
 
 class Cause(StrEnum):
@@ -55,10 +58,9 @@ class _Words:
 
 
 #: A payload may be taken off as well as put on.
-_MASS = EffectParameter("mass_kg", "kg", lower=-200.0, upper=500.0, scale=0.5)
+_MASS = EffectParameter("mass_kg", "kg", lower=-9.0, upper=23.0, scale=0.023, reference=Reference.MOVING_MASS)
 _SPREAD_OF_MASS = 0.2  # of the moving mass
 _SPREAD_OF_PRELOAD = 0.25  # of the preload
-_MOST_LOST = 0.98  # of the preload
 _SPREAD_OF_STIFFNESS = 0.4  # of ln(stiffness)
 _SPREAD_OF_POSITION = 5e-3  # [m]
 _SPREAD_OF_DELAY = 2e-4  # [s]
@@ -81,20 +83,18 @@ _PRELOAD_WORDS = _Words("the preload {change} by {size} N", "fell", "rose")
 def possible_changes(axis: ReferenceAxis, preload: float | None) -> tuple[Change, ...]:
     """Return the changes that an axis can have; no preload [N] of the reference where the nut does not follow it."""
     at_reference = axis.physics({})
-    bodies = at_reference.then.bodies
-    moving = bodies.table_mass + bodies.nut_mass
+    sizes, moving = sizes_of_drive(at_reference.then, ()), moving_mass(at_reference.then)
     changes = [
-        Change(Cause.PAYLOAD, since_then(ADDED_MASS, _MASS), _SPREAD_OF_MASS * moving, _PAYLOAD_WORDS),
-        Change(Cause.POSITION, since_then(POSITION_OFFSET), _SPREAD_OF_POSITION, _POSITION_WORDS),
-        Change(Cause.SENSOR, since_then(TORQUE_DELAY), _SPREAD_OF_DELAY, _DELAY_WORDS),
+        Change(Cause.PAYLOAD, since_then(ADDED_MASS, _MASS.sized(sizes)), _SPREAD_OF_MASS * moving, _PAYLOAD_WORDS),
+        Change(Cause.POSITION, since_then(POSITION_OFFSET.sized(sizes)), _SPREAD_OF_POSITION, _POSITION_WORDS),
+        Change(Cause.SENSOR, since_then(TORQUE_DELAY.sized(sizes)), _SPREAD_OF_DELAY, _DELAY_WORDS),
         Change(Cause.SENSOR, SENSOR_GAIN, _SPREAD_OF_GAIN, _GAIN_WORDS),
         Change(Cause.BEARING, since_then(BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the fixed bearing")),
         Change(Cause.BEARING, since_then(FAR_BEARING_CHANGE), _SPREAD_OF_STIFFNESS, _softer("the far bearing")),
         _temperature_change(axis.reported_warming),
     ]
     if preload is not None:
-        size = EffectParameter("preload_n", "N", lower=-_MOST_LOST * preload, upper=preload, scale=0.1 * preload)
-        effect = since_then(PRELOAD_CHANGE, size)
+        effect = since_then(PRELOAD_CHANGE.sized(MachineSizes({Reference.PRELOAD: preload})))
         changes.insert(0, Change(Cause.PRELOAD, effect, _SPREAD_OF_PRELOAD * preload, _PRELOAD_WORDS))
     return tuple(change for change in changes if change.effect.applies(at_reference))
 

@@ -39,7 +39,15 @@ from monitor_core.change.cells import (
 )
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import NotIdentifiableError
-from monitor_core.fitting.comparison import AsMeasured, GapInSigma, Layout, Panel, Setting, amplitude_panels
+from monitor_core.fitting.comparison import (
+    AsMeasured,
+    GapInSigma,
+    Layout,
+    Panel,
+    Setting,
+    WithoutOtherConditions,
+    amplitude_panels,
+)
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.lines import with_phase_within_half_a_turn
@@ -53,7 +61,7 @@ FEWEST_POSITIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class ReferenceRatio(AsMeasured, GapInSigma):
+class ReferenceRatio(AsMeasured, WithoutOtherConditions, GapInSigma):
     """Reference and present of an axis, or its reference alone.
 
     What short windows do to responses is part of the stated tolerances; a running axis is measured as it runs.

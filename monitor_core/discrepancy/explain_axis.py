@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation, Outcome
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, EffectParameter
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, EffectParameter, MachineSizes
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.accelerometer import place_accelerometer
 from monitor_core.fitting.comparison import Comparison
@@ -18,6 +18,7 @@ from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive, DescribedRigidAxis
 from monitor_core.fitting.description import AxisDescription, at_preload_of_nut
 from monitor_core.fitting.learnt_form import learn_form_error
+from monitor_core.fitting.machine_sizes import sizes_of_drive, sizes_of_motion
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from monitor_core.fitting.residuals.modes import compare_modes
@@ -123,11 +124,12 @@ class _Question(Generic[Physics]):
     comparison: Comparison[Physics]
     described: Any  # DescribedAxis[Physics]
     table: Sequence[Effect[Physics]]
+    sizes: MachineSizes  # of the axis as it was measured
     assumptions: tuple[str, ...] = ()  # what is not in the data and was settled first, in sentences
 
     @property
     def candidates(self) -> Sequence[Effect[Physics]]:
-        candidates: Sequence[Effect[Physics]] = self.described.candidates()
+        candidates: Sequence[Effect[Physics]] = self.described.candidates(self.sizes)
         return candidates
 
 
@@ -148,7 +150,8 @@ def _motion_question(axis: AxisDescription, record: MotionRecord, options: Expla
         )
     table = _with_own_effects(MOTION_EFFECTS, options)
     described: DescribedRigidAxis = axis.rigid_axis(table)
-    return _Question(MotionComparison.of(record, described.stated), described, table)
+    comparison = MotionComparison.of(record, described.stated)
+    return _Question(comparison, described, table, sizes_of_motion(comparison))
 
 
 def _drive_question(
@@ -169,7 +172,8 @@ def _drive_question(
         if placed.observations
         else compare_modes(peaks, end, held_out=folds)
     )
-    return _Question(comparison, drive, table, (*placed.sentences, *options.assumptions))
+    sizes = sizes_of_drive(drive.physics({}), placed.observations or peaks)
+    return _Question(comparison, drive, table, sizes, (*placed.sentences, *options.assumptions))
 
 
 def _held_exact(axis: AxisDescription) -> tuple[str, ...]:

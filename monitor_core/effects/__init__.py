@@ -1,7 +1,8 @@
 """Effects that an axis may have beyond its model, by physics; ``catalogue`` lists them all."""
 
 from monitor_core.effects.catalogue import DRIVE_EFFECTS, MOTION_EFFECTS, applicable_effects, with_effects
-from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
+from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, sized_for
+from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.effects.wrong_parameter import (
     PREFIX,
     stated_names,
@@ -18,7 +19,10 @@ __all__ = [
     "ConditionAxis",
     "Effect",
     "EffectParameter",
+    "MachineSizes",
+    "Reference",
     "applicable_effects",
+    "sized_for",
     "stated_names",
     "with_effects",
     "wrong_motion_parameter",

@@ -1,6 +1,7 @@
 """Losses of the drive: damping of the joints, friction of the guides."""
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing
+from monitor_core.effects.sizes import Reference
 
 LOSS_FACTOR = Effect(
     key="loss-factor",
@@ -23,7 +24,9 @@ GUIDE_FRICTION = Effect(
         "excitation; the response depends on the level."
     ),
     source="Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5",
-    parameters=(EffectParameter("friction_n", "N", lower=0.0, upper=500.0, scale=5.0),),
+    parameters=(
+        EffectParameter("friction_n", "N", lower=0.0, upper=3.2, scale=0.032, reference=Reference.EXCITATION_FORCE),
+    ),
     add=increasing("added", guide_friction="friction_n"),
     form_share=0.03,
     needs=frozenset({ConditionAxis.FREQUENCY, ConditionAxis.LEVEL}),

@@ -11,12 +11,13 @@ functions return can be pickled, as a search in several processes needs.
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from typing import Generic, TypeVar
 
+from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics
 from monitor_core.models.motion import MotionPhysics
@@ -109,6 +110,9 @@ class EffectParameter:
 
     A quantity that goes with another one, such as the frequency of an added mode with its residue, is without effect
     while that other one is null; its own null is then where a search begins.
+
+    Range, scale and null are multiples of a size of the machine, so that one effect serves small and large axes:
+    :meth:`sized` makes them values.
     """
 
     name: str  # ends with the unit, as in files: stiffness_n_per_m
@@ -118,6 +122,7 @@ class EffectParameter:
     scale: float  # what a noticeable effect has: where a search looks first
     null: float = 0.0  # where the axis is unchanged
     beyond: bool = True  # whether a search looks beyond the plausible range, where no axis is but a stand-in may be
+    reference: Reference = Reference.NONE  # of what the four numbers are multiples; NONE: they are values
 
     def __post_init__(self) -> None:
         if not (self.lower <= self.null <= self.upper and self.lower < self.upper):
@@ -128,6 +133,18 @@ class EffectParameter:
             raise OutsideValidityError(
                 f"the scale of {self.name} must lie within its range and not be 0; got {self.scale}"
             )
+
+    def sized(self, sizes: MachineSizes) -> "EffectParameter":
+        """Return the parameter with values for one machine; ``OutsideValidityError`` if that lacks the reference."""
+        size = sizes.of(self.reference)
+        return replace(
+            self,
+            lower=size * self.lower,
+            upper=size * self.upper,
+            scale=size * self.scale,
+            null=size * self.null,
+            reference=Reference.NONE,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +213,20 @@ class Effect(Generic[Physics]):
         in_hertz = (parameter for parameter in self.parameters if parameter.unit == "Hz")
         return next((parameter for parameter in in_hertz if parameter.name.startswith("frequency")), None)
 
+    @property
+    def is_sized(self) -> bool:
+        """Whether the numbers of its parameters are values, and not multiples of what a machine has."""
+        return all(parameter.reference is Reference.NONE for parameter in self.parameters)
+
+    def sized(self, sizes: MachineSizes) -> "Effect[Physics]":
+        """Return the effect with ranges and scales for one machine."""
+        return replace(self, parameters=tuple(parameter.sized(sizes) for parameter in self.parameters))
+
     def null_values(self) -> dict[str, float]:
         """Return the values at which nothing is changed."""
         return {parameter.name: parameter.null for parameter in self.parameters}
+
+
+def sized_for(effects: Iterable[Effect[Physics]], sizes: MachineSizes) -> tuple[Effect[Physics], ...]:
+    """Return effects with ranges and scales for one machine."""
+    return tuple(effect.sized(sizes) for effect in effects)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, increasing
+from monitor_core.effects.sizes import Reference
 from monitor_core.models.extended import AxisPhysics
 
 ADDED_MASS = Effect(
@@ -13,7 +14,7 @@ ADDED_MASS = Effect(
         "carries the mode; a known payload tells it from a softer path."
     ),
     source="no source: a rigid body in translation",
-    parameters=(EffectParameter("mass_kg", "kg", lower=0.0, upper=200.0, scale=0.5),),
+    parameters=(EffectParameter("mass_kg", "kg", lower=0.0, upper=9.0, scale=0.023, reference=Reference.MOVING_MASS),),
     add=increasing("added", table_mass="mass_kg"),
 )
 
@@ -25,7 +26,10 @@ PAYLOAD_MASS = Effect(
         "the payload on the table and agree without it."
     ),
     source="no source: a rigid body in translation",
-    parameters=(EffectParameter("mass_kg", "kg", lower=-5.0, upper=50.0, scale=0.5),),
+    parameters=(
+        # what is stated cannot weigh less than nothing
+        EffectParameter("mass_kg", "kg", lower=-0.83, upper=8.3, scale=0.083, reference=Reference.PAYLOAD),
+    ),
     add=increasing("added", payload_error="mass_kg"),
     needs=frozenset({ConditionAxis.PAYLOAD}),
 )

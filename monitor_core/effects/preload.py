@@ -1,6 +1,7 @@
 """How the rigidity of the nut follows its preload, and what the preload really is."""
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, having, increasing
+from monitor_core.effects.sizes import Reference
 
 PRELOAD_EXPONENT = Effect(
     key="preload-exponent",
@@ -43,7 +44,10 @@ PRELOAD_CHANGE = Effect(
         "the nut, which masses and bracket make, stays."
     ),
     source="Nguyen et al. (2018), Eq. (1)",
-    parameters=(EffectParameter("preload_n", "N", lower=-5000.0, upper=5000.0, scale=30.0),),
+    parameters=(
+        # a nut that has lost all of it has play, and no rigidity that a preload gives
+        EffectParameter("preload_n", "N", lower=-0.98, upper=1.0, scale=0.1, reference=Reference.PRELOAD),
+    ),
     add=increasing("added", preload_change="preload_n"),
     applies=having("joints", "dynamic_load_rating"),
 )

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, increasing_force
+from monitor_core.effects.sizes import Reference
 from monitor_core.models.motion import MotionPhysics
 
 COULOMB_FRICTION = Effect(
@@ -14,7 +15,7 @@ COULOMB_FRICTION = Effect(
         "direction alone it looks like an offset of the recorded force."
     ),
     source="Janot, Gautier & Brunot (2019), the reference model of the EMPS",
-    parameters=(EffectParameter("friction_n", "N", lower=0.0, upper=1000.0, scale=5.0),),
+    parameters=(EffectParameter("friction_n", "N", lower=0.0, upper=20.0, scale=0.1, reference=Reference.MOTOR_FORCE),),
     add=increasing_force("coulomb_friction", by="friction_n"),
     needs=frozenset({ConditionAxis.DIRECTION}),
 )
@@ -27,7 +28,7 @@ FORCE_OFFSET = Effect(
         "It is the same at every speed, and so is a difference of Coulomb friction between the directions."
     ),
     source="Janot, Gautier & Brunot (2019), the reference model of the EMPS",
-    parameters=(EffectParameter("force_n", "N", lower=-200.0, upper=200.0, scale=2.0),),
+    parameters=(EffectParameter("force_n", "N", lower=-4.0, upper=4.0, scale=0.04, reference=Reference.MOTOR_FORCE),),
     add=increasing_force("force_offset", by="force_n"),
     needs=frozenset({ConditionAxis.DIRECTION}),
 )
@@ -41,7 +42,16 @@ DIRECTION_DEPENDENT_FRICTION = Effect(
         "positions less that towards lower ones."
     ),
     source="Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994)",
-    parameters=(EffectParameter("viscous_difference_ns_per_m", "N·s/m", lower=-2000.0, upper=2000.0, scale=20.0),),
+    parameters=(
+        EffectParameter(
+            "viscous_difference_ns_per_m",
+            "N·s/m",
+            lower=-3.3,
+            upper=3.3,
+            scale=0.033,
+            reference=Reference.VISCOUS_FRICTION,
+        ),
+    ),
     add=increasing_force("viscous_difference", by="viscous_difference_ns_per_m"),
     needs=frozenset({ConditionAxis.DIRECTION}),
 )
@@ -64,9 +74,17 @@ STRIBECK_FRICTION = Effect(
     ),
     source="Tustin's form in Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994)",
     parameters=(
-        EffectParameter("friction_n", "N", lower=-200.0, upper=500.0, scale=3.0),
+        EffectParameter("friction_n", "N", lower=-4.0, upper=10.0, scale=0.06, reference=Reference.MOTOR_FORCE),
         # a slower decay than that would be Coulomb and viscous friction by another name
-        EffectParameter("velocity_m_per_s", "m/s", lower=1e-4, upper=0.03, scale=0.01, null=0.01),
+        EffectParameter(
+            "velocity_m_per_s",
+            "m/s",
+            lower=0.001,
+            upper=0.35,
+            scale=0.11,
+            null=0.11,
+            reference=Reference.VELOCITY,
+        ),
     ),
     add=_add_stribeck_friction,
     applies=_may_have_stribeck_friction,
@@ -80,7 +98,7 @@ FORCE_DELAY = Effect(
         "adds its own delay. Negative: the recorded force is filtered, or read after the position."
     ),
     source="Åström & Wittenmark, Computer-Controlled Systems: the zero-order hold",
-    parameters=(EffectParameter("delay_s", "s", lower=-0.01, upper=0.01, scale=2e-4),),
+    parameters=(EffectParameter("delay_s", "s", lower=-1.0, upper=1.0, scale=0.02, reference=Reference.CUTOFF_PERIOD),),
     add=increasing_force("force_delay", by="delay_s"),
 )
 
@@ -116,7 +134,11 @@ VISCOUS_FRICTION = Effect(
     name="Viscous friction",
     physics="A force in proportion to the speed opposes the motion: the drag of grease in guides, nut and bearings.",
     source="Janot, Gautier & Brunot (2019), the reference model of the EMPS",
-    parameters=(EffectParameter("friction_ns_per_m", "N·s/m", lower=0.0, upper=20000.0, scale=50.0),),
+    parameters=(
+        EffectParameter(
+            "friction_ns_per_m", "N·s/m", lower=0.0, upper=33.0, scale=0.08, reference=Reference.VISCOUS_FRICTION
+        ),
+    ),
     add=_add_viscous_friction,
     applies=_may_have_viscous_friction,  # one that is stated can only be wrong
 )

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, increasing, lacking
+from monitor_core.effects.sizes import Reference
 from monitor_core.models.extended import AxisPhysics
 
 POSITION_OFFSET = Effect(
@@ -14,7 +15,9 @@ POSITION_OFFSET = Effect(
         "is longer, and so softer, on one side."
     ),
     source="no source: kinematics",
-    parameters=(EffectParameter("offset_m", "m", lower=-0.05, upper=0.05, scale=0.005),),
+    parameters=(
+        EffectParameter("offset_m", "m", lower=-0.0515, upper=0.0515, scale=0.00515, reference=Reference.LENGTH),
+    ),
     add=increasing("added", position_offset="offset_m"),
     needs=frozenset({ConditionAxis.POSITION}),
 )
@@ -27,7 +30,7 @@ TORQUE_DELAY = Effect(
         "falls in proportion to the frequency, the magnitude stays."
     ),
     source="no source: a shift in time, exp(−jωτ)",
-    parameters=(EffectParameter("delay_s", "s", lower=-5e-3, upper=5e-3, scale=1e-4),),
+    parameters=(EffectParameter("delay_s", "s", lower=-1.0, upper=1.0, scale=0.02, reference=Reference.PERIOD),),
     add=increasing("added", torque_delay="delay_s"),
     needs=frozenset({ConditionAxis.FREQUENCY}),
 )
@@ -53,8 +56,11 @@ SENSOR_MOUNTING_RESONANCE = Effect(
     ),
     source="ISO 5348; transmissibility of a mass on a spring",
     parameters=(
-        EffectParameter("inverse_square_s2", "s²", lower=0.0, upper=2.5e-7, scale=6e-9),  # 318 Hz at most, 2055 Hz
-        EffectParameter("bandwidth_hz", "Hz", lower=0.0, upper=1000.0, scale=100.0, null=200.0),
+        # a resonance at 1.5 times the first of the drive at least; where a search looks first, at 10 times
+        EffectParameter(
+            "inverse_square_s2", "s²", lower=0.0, upper=0.43, scale=0.01, reference=Reference.INVERSE_SQUARE
+        ),
+        EffectParameter("bandwidth_hz", "Hz", lower=0.0, upper=5.0, scale=0.5, null=1.0, reference=Reference.FREQUENCY),
     ),
     add=_add_sensor_mounting_resonance,
     needs=frozenset({ConditionAxis.FREQUENCY}),

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, having, increasing, scaling
+from monitor_core.effects.sizes import Reference
 from monitor_core.models.extended import AxisPhysics
 
 SERIES_COMPLIANCE = Effect(
@@ -13,7 +14,11 @@ SERIES_COMPLIANCE = Effect(
         "preload, and with the loss factor of the joints."
     ),
     source="Nguyen et al. (2018), Eq. (4): one more term of the sum",
-    parameters=(EffectParameter("compliance_m_per_n", "m/N", lower=0.0, upper=1e-7, scale=2e-9),),
+    parameters=(
+        EffectParameter(
+            "compliance_m_per_n", "m/N", lower=0.0, upper=3.75, scale=0.075, reference=Reference.AXIAL_COMPLIANCE
+        ),
+    ),
     add=increasing("added", series_compliance="compliance_m_per_n"),
 )
 
@@ -25,7 +30,11 @@ FAR_BEARING_STIFFNESS = Effect(
         "where the table is far from the fixed bearing."
     ),
     source="Tian et al., Eq. (8)",
-    parameters=(EffectParameter("stiffness_n_per_m", "N/m", lower=0.0, upper=2e9, scale=3e7),),
+    parameters=(
+        EffectParameter(
+            "stiffness_n_per_m", "N/m", lower=0.0, upper=20.0, scale=0.3, reference=Reference.BEARING_STIFFNESS
+        ),
+    ),
     add=increasing("joints", far_bearing_stiffness="stiffness_n_per_m"),
 )
 
@@ -104,7 +113,11 @@ GUIDE_STIFFNESS = Effect(
         "and the drive no longer moves freely as a whole."
     ),
     source="no source: a spring in parallel with the path of the force",
-    parameters=(EffectParameter("stiffness_n_per_m", "N/m", lower=0.0, upper=1e9, scale=1e6),),
+    parameters=(
+        EffectParameter(
+            "stiffness_n_per_m", "N/m", lower=0.0, upper=27.0, scale=0.027, reference=Reference.AXIAL_STIFFNESS
+        ),
+    ),
     add=increasing("added", guide_stiffness="stiffness_n_per_m"),
 )
 
@@ -116,7 +129,11 @@ SERVO_STIFFNESS = Effect(
         "longer turns freely; seen where the rotor takes part."
     ),
     source="no source: a proportional position loop",
-    parameters=(EffectParameter("stiffness_nm_per_rad", "N·m/rad", lower=0.0, upper=1e5, scale=10.0),),
+    parameters=(
+        EffectParameter(
+            "stiffness_nm_per_rad", "N·m/rad", lower=0.0, upper=200.0, scale=0.02, reference=Reference.ROTOR_STIFFNESS
+        ),
+    ),
     add=increasing("added", servo_stiffness="stiffness_nm_per_rad"),
 )
 
@@ -131,7 +148,16 @@ CUBIC_STIFFNESS = Effect(
         "Roberts & Spanos, Random Vibration and Statistical Linearization, chapter 5; "
         "Dykman & Krivoglaz, Phys. Status Solidi B 48 (1971) 497"
     ),
-    parameters=(EffectParameter("relative_stiffness_per_m2", "1/m²", lower=-1e12, upper=1e13, scale=1e9),),
+    parameters=(
+        EffectParameter(
+            "relative_stiffness_per_m2",
+            "1/m²",
+            lower=-0.5,
+            upper=5.0,
+            scale=5e-4,
+            reference=Reference.NUT_DEFLECTION,
+        ),
+    ),
     add=increasing("added", cubic_nut_stiffness="relative_stiffness_per_m2"),
     # rms error of eleven simulated machines; docs/explanation/hidden-effects.md says what is known of it
     form_share=0.22,

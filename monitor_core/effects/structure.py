@@ -1,6 +1,7 @@
 """Modes besides those of the drive: of the base, and of what stands on the table."""
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, lacking, setting
+from monitor_core.effects.sizes import Reference
 
 BASE_COMPLIANCE = Effect(
     key="base-compliance",
@@ -11,9 +12,14 @@ BASE_COMPLIANCE = Effect(
     ),
     source="no source: a mass on a spring",
     parameters=(
-        EffectParameter("compliance_m_per_n", "m/N", lower=0.0, upper=1e-7, scale=1e-9),
-        # beds rock on their mounts and bend as a whole below it; what resonates above is a part, and moves with one
-        EffectParameter("frequency_hz", "Hz", lower=5.0, upper=200.0, scale=20.0, null=60.0),
+        EffectParameter(
+            "compliance_m_per_n", "m/N", lower=0.0, upper=3.75, scale=0.0375, reference=Reference.AXIAL_COMPLIANCE
+        ),
+        # beds rock on their mounts and bend as a whole below the drive; what resonates above is a part, and moves with
+        # one
+        EffectParameter(
+            "frequency_hz", "Hz", lower=0.025, upper=0.95, scale=0.1, null=0.3, reference=Reference.FREQUENCY
+        ),
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
     add=setting(
@@ -36,8 +42,10 @@ SECOND_MODE = Effect(
     ),
     source="Ewins, Modal Testing, chapter 2: one term of the modal sum",
     parameters=(
-        EffectParameter("residue_per_kg", "1/kg", lower=0.0, upper=1.0, scale=1e-3),
-        EffectParameter("frequency_hz", "Hz", lower=5.0, upper=5000.0, scale=50.0, null=300.0),
+        EffectParameter("residue_per_kg", "1/kg", lower=0.0, upper=22.0, scale=0.022, reference=Reference.INVERSE_MASS),
+        EffectParameter(
+            "frequency_hz", "Hz", lower=0.025, upper=25.0, scale=0.25, null=1.5, reference=Reference.FREQUENCY
+        ),
         EffectParameter("damping_ratio", "-", lower=0.0, upper=0.3, scale=0.02, null=0.02),
     ),
     add=setting(

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, having, increasing
+from monitor_core.effects.sizes import Reference
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisPhysics
 
@@ -15,7 +16,9 @@ THERMAL_PRELOAD = Effect(
         "the reference temperature."
     ),
     source="no source: linear thermal expansion",
-    parameters=(EffectParameter("preload_n_per_k", "N/K", lower=-10.0, upper=10.0, scale=1.0),),
+    parameters=(
+        EffectParameter("preload_n_per_k", "N/K", lower=-0.045, upper=0.045, scale=0.0045, reference=Reference.PRELOAD),
+    ),
     add=increasing("added", thermal_preload="preload_n_per_k"),
     needs=frozenset({ConditionAxis.TEMPERATURE}),
     applies=having("joints", "dynamic_load_rating"),

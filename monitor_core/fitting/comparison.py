@@ -141,8 +141,8 @@ class Comparison(Protocol[Physics_contra]):
         """
         ...
 
-    def imagined(self) -> Mapping[str, "Comparison[Physics_contra]"]:
-        """Return the same settings under other conditions, by the words of a sentence.
+    def imagined(self, physics: Physics_contra) -> Mapping[str, "Comparison[Physics_contra]"]:
+        """Return the same settings under other conditions, as large as such an axis needs, by the words of a sentence.
 
         Nothing was measured there; two models are compared through the difference of their misfits.
         """
@@ -170,15 +170,20 @@ class GapInSigma:
 
 
 class AsMeasured:
-    """Comparisons of data that no finer resolution would change, and that are measured as they are."""
+    """Comparisons of data that no finer resolution would change."""
 
     def resolved(self, physics: object, errors: FloatArray) -> Self:
         """Return the comparison as it is."""
         del physics, errors
         return self
 
-    def imagined(self) -> Mapping[str, Self]:
+
+class WithoutOtherConditions:
+    """Comparisons of data that are measured as they are."""
+
+    def imagined(self, physics: object) -> Mapping[str, Self]:
         """Return nothing: no other conditions are proposed."""
+        del physics
         return {}
 
 

@@ -9,6 +9,8 @@ from monitor_core.effects import (
     DRIVE_EFFECTS,
     MOTION_EFFECTS,
     Effect,
+    MachineSizes,
+    sized_for,
     stated_names,
     with_effects,
     wrong_motion_parameters,
@@ -55,15 +57,17 @@ class DescribedDrive:
             return physics
         return with_effects(ExtendedModel(parameters, physics), self.present, self.table).physics
 
-    def candidates(self) -> tuple[Effect[AxisPhysics], ...]:
+    def candidates(self, sizes: MachineSizes) -> tuple[Effect[AxisPhysics], ...]:
         """Return what this axis may lack: every effect of the table, every uncertain parameter beyond its tolerance.
+
+        Ranges of effects are multiples of the sizes of the axis as it was measured.
 
         A description without any tolerance may be wrong in each of its parameters, but those of a plain shape: lengths,
         diameters and materials.
         """
         stated = stated_names(self.stated)
         names = self.uncertain or [name for name, field in stated.items() if unit_of(field) not in _OF_SHAPE]
-        return (*self.table, *(wrong_parameter(name, self.stated) for name in names))
+        return (*sized_for(self.table, sizes), *(wrong_parameter(name, self.stated) for name in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +83,12 @@ class DescribedRigidAxis:
         """Return the axis with these parameters moved."""
         return with_effects(MotionModel.of(moved(self.stated, ln_ratios)), self.present, self.table).physics
 
-    def candidates(self) -> tuple[Effect[MotionPhysics], ...]:
-        """Return what this axis may lack: every effect of the table, and every stated parameter being wrong."""
-        return (*self.table, *wrong_motion_parameters(self.stated))
+    def candidates(self, sizes: MachineSizes) -> tuple[Effect[MotionPhysics], ...]:
+        """Return what this axis may lack: every effect of the table, and every stated parameter being wrong.
+
+        Ranges of effects are multiples of the sizes of the motion.
+        """
+        return (*sized_for(self.table, sizes), *wrong_motion_parameters(self.stated))
 
 
 def moved(stated: Parameters, ln_ratios: Mapping[str, float]) -> Parameters:

@@ -10,6 +10,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
+from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.free_parameter import FreeParameter, Linear, Prior, stated_priors
 
@@ -28,6 +29,13 @@ class Hypothesis(Generic[Physics]):
 
     axis: DescribedAxis[Physics]
     effects: tuple[Effect[Physics], ...] = ()
+
+    def __post_init__(self) -> None:
+        for effect in self.effects:
+            if not effect.is_sized:
+                raise OutsideValidityError(
+                    f"an effect must be sized for a machine before it is fitted; got {effect.key} in multiples"
+                )
 
     @cached_property
     def uncertain(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from monitor_core.effects import PREFIX
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.fitting.residuals.modes import compare_modes
 from monitor_core.fitting.solver.hypothesis_fit import fit
@@ -36,7 +37,8 @@ def compared(subject, observations):
 def among(subject, *keys):
     """Return the candidates of these keys that the axis can have."""
     physics = subject.physics({})
-    return [candidate for candidate in subject.candidates() if candidate.key in keys and candidate.applies(physics)]
+    candidates = subject.candidates(sizes_of_drive(physics, ()))
+    return [candidate for candidate in candidates if candidate.key in keys and candidate.applies(physics)]
 
 
 def refitted(subject, observations, *keys, start=()):

@@ -9,15 +9,16 @@ from functools import cache
 
 import numpy as np
 
-from monitor_core.effects import DRIVE_EFFECTS, PREFIX
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX, sized_for
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.observations import FrequencyResponseObservation
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.residuals.model_form import DEFAULT_SPECTRUM, ModelFormError
 from monitor_core.fitting.residuals.responses import compare_responses
-from monitor_core.models.extended import ResponseCase, prepare_lines, responses
+from monitor_core.models.extended import ResponseCase, physics_of, prepare_lines, responses
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint, motor_end_of
 from monitor_core.models.published.lumped import LumpedParameters
 
@@ -62,7 +63,7 @@ class LinearComparison:
     def condition_errors(self, physics, misfit):
         return self.directions
 
-    def imagined(self):
+    def imagined(self, physics):
         return {}
 
     def shifted(self, errors):
@@ -158,6 +159,12 @@ FORM = ModelFormError(
 )
 
 
+#: As it is measured at its two preloads.
+SIZES = sizes_of_drive(
+    physics_of(AXIS), [ModalObservation(DriveConditions(0.5, preload), 200.0) for preload in (120.0, 300.0)]
+)
+
+
 def settings(positions=POSITIONS, preloads=(120.0, 300.0), **changes):
     return [DriveConditions(position, preload, **changes) for position in positions for preload in preloads]
 
@@ -220,4 +227,4 @@ def true_subject(seed=0):
 @cache
 def effects_by_key():
     physics = subject().physics({})
-    return {effect.key: effect for effect in DRIVE_EFFECTS if effect.applies(physics)}
+    return {effect.key: effect for effect in sized_for(DRIVE_EFFECTS, SIZES) if effect.applies(physics)}

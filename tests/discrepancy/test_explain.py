@@ -20,6 +20,7 @@ from monitor_core.recordings.effect_file import read_effect_file
 from tests.discrepancy.axes import (
     AXIS,
     POSITIONS,
+    SIZES,
     TOLERANCES,
     LinearAxis,
     LinearComparison,
@@ -48,7 +49,7 @@ def with_hidden(values, seed=0):
 def explained(physics, conditions=CONDITIONS, *, described=None, candidates=None, **measurement):
     described = described or subject()
     comparison = compared(measured(physics, conditions, **measurement))
-    return explain_comparison(comparison, described, candidates or described.candidates())
+    return explain_comparison(comparison, described, candidates or described.candidates(SIZES))
 
 
 def few(*others):
@@ -250,7 +251,7 @@ def test_an_effect_beyond_its_plausible_range_is_a_stand_in() -> None:
     """Were far bearings softer than 10 N/µm, one of 30 N/µm would stand for something that nobody has thought of."""
     far = EFFECTS["far-bearing-stiffness"]
     soft = replace(far, parameters=(replace(far.parameters[0], upper=1e7, scale=5e6),))
-    candidates = [soft if candidate is far else candidate for candidate in subject().candidates()]
+    candidates = [soft if candidate.key == far.key else candidate for candidate in subject().candidates(SIZES)]
     answer = explained(with_hidden({far.key: {"stiffness_n_per_m": 3e7}}), candidates=candidates)
     assert answer.outcome is Outcome.UNKNOWN
     (found,) = answer.effects

@@ -146,6 +146,18 @@ def without(data, effect):
     return linear(data, effects=(1 if effect.key == quantity(0).key else 0,))
 
 
+def test_an_effect_with_textbook_values_is_weighed_like_any_other() -> None:
+    """Its values are a mapping, by which no dictionary can be kept: it ended ``explain`` in an error."""
+    noise = np.random.default_rng(5).standard_normal(40)
+    noise -= DESIGN @ (DESIGN.T @ noise)
+    data = DESIGN @ [49.0, 2.9, 0.0] + 10.0 * noise / np.linalg.norm(noise)
+    final = linear(data, effects=(0, 1))
+    known = tuple(replace(effect, textbook={"size": 1.0}) for effect in final.hypothesis.effects)
+    textbook = replace(final, hypothesis=replace(final.hypothesis, effects=known))
+    least = hidden_in_remainder(linear(data), textbook, lambda _, effect: without(data, effect), SETTINGS)
+    assert least is known[1]
+
+
 def test_nothing_is_small_beside_the_noise() -> None:
     data = DESIGN @ [49.0, 2.0, 0.0]
     final = linear(data, effects=(0, 1))

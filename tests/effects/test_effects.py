@@ -11,12 +11,15 @@ import pytest
 from monitor_core.effects import (
     DRIVE_EFFECTS,
     applicable_effects,
+    sized_for,
     with_effects,
     wrong_parameter,
     wrong_parameters,
 )
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.extended import ExtendedModel, natural_frequencies, physics_of, prepare_lines, responses
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.models.published.lumped import LumpedParameters
@@ -49,13 +52,6 @@ ENDINGS = {
     "Hz": "_hz", "N·m/rad": "_nm_per_rad", "1/m²": "_per_m2", "1/kg": "_per_kg", "1/K": "_per_k",
 }  # fmt: skip
 
-PAIRS = [
-    pytest.param(name, effect, id=f"{effect.key}-{name}")
-    for name, parameters in AXES.items()
-    for effect in applicable_effects(physics_of(parameters), DRIVE_EFFECTS)
-]
-every_effect = pytest.mark.parametrize(("name", "effect"), PAIRS)
-
 
 def conditions_of(parameters, **changes):
     """Return three conditions that differ in all that an effect may need."""
@@ -74,6 +70,21 @@ def conditions_of(parameters, **changes):
         )
         for share, preload, payload, temperature, level in varied
     ]
+
+
+def effects_of(parameters):
+    """Return the effects that an axis can have, sized for it as it is measured."""
+    axis, line = physics_of(parameters), np.ones(1)
+    seen = [FrequencyResponseObservation(stated, line, line, line, AT_SCREW) for stated in conditions_of(parameters)]
+    return sized_for(applicable_effects(axis, DRIVE_EFFECTS), sizes_of_drive(axis, seen))
+
+
+PAIRS = [
+    pytest.param(name, effect, id=f"{effect.key}-{name}")
+    for name, parameters in AXES.items()
+    for effect in effects_of(parameters)
+]
+every_effect = pytest.mark.parametrize(("name", "effect"), PAIRS)
 
 
 def lines_of(parameters, **changes):
@@ -102,7 +113,7 @@ def strong_values(effect):
 
 
 def of_key(key, parameters):
-    (effect,) = (listed for listed in applicable_effects(physics_of(parameters), DRIVE_EFFECTS) if listed.key == key)
+    (effect,) = (listed for listed in effects_of(parameters) if listed.key == key)
     return effect
 
 
@@ -208,7 +219,7 @@ def test_it_is_smooth_where_it_is_absent(name, effect) -> None:
 def test_effects_of_the_catalogue_commute(name) -> None:
     """Each changes numbers of its own, so that nothing is left of the order, not even rounding."""
     axis = physics_of(AXES[name])
-    for effect, other in combinations(applicable_effects(axis, DRIVE_EFFECTS), 2):
+    for effect, other in combinations(effects_of(AXES[name]), 2):
         first = other.added_to(effect.added_to(axis, strong_values(effect)), strong_values(other))
         second = effect.added_to(other.added_to(axis, strong_values(other)), strong_values(effect))
         assert first == second
@@ -423,7 +434,7 @@ def test_wrong_parameters_and_effects_commute(family) -> None:
     parameters = PARAMETERS[family]
     axis = physics_of(parameters)
     for wrong in wrong_parameters(parameters):
-        for effect in applicable_effects(axis, DRIVE_EFFECTS):
+        for effect in effects_of(parameters):
             first = effect.added_to(wrong.added_to(axis, {"ln_ratio": 0.3}), strong_values(effect))
             second = wrong.added_to(effect.added_to(axis, strong_values(effect)), {"ln_ratio": 0.3})
             assert_same(first, second)

@@ -8,10 +8,12 @@ import pytest
 
 from monitor_core.effects import (
     MOTION_EFFECTS,
+    sized_for,
     with_effects,
     wrong_motion_parameter,
     wrong_motion_parameters,
 )
+from monitor_core.effects.sizes import motion_sizes
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import Kinematics, MotionModel, MotionParameters, forces
 from tests.models.simulated_motion import RATE, Motion, Truth
@@ -27,7 +29,10 @@ ENDINGS = {"N": "_n", "N·s/m": "_ns_per_m", "m/s": "_m_per_s", "s": "_s"}
 TIME = np.arange(4000) / RATE
 MOTION = Kinematics(RATE, Motion().at(TIME, 1), Motion().at(TIME, 2))
 
-every_effect = pytest.mark.parametrize("effect", MOTION_EFFECTS, ids=lambda effect: effect.key)
+#: As the motion of an axis of 95 kg is recorded.
+EFFECTS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, velocity=0.09, cutoff=100.0))
+
+every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.key)
 
 
 def axis_for(effect):
@@ -114,7 +119,7 @@ def test_a_friction_is_that_of_the_simulated_axis(key) -> None:
 
 
 def test_effects_may_come_in_any_order() -> None:
-    values = {effect.key: strong_values(effect) for effect in MOTION_EFFECTS if effect.key != "viscous-friction"}
+    values = {effect.key: strong_values(effect) for effect in EFFECTS if effect.key != "viscous-friction"}
     values |= {
         "wrong-parameter:moving_mass_kg": {"ln_ratio": 0.2},
         "wrong-parameter:viscous_friction_ns_per_m": {"ln_ratio": -0.4},

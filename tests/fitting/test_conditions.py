@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from monitor_core.effects.effect import ConditionAxis
-from monitor_core.effects.sensing import TORQUE_DELAY
-from monitor_core.effects.structure import BASE_COMPLIANCE
 from monitor_core.fitting.conditions.settings import default_folds, is_testable, setting_of, varied_conditions
 from monitor_core.models.protocol import DriveConditions
-from tests.discrepancy.axes import POSITIONS, layout_of, settings
+from tests.discrepancy.axes import POSITIONS, effects_by_key, layout_of, settings
 
 
 def test_name_of_a_setting_says_what_is_stated() -> None:
@@ -114,9 +112,10 @@ def test_lines_of_responses_vary_the_frequency_and_natural_frequencies_do_not() 
 def test_a_mode_that_stays_at_all_positions_may_be_of_something_else() -> None:
     """What makes it has a frequency of its own; two positions do not tell, nor does more scatter than is stated."""
     scatter = 1e-3 * np.random.default_rng(5).standard_normal(30)
+    base, delay = (effects_by_key()[key] for key in ("base-compliance", "torque-delay"))
     stays = layout_of([1] * 30, 1e-3, frequency=71.0 * np.exp(scatter))
-    assert is_testable(BASE_COMPLIANCE, stays)
-    assert not is_testable(TORQUE_DELAY, stays)
-    assert not is_testable(BASE_COMPLIANCE, layout_of([1] * 30, 1e-3, frequency=710.0 * np.exp(scatter)))
-    assert not is_testable(BASE_COMPLIANCE, layout_of([1] * 30, 1e-3, frequency=71.0 * np.exp(3.0 * scatter)))
-    assert not is_testable(BASE_COMPLIANCE, layout_of([1] * 2, 1e-3, frequency=np.array([71.0, 71.0])))
+    assert is_testable(base, stays)
+    assert not is_testable(delay, stays)
+    assert not is_testable(base, layout_of([1] * 30, 1e-3, frequency=710.0 * np.exp(scatter)))
+    assert not is_testable(base, layout_of([1] * 30, 1e-3, frequency=71.0 * np.exp(3.0 * scatter)))
+    assert not is_testable(base, layout_of([1] * 2, 1e-3, frequency=np.array([71.0, 71.0])))

@@ -9,7 +9,7 @@ from monitor_core.effects import DRIVE_EFFECTS, PREFIX
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.models.extended import physics_of
-from tests.discrepancy.axes import AXIS, TOLERANCES, subject
+from tests.discrepancy.axes import AXIS, SIZES, TOLERANCES, subject
 
 
 def test_moved_parameters_are_those_of_an_axis_built_with_them() -> None:
@@ -39,7 +39,7 @@ def test_an_axis_that_cannot_be_is_refused() -> None:
 
 
 def test_candidates_are_the_table_and_what_is_uncertain() -> None:
-    found = [candidate.key for candidate in subject().candidates()]
+    found = [candidate.key for candidate in subject().candidates(SIZES)]
     assert found == [*(effect.key for effect in DRIVE_EFFECTS), *(f"{PREFIX}{name}" for name in TOLERANCES)]
 
 
@@ -47,7 +47,7 @@ def test_without_tolerances_any_part_may_be_wrong_but_no_plain_shape() -> None:
     """Lengths, diameters, materials are measured with a rule or taken from a table."""
     found = {
         candidate.key.removeprefix(PREFIX)
-        for candidate in DescribedDrive(AXIS, {}, {}).candidates()[len(DRIVE_EFFECTS) :]
+        for candidate in DescribedDrive(AXIS, {}, {}).candidates(SIZES)[len(DRIVE_EFFECTS) :]
     }
     assert found == {
         "table_mass_kg", "screw_mass_kg", "nut_mass_kg", "screw_inertia_kg_m2", "bearing_stiffness_n_per_m",

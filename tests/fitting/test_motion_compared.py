@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from monitor_core.effects import MOTION_EFFECTS, with_effects
+from monitor_core.effects import MOTION_EFFECTS, sized_for, with_effects
 from monitor_core.effects.effect import ConditionAxis
+from monitor_core.effects.sizes import motion_sizes
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.residuals.motion.comparison import MotionComparison, strokes_of
 from monitor_core.fitting.residuals.motion.sampling import repetition_shift
@@ -17,7 +18,9 @@ from tests.fitting.emps import emps_record
 from tests.models.simulated_motion import Motion, Truth, simulated_record
 
 STATED = MotionParameters(moving_mass=95.0, viscous_friction=200.0)
-EFFECTS = {effect.key: effect for effect in MOTION_EFFECTS}
+#: As the EMPS was recorded.
+SIZES = motion_sizes(force=53.6, velocity=0.0875, cutoff=100.0)
+EFFECTS = {effect.key: effect for effect in sized_for(MOTION_EFFECTS, SIZES)}
 
 
 def fitted(comparison, keys, chosen):

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.signal
 
-from monitor_core.fitting.conditions.settings import KNOWN_MASS
+from monitor_core.fitting.conditions.settings import known_mass
 from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 from tests.hidden_effects.cases import TOLERANCES, baseline_text
@@ -99,7 +99,9 @@ DESIGNS: Mapping[str, Callable[[], Design]] = {"plain": plain_design, "short": s
 
 def with_known_mass(design: Design) -> Design:
     """Return a design with every setting measured once more with a known mass on the table."""
-    heavier = (replace(setting, payload=setting.payload + KNOWN_MASS) for setting in design.settings)
+    declared = Parts()
+    mass = known_mass(declared.table_mass + declared.nut_mass)
+    heavier = (replace(setting, payload=setting.payload + mass) for setting in design.settings)
     return replace(design, settings=(*design.settings, *heavier))
 
 

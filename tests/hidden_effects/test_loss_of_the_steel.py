@@ -11,6 +11,7 @@ import pytest
 
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.fitting.solver.hypothesis_fit import fit
@@ -47,7 +48,8 @@ def found(kind: tuple[str, str], value: float, plant: str) -> float:
         ]
     file = parse_model(baseline_text(Parts(), "receptance"), "baseline")
     drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
-    (effect,) = (candidate for candidate in drive.candidates() if candidate.key == key)
+    candidates = drive.candidates(sizes_of_drive(drive.physics({}), observations))
+    (effect,) = (candidate for candidate in candidates if candidate.key == key)
     comparison, plain, hypothesis = compare_responses(observations), Hypothesis(drive), Hypothesis(drive, (effect,))
     start = hypothesis.carried_over(plain, fit(comparison, plain, plain.null).coordinates)
     start[-1] = value / effect.parameters[0].scale

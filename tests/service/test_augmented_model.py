@@ -7,8 +7,11 @@ import pytest
 
 from monitor_core.discrepancy.explain_axis import augmented_model
 from monitor_core.discrepancy.explanation import Explanation, Gap, GapPair, Outcome
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, with_effects
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, sized_for, with_effects
+from monitor_core.effects.sizes import motion_sizes
 from monitor_core.fitting.description import AxisDescription
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.fitting.observations import ModalObservation
 from monitor_core.models.extended import ExtendedModel, ResponseCase, prepare_lines, responses
 from monitor_core.models.motion import MotionModel, MotionParameters, MotionPhysics
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
@@ -65,11 +68,17 @@ def drive_of(effect) -> AxisDescription | None:
     return None
 
 
-REPEATABLE = [effect for effect in DRIVE_EFFECTS if drive_of(effect) is not None]
+#: As these axes are measured under one of the conditions.
+DRIVE = sized_for(
+    DRIVE_EFFECTS,
+    sizes_of_drive(ExtendedModel.of(LUMPED.build().parameters).physics, [ModalObservation(CONDITIONS, 200.0)]),
+)
+MOTIONS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, velocity=0.09, cutoff=100.0))
+REPEATABLE = [effect for effect in DRIVE if drive_of(effect) is not None]
 
 
 def test_only_what_has_a_shape_is_there_once_at_most() -> None:
-    once = {effect.key for effect in DRIVE_EFFECTS if effect not in REPEATABLE}
+    once = {effect.key for effect in DRIVE if effect not in REPEATABLE}
     assert once == {"base-compliance", "second-mode", "sensor-mounting-resonance"}
 
 
@@ -87,7 +96,7 @@ def test_effect_of_the_file_and_the_same_found_once_more_are_both_in_the_model(e
     assert not np.allclose(response_of(twice), response_of(once), rtol=1e-9)
 
 
-@pytest.mark.parametrize("effect", MOTION_EFFECTS, ids=lambda effect: effect.key)
+@pytest.mark.parametrize("effect", MOTIONS, ids=lambda effect: effect.key)
 def test_effect_of_a_motion_model_found_once_more(effect) -> None:
     axis = MotionModel.of(MotionParameters(moving_mass=80.0)).physics
     first, second = noticeable(effect, 0.3), noticeable(effect, 0.5)

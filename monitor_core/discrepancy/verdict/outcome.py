@@ -172,9 +172,9 @@ def hidden_in_remainder(
         return None
     if explained_share(baseline, final, remainder.misfit) < settings.least_share:
         return None
-    explains = {effect: without(final, effect).cost - final.cost for effect in effects}
-    least = min(explains, key=lambda effect: explains[effect])
-    return least if explains[least] < settings.least_of_remainder * remainder.misfit else None
+    explains = [without(final, effect).cost - final.cost for effect in effects]
+    least, effect = min(zip(explains, effects, strict=True), key=lambda pair: pair[0])
+    return effect if least < settings.least_of_remainder * remainder.misfit else None
 
 
 #: With fewer positions many effects differ by a level alone.
@@ -205,7 +205,7 @@ def separations(fitted: Fitted[Physics], other: Fitted[Physics]) -> dict[str, fl
     """
     first, second = fitted.physics(), other.physics()
     found = {}
-    for words, imagined in fitted.comparison.imagined().items():
+    for words, imagined in fitted.comparison.imagined(first).items():
         try:
             there = imagined.misfit(first), imagined.misfit(second)
         except OutsideValidityError:

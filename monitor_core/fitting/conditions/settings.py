@@ -1,5 +1,6 @@
 """Describe the conditions of measurements: names, tolerances, what is held out, what varies."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,9 +16,11 @@ from monitor_core.models.protocol import DriveConditions
 _FEWEST_TO_HOLD_OUT = 5
 _FEWEST_TO_LEAVE_OUT_IN_TURN = 4
 _FEWEST_OF_A_VARIATION = 2
-#: What is easily done to an axis to see more: a mass put on the table [kg], a morning's warming [K].
-KNOWN_MASS = 5.0
+#: What is easily done to an axis to see more: a mass put on the table, of what moves [-], a morning's warming [K].
+_KNOWN_MASS = 0.25
 WARMER = 15.0
+#: Masses come in these, times powers of ten; between two of them the geometric mean decides.
+_MASSES = (1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,13 @@ class SettingTolerances:
     position: float = 0.3e-3  # [m]
     preload_share: float = 0.03  # of the stated preload [-]
     gain_share: float = 0.005  # of the response [-]
+
+
+def known_mass(moving_mass: float) -> float:
+    """Return a mass that is worth putting on a table, a quarter of what moves as masses come: 1, 2, 5, 10 … kg."""
+    wanted = _KNOWN_MASS * moving_mass
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    return min((decade * mass for mass in _MASSES), key=lambda mass: abs(math.log(mass / wanted)))
 
 
 def setting_of(conditions: DriveConditions) -> Setting:

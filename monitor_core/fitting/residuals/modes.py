@@ -20,10 +20,10 @@ from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import AsMeasured, Layout, Panel
 from monitor_core.fitting.conditions.groups import Indices
-from monitor_core.fitting.conditions.settings import KNOWN_MASS, SettingTolerances, setting_of
+from monitor_core.fitting.conditions.settings import SettingTolerances, known_mass, setting_of
 from monitor_core.fitting.observations import ModalObservation, conditions_in_order
 from monitor_core.fitting.residuals.natural_frequencies import assign_modes, modal_values
-from monitor_core.models.extended import AxisPhysics
+from monitor_core.models.extended import AxisPhysics, moving_mass
 from monitor_core.models.extended.modes import DriveModes, drive_modes, with_damping
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
@@ -92,16 +92,17 @@ class ModesComparison(AsMeasured):
             preload=None if stated.preload is None else stated.preload * factor,
         )
 
-    def imagined(self) -> Mapping[str, "ModesComparison"]:
+    def imagined(self, physics: AxisPhysics) -> Mapping[str, "ModesComparison"]:
         """Return the settings with a known mass on the table, and halfway to the next position."""
-        heavier = tuple(replace(stated, payload_mass=stated.payload_mass + KNOWN_MASS) for stated in self.conditions)
+        mass = known_mass(moving_mass(physics))
+        heavier = tuple(replace(stated, payload_mass=stated.payload_mass + mass) for stated in self.conditions)
         positions = sorted({stated.position for stated in self.conditions})
         between = {low: 0.5 * (low + high) for low, high in pairwise(positions)}
         moved = tuple(
             replace(stated, position=between.get(stated.position, stated.position)) for stated in self.conditions
         )
         return {
-            f"with {KNOWN_MASS:g} kg more on the table": replace(self, conditions=heavier),
+            f"with {mass:g} kg more on the table": replace(self, conditions=heavier),
             "at positions in between": replace(self, conditions=moved),
         }
 

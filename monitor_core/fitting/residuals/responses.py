@@ -19,12 +19,12 @@ import numpy.typing as npt
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import CommonErrors, GapInSigma, Layout, Panel, amplitude_panels
-from monitor_core.fitting.conditions.settings import KNOWN_MASS, WARMER, SettingTolerances, setting_of
+from monitor_core.fitting.conditions.settings import WARMER, SettingTolerances, known_mass, setting_of
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.lines import case_of, clear_responses, with_phase_within_half_a_turn
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from monitor_core.fitting.residuals.resolution import Smearing, smearing
-from monitor_core.models.extended import AxisPhysics, PreparedLines, prepare_lines, responses
+from monitor_core.models.extended import AxisPhysics, PreparedLines, moving_mass, prepare_lines, responses
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
@@ -91,11 +91,11 @@ class ResponsesComparison(GapInSigma):
         smearing = self.smearing.under(self._moved(errors))
         return replace(self, smearing=None, measured=self.measured - smearing.log_ratio(physics))
 
-    def imagined(self) -> Mapping[str, "ResponsesComparison"]:
+    def imagined(self, physics: AxisPhysics) -> Mapping[str, "ResponsesComparison"]:
         """Return the settings with a known mass on the table, warmer, and excited more."""
-        now = self.lines.conditions
+        now, mass = self.lines.conditions, known_mass(moving_mass(physics))
         others = {
-            f"with {KNOWN_MASS:g} kg more on the table": replace(now, payload_mass=now.payload_mass + KNOWN_MASS),
+            f"with {mass:g} kg more on the table": replace(now, payload_mass=now.payload_mass + mass),
             f"{WARMER:g} K warmer": replace(now, temperature_deviation=now.temperature_deviation + WARMER),
             "at a third of the excitation": replace(now, excitation_level=now.excitation_level / 3.0),
         }

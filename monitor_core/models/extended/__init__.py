@@ -3,7 +3,14 @@
 from monitor_core.models.extended.lines import PreparedLines, ResponseCase, prepare_lines
 from monitor_core.models.extended.model import ExtendedModel, paper_motor_end, physics_of
 from monitor_core.models.extended.modes import natural_frequencies
-from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics
+from monitor_core.models.extended.physics import (
+    AddedPhysics,
+    AxisPhysics,
+    BodyPhysics,
+    JointPhysics,
+    ScrewPhysics,
+    moving_mass,
+)
 from monitor_core.models.extended.responses import responses
 
 __all__ = [
@@ -15,6 +22,7 @@ __all__ = [
     "PreparedLines",
     "ResponseCase",
     "ScrewPhysics",
+    "moving_mass",
     "natural_frequencies",
     "paper_motor_end",
     "physics_of",

@@ -143,6 +143,11 @@ class AxisPhysics:
     added: AddedPhysics = field(default_factory=AddedPhysics)
 
 
+def moving_mass(axis: AxisPhysics) -> float:
+    """Return the mass of table and nut with what is added to the table, without payload and screw, in kilograms."""
+    return axis.bodies.table_mass + axis.bodies.nut_mass + axis.added.table_mass
+
+
 def _require_positive(record: object, *names: str) -> None:
     for name in names:
         if not (math.isfinite(value := getattr(record, name)) and value > 0.0):

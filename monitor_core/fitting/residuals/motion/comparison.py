@@ -14,7 +14,7 @@ import numpy as np
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import AsMeasured, Layout, Panel, Setting
+from monitor_core.fitting.comparison import AsMeasured, Layout, Panel, Setting, WithoutOtherConditions
 from monitor_core.fitting.conditions.groups import Indices
 from monitor_core.fitting.residuals.motion.sampling import MotionSampling, force_noise, sampling_of
 from monitor_core.models.motion import Kinematics, MotionParameters, MotionPhysics, forces, kinematics_of
@@ -65,7 +65,7 @@ _BINS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class MotionComparison(AsMeasured):
+class MotionComparison(AsMeasured, WithoutOtherConditions):
     """A motion, and how far the force of a rigid axis is from the measured force."""
 
     layout: Layout
