@@ -205,6 +205,12 @@ def test_damaged_files_are_read_or_refused(tmp_path, case):
     assert outcome["memory_mib"] < 1024
 
 
+def peak_mib() -> int:
+    """Return the most memory of this process; ``ru_maxrss`` would begin with that of the process that started it."""
+    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) // 1024
+
+
 def _read_all(reader: str, folder: Path) -> None:
     module, _, function = reader.rpartition(".")
     read = getattr(importlib.import_module(f"monitor_core.recordings.{module}"), function)
@@ -220,7 +226,7 @@ def _read_all(reader: str, folder: Path) -> None:
             outcome["refused"] += 1
             outcome["lines"] = max(outcome["lines"], len(str(error).splitlines()))
         outcome["slowest_s"] = max(outcome["slowest_s"], time.process_time() - begin)
-    outcome["memory_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    outcome["memory_mib"] = peak_mib()
     print(json.dumps(outcome))
 
 

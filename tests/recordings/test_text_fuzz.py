@@ -19,6 +19,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
+from tests.recordings.test_damage import peak_mib
 from tests.recordings.text_files import logger_files, lvm, trace_files, twincat
 
 N_FILES = int(os.environ.get("PRELOAD_FUZZ", "30"))
@@ -129,7 +130,7 @@ def _read_all(folder: Path) -> None:
                 assert all(letter.isprintable() for letter in message), message
                 outcome["lines"] = max(outcome["lines"], len(message.splitlines()))
             outcome["slowest_s"] = max(outcome["slowest_s"], time.process_time() - begin)
-    outcome["most_mib"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    outcome["most_mib"] = peak_mib()
     print(json.dumps(outcome))
 
 

@@ -102,7 +102,7 @@ def test_what_does_not_go_with_a_prior_is_refused(
 ) -> None:
     two = table_of("two.csv", (1, 16))
     assert_refused(preload("calibrate", two, "--prior", tmp_path / "none.json"), "none.json")
-    assert_refused(preload("calibrate", two, "--prior", two), "two.csv: expected a JSON document")
+    assert_refused(preload("calibrate", two, "--prior", two), "two.csv: expected a calibration; got a modal table")
     faster = table_of("faster.csv", (1, 16), faster=40.0)
     assert_refused(
         preload("calibrate", faster, "--prior", predicted), "the readings contradict the prior (predicted.json)"

@@ -60,10 +60,14 @@ def doubts_of_rate(sample_rate: float, where: str) -> Iterator[str]:
         yield f"{where}: in doubt: sampled at {sample_rate:.4g} Hz; are the times in s?"
 
 
+#: So many numbers of a channel show what they are.
+_MOST_NUMBERS = 1_000_000
+
+
 def doubts_of_numbers(numbers: SampleArray, source: MappedChannel, where: str) -> Iterator[str]:
     """Doubt the numbers of a channel as the file has them: counts of a converter, or an offset nobody took off."""
-    values = np.asarray(numbers, dtype=np.float64).reshape(-1)
-    values = values[np.isfinite(values)][:1_000_000]
+    values = np.asarray(numbers.reshape(-1)[:_MOST_NUMBERS], dtype=np.float64)
+    values = values[np.isfinite(values)]
     if values.size < 2:
         return
     if source.unit != "count" and np.ptp(values) >= _COUNTS and np.all(values == np.rint(values)):

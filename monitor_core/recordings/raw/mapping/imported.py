@@ -148,7 +148,8 @@ def _windows_of_file(
 ) -> _FileWindows:
     sources = [signals.excitation, signals.response, *([] if signals.position is None else [signals.position])]
     channels = read_channels(path, channel_map.text)
-    record = take_record(channels, sources, channel_map)
+    record, doubts = take_record(channels, sources, channel_map), _doubts_of_channels(channels, sources)
+    del channels  # what is not in the record is not needed any more
     require_vibration_rate(record.sample_rate, path.name)
     facts = facts_of_file(path, channel_map)
     if signals.position is None:
@@ -173,7 +174,7 @@ def _windows_of_file(
     remarks = [
         *record.remarks,
         *doubts_of_rate(record.sample_rate, path.name),
-        *_doubts_of_channels(channels, sources),
+        *doubts,
     ]
     return _FileWindows(windows, [*_delayed(record), *rest], remarks)
 

@@ -83,7 +83,9 @@ def in_si(channel: Channel, source: MappedChannel) -> SampleArray:
     samples = channel.samples
     if source.offset != 0.0:
         samples = samples - samples.dtype.type(source.offset)
-    return samples if source.factor == 1.0 else samples * source.factor
+    samples = samples if source.factor == 1.0 else samples * source.factor
+    samples.setflags(write=False)  # so that windows need not copy their part
+    return samples
 
 
 def _part(channel: Channel, row: int | None, column: int | None, file_name: str) -> Channel:
