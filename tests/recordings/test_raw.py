@@ -60,7 +60,6 @@ TEXT_REFUSED = {
     "a word among numbers": ("t,a\n0,1\n1,overload\n", "row 3, column 'a': expected a number with a decimal point"),
     "two headers": ("t,a\ns,V\n0,1\n", "row 2, column 't'"),
     "one name twice": ("a,a\n0,1\n", "got 'a' twice"),
-    "a column without a name": ("a,\n0,1\n", "a name for each column"),
     "a header alone": ("t,a\n", "row 2: expected numbers under the header; got none"),
     "blank": ("\n \n", "the file is blank"),
     "underscore": ("t,a\n0,1_0\n", "got '1_0'"),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.arrays import SampleArray
+from monitor_core.errors import RecordingFormatError
 from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import (
@@ -20,7 +21,7 @@ from monitor_core.recordings.raw.channel_kind import (
 )
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout, propose_layout_for_blanks
 
 #: How many values of a channel are shown.
 N_FIRST = 5
@@ -72,6 +73,12 @@ def inspect(path: Path, layout: TextLayout | None = None) -> tuple[ChannelSummar
 def read_as_proposed(path: Path, name: str) -> tuple[Channels, TextLayout | None]:
     """Read a raw file of a format, a text in the layout that is proposed for it; return that layout, too."""
     layout = propose_layout(path) if name == "csv" else None
+    try:
+        return read_channels(path, layout), layout
+    except RecordingFormatError:
+        layout = propose_layout_for_blanks(path) if name == "csv" and layout is None else None
+        if layout is None:
+            raise
     return read_channels(path, layout), layout
 
 
