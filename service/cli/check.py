@@ -212,7 +212,8 @@ def _print(file: Path, report: FileReport, map_path: Path | None, written: Seque
 
 def _step_with_map(report: FileReport, map_path: Path) -> str:
     n_places = sum(f"{FILL_IN}:" in line for line in map_path.read_text(encoding="utf-8").splitlines())
-    places = f"fill in its {n_places} marked places, look at what is marked to confirm" if n_places else "look at it"
+    marked = "its marked place" if n_places == 1 else f"its {n_places} marked places"
+    places = f"fill in {marked}, look at what is marked to confirm" if n_places else "look at it"
     (use,) = report.uses
     return f"{places}, then {use.line.replace('--map MAP', f'--map {shlex.quote(str(map_path))}')}"
 
