@@ -254,3 +254,16 @@ def test_the_index_of_pandas_has_a_number_for_a_name(tmp_path):
     assert propose_layout(path) is None
     path.write_text(",5,6\n0,1,2\n")  # may be a row of numbers in which one is missing
     assert "expected a name for each column" in refusal(path)
+
+
+@pytest.mark.parametrize("cell", ["1.234,5", '"1,234.5"', "-1.234.567", "1'234.5"])
+def test_thousands_separators_are_refused_by_name(tmp_path, cell):
+    path = tmp_path / "a.csv"
+    path.write_text(f"a;b\n1;2\n3;4\n5;6\n7;{cell}\n")
+    message = refusal(path)
+    assert "row 5, column 'b'" in message
+    assert message.endswith("export without thousands separators")
+    path.write_text(f"a;b\n1;{cell}\n3;{cell}\n5;{cell}\n")
+    assert "export without thousands separators" in refusal(path)
+    with pytest.raises(RecordingFormatError, match="export without thousands separators"):
+        read_as_proposed(path, "csv")

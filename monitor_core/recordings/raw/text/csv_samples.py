@@ -15,7 +15,15 @@ from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.text import lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.text.layout import SEPARATOR_NAMES, SEPARATORS, TextLayout
 from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list, split_cells
-from monitor_core.recordings.raw.text.table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
+from monitor_core.recordings.raw.text.table import (
+    MAX_COLUMNS,
+    Table,
+    TableForm,
+    has_thousands,
+    is_number,
+    read_table,
+    require_columns,
+)
 
 __all__ = ["SEPARATOR_NAMES", "is_number", "read_channels"]
 
@@ -195,9 +203,11 @@ def _units(line: str | None, separator: str | None, n_columns: int, where: str) 
 
 
 def _columns_of_texts(cells: list[list[str]], n_columns: int, decimal: str) -> frozenset[int]:
-    """Return the columns in which no cell is a number."""
+    """Return the columns in which no cell is a number; one with signs between thousands is refused as a number."""
     return frozenset(
-        i for i in range(n_columns) if not any(len(row) > i and _is_number(row[i], decimal) for row in cells)
+        i
+        for i in range(n_columns)
+        if not any(len(row) > i and (_is_number(row[i], decimal) or has_thousands(row[i])) for row in cells)
     )
 
 

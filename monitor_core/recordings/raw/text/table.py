@@ -15,6 +15,9 @@ from monitor_core.recordings.raw.text.rows import shown, split_cells
 #: Most columns of a file, and most numbers in all of them.
 MAX_COLUMNS = 4096
 MAX_NUMBERS = 2**27
+#: Two kinds of signs, or one sign twice: 1.234,5 and 1,234.5 and 1.234.567.
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d*|(?:,\d{3})+\.\d*|(?:\.\d{3}){2,}|(?:,\d{3}){2,}"
+                        r"|(?:['’\s]\d{3})+(?:[.,]\d*)?)", re.ASCII)  # fmt: skip
 _QUOTED = re.compile(r'"([^"]*)"')
 _UNIT_SEPARATOR = "\x1f"
 _DECIMAL_NAMES = {".": "point", ",": "comma"}
@@ -53,6 +56,11 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return "_" not in text and text.isascii()
+
+
+def has_thousands(text: str) -> bool:
+    """Tell whether a cell is a number in which signs part the thousands."""
+    return _THOUSANDS.fullmatch(text.strip('"')) is not None
 
 
 def require_columns(line: str, separator: str | None, where: str) -> None:
@@ -285,6 +293,8 @@ class _Reader:
                 point = "" if "." in cell else cell.replace(",", ".")
         if not is_number(point):
             expected = f"expected a number with a decimal {_DECIMAL_NAMES.get(self._decimal, 'point')}"
+            if has_thousands(cell):
+                self._refuse(row, expected, f"got {cell[:40]!r}: export without thousands separators", column)
             of_gap = f"write nan for the missing number of row {row}" if not any(map(str.isdigit, cell)) else ""
             numbers = [cells[i] for i in self._columns]
             step = of_gap if len(numbers) == 1 else self._step(numbers, row, of_gap)
