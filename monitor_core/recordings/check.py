@@ -190,6 +190,8 @@ def _contents_of_raw(read: Channels, layout: TextLayout | None) -> tuple[tuple[s
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
     if texts := columns_of_texts(read):
         contents.append(("columns_of_texts", tuple(f"{name}: {values[0]}" for name, values in texts.items() if values)))
+    if read.left_out:
+        contents.append(("not_read", read.left_out))
     if layout is not None:
         contents.append(("text", inspection.layout_remark(layout)))
     return tuple(contents)

@@ -119,6 +119,10 @@ _STARTS: tuple[tuple[bytes, str], ...] = (
 )
 #: MATLAB files of version 4 have no signature, universal files may have lines in front of theirs.
 _WITHOUT_SIGNATURE = {".mat": "mat", ".uff": "uff58", ".unv": "uff58"}
+#: Endings of files that are no text, whatever is in them.
+_NEVER_TEXT = {".mat": "mat", ".tdms": "tdms", ".mf4": "mdf4", ".npy": "npy", ".npz": "npz", ".wav": "wav",
+               ".parquet": "parquet", ".xlsx": "xlsx"}  # fmt: skip
+_ROW_OF_NUMBERS = re.compile(r"^[ \t]*[+-]?\d[\d.,eE+-]*[ \t]*[;,\t ][ \t]*[+-]?\d[^\n]*\r?$", re.MULTILINE)
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ZIP = b"PK"
 _RIFF = (b"RIFF", b"RIFX", b"RF64")
@@ -152,9 +156,14 @@ def format_of(path: Path) -> str:
     for start, name in _STARTS:
         if head.startswith(start):
             return name
+    text = _text(head)
+    if text is not None and (own := path.suffix.lower()) in _NEVER_TEXT and _ROW_OF_NUMBERS.search(text):
+        raise RecordingFormatError(
+            f"{path.name}: expected {KINDS[_NEVER_TEXT[own]].what} as its name says; got text with rows of numbers: "
+            f"name it {path.stem}.csv"
+        )
     if (by_name := _WITHOUT_SIGNATURE.get(path.suffix.lower())) is not None:
         return by_name
-    text = _text(head)
     if text is None:
         begins = " ".join(f"{byte:02x}" for byte in head[:8])
         raise RecordingFormatError(

@@ -21,6 +21,7 @@ from service.json_types import Json, JsonObject
 
 _TERMINAL = "-"
 _PAGES = (".html", ".htm")
+_PICTURES = (".png", ".svg", ".pdf", ".jpg", ".jpeg")  # meant as the name of a page, and refused as one
 #: So many channels, doubts and places of a list a person is shown; --json has all.
 _MOST_ROWS, _MOST_LINES, _MOST_VALUES = 100, 20, 12
 _MOST_WINDOWS = 1000  # of a session are drawn
@@ -33,7 +34,7 @@ class _CheckCommand(click.Command):
         """Give --plot its value, empty where none stands behind it."""
         words = list[str]()
         for word in args:
-            if words and words[-1] == "--plot=" and (word == _TERMINAL or word.lower().endswith(_PAGES)):
+            if words and words[-1] == "--plot=" and (word == _TERMINAL or word.lower().endswith((*_PAGES, *_PICTURES))):
                 words[-1] += word
             else:
                 words.append("--plot=" if word == "--plot" else word)
@@ -86,6 +87,8 @@ def _page_of(file: Path, plot: str | None) -> Path | None:
     """Return where the page is written; None without one."""
     if plot is None or plot == _TERMINAL:
         return None
+    if plot and not plot.lower().endswith(_PAGES):
+        raise click.UsageError(f"--plot writes a page of HTML, whose name ends in .html; got {plot}")
     return Path(plot) if plot else Path(f"{file.resolve().name}.html")
 
 
@@ -212,7 +215,8 @@ def _print(file: Path, report: FileReport, map_path: Path | None, written: Seque
 
 def _step_with_map(report: FileReport, map_path: Path) -> str:
     n_places = sum(f"{FILL_IN}:" in line for line in map_path.read_text(encoding="utf-8").splitlines())
-    places = f"fill in its {n_places} marked places, look at what is marked to confirm" if n_places else "look at it"
+    marked = "its marked place" if n_places == 1 else f"its {n_places} marked places"
+    places = f"fill in {marked}, look at what is marked to confirm" if n_places else "look at it"
     (use,) = report.uses
     return f"{places}, then {use.line.replace('--map MAP', f'--map {shlex.quote(str(map_path))}')}"
 

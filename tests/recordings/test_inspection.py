@@ -10,6 +10,7 @@ import scipy.io
 
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import check_file, write_session
+from monitor_core.recordings.elements.units import Quantity, factor_to_si
 from monitor_core.recordings.raw.channel_kind import ChannelKind, kind_of_name, unit_in_name
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import inspect, summaries_of, summary_of
@@ -297,3 +298,28 @@ def test_the_next_step_names_what_an_import_makes(tmp_path):
     np.savez(tmp_path / "hits.npz", force=MOVE, acc=MOVE)
     made = {path.stem: check_file(path).uses[0].line.rpartition(" ")[2] for path in tmp_path.iterdir()}
     assert made == {"axis": "axis.motion.csv", "lines": "lines.frf.h5", "hits": "hits.session.h5"}
+
+
+@pytest.mark.parametrize(("start", "what"), [(45_000.25, "Excel"), (739_000.25, "MATLAB")])
+def test_times_in_days_are_said_to_be_days(start, what):
+    days = start + np.arange(4000) / 1000.0 / 86400.0
+    (doubt,) = summary_of(Channel("time", days)).doubts
+    assert f"are days, as {what} counts them" in doubt
+    assert "no unit of times is a day" in doubt
+    assert not summary_of(Channel("time_s", 45_000.0 + np.arange(4000) / 1000.0)).doubts
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity", "factor"),
+    [
+        ("daN", Quantity.FORCE, 10.0), ("kgf", Quantity.FORCE, 9.80665), ("N·mm", Quantity.TORQUE, 1e-3),
+        ("in", Quantity.POSITION, 0.0254), ("in/s2", Quantity.ACCELERATION, 0.0254),
+    ],
+)  # fmt: skip
+def test_units_of_older_sheets_are_exact(unit, quantity, factor):
+    assert factor_to_si(unit, quantity, "a.csv") == factor
+
+
+def test_in_at_the_end_of_a_name_is_a_unit_of_travel_alone():
+    assert unit_in_name("travel_in") == "in"
+    assert unit_in_name("signal_in") is None

@@ -20,6 +20,7 @@ from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.mapping.map_proposal import CONFIRM, FILL_IN, map_text, printed, proposed_map
 from monitor_core.recordings.raw.text.text_times import TextTimes, text_times
+from monitor_core.recordings.raw.text.times import times_of
 
 RATE, N = 10_000.0, 4000
 TIME = np.arange(N) / RATE
@@ -306,3 +307,26 @@ def test_a_name_of_control_characters_neither_moves_the_cursor_nor_adds_a_line(t
     proposed = tomllib.loads(text)
     assert proposed["excitation"]["channel"] == f"torque{EVIL}"
     assert "x" not in proposed
+
+
+@pytest.mark.parametrize("form", ["2025-03-01T06:00:{:09.6f}Z", "01.03.2025 06:00:{:06.3f}", "{:.3f}"])
+def test_a_window_is_the_plain_number_of_samples_in_a_second(tmp_path, form):
+    path = tmp_path / "a.csv"
+    rows = (f"{form.format(i / 2048)};{i % 7};{i % 5}\n" for i in range(2048 * 20))
+    path.write_text("time_s;F;acc\n" + "".join(rows))
+    assert "samples_per_window = 2048 " in map_text(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "form"),
+    [
+        ("3/25/2025 6:00:01.5 PM", "%m/%d/%Y %I:%M:%S.%f %p"),
+        ("25.03.2025 06:00AM", "%d.%m.%Y %I:%M%p"),
+        ("6:00:01 pm", "%I:%M:%S %p"),
+    ],
+)
+def test_hours_of_half_a_day_are_proposed_as_such(text, form):
+    found = text_times({"t": [text]})
+    assert found is not None
+    assert found.form == form
+    times_of([text], form, None, None, "a.csv")

@@ -138,7 +138,7 @@ REFUSED_MAPS = {
     "no unit": (MAP.replace('unit = "kN"\n', ""), "[excitation], unit: expected a text; it is missing"),
     "a unit of another quantity": (
         MAP.replace('"kN"', '"N.m"'),
-        "expected a unit of force (N, mN, kN, lbf); got 'N.m', a unit of torque",
+        "expected a unit of force (N, mN, daN, kN, lbf, kgf); got 'N.m', a unit of torque",
     ),
     "a raw unit without sensitivity": (MAP.replace('"kN"', '"V"'), "a raw unit needs sensitivity and sensitivity_unit"),
     "a sensitivity without its unit": (

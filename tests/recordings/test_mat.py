@@ -7,7 +7,9 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse
 
+from monitor_core.recordings import check_file
 from monitor_core.recordings.raw.binary import mat
 from tests.recordings.test_raw import SAMPLES, refusal
 
@@ -159,3 +161,34 @@ def test_objects_that_only_matlab_reads_are_named(tmp_path):
     path = tmp_path / "a.mat"
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element(14, body))
     assert "save their columns as arrays" in refusal(mat.read_channels, path)
+
+
+def test_what_is_no_channel_is_said_to_be_not_read(tmp_path):
+    path = tmp_path / "a.mat"
+    cell = np.array([np.ones(3), "x"], dtype=object)
+    more = {"H": np.ones(4) * 1j, "S": scipy.sparse.csc_matrix(np.eye(3)), "C": cell, "D": np.ones((2, 3, 4)), "s": "x"}
+    said = {"H (complex)", "S (sparse)", "C (cell)", "D (3 dimensions)"}
+    scipy.io.savemat(path, {"F": np.ones(5), **more})
+    channels = mat.read_channels(path)
+    assert channels.names == ("F",)
+    assert set(channels.left_out) == said
+    assert dict(check_file(path).contents)["not_read"] == channels.left_out
+    scipy.io.savemat(path, more)
+    message = refusal(mat.read_channels, path)
+    assert "got only what is not read: " in message
+    assert all(text in message for text in said)
+    scipy.io.savemat(path, {"H": np.ones(4) * 1j}, format="4")
+    assert "not read: H (complex)" in refusal(mat.read_channels, path)
+
+
+def test_what_is_no_channel_in_version_7_3_is_said_to_be_not_read(tmp_path):
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w") as file:
+        file["F"], file["D"] = np.ones((1, 5)), np.ones((2, 3, 4))
+        file["H"] = np.zeros((1, 3), dtype=[("real", "f8"), ("imag", "f8")])
+        file["C"] = np.array([[file["F"].ref]], dtype=h5py.ref_dtype)
+        file.create_group("S").attrs["MATLAB_sparse"] = 3
+        file["S/data"] = np.ones(3)
+    channels = mat.read_channels(path)
+    assert channels.names == ("F",)
+    assert set(channels.left_out) == {"D (3 dimensions)", "H (complex)", "C (cell)", "S (sparse)"}

@@ -73,3 +73,14 @@ def test_more_channels_than_any_recording_has_are_refused(tmp_path):
         for number in range(4097):
             archive.writestr(f"{number}.npy", stream.getvalue())
     assert "expected at most 4096 channels; got 4097" in refusal(npz.read_channels, tmp_path / "a.npz")
+
+
+def test_what_is_no_channel_is_said_to_be_not_read(tmp_path):
+    path = tmp_path / "a.npz"
+    more = {"H": np.ones(4) * 1j, "D": np.ones((2, 3, 4)), "O": np.array([None, 1]), "n": np.array(3.0)}
+    np.savez(path, F=np.ones(5), **more)
+    channels = npz.read_channels(path)
+    assert channels.names == ("F",)
+    assert channels.left_out == ("H (complex)", "D (3 dimensions)", "O (objects)")
+    np.savez(path, **more)
+    assert "got only what is not read: H (complex)" in refusal(npz.read_channels, path)

@@ -161,3 +161,11 @@ def test_a_shell_sees_a_name_with_blanks_as_one_word(tmp_path):
     scipy.io.savemat(path, {"x": np.ones(3)})
     with pytest.raises(RecordingFormatError, match=r"preload check 'axis 3; rm -rf\.mat' --write-map 'axis 3; rm -rf"):
         require_format(path, SESSION)
+
+
+@pytest.mark.parametrize("ending", [".tdms", ".mat", ".npz"])
+def test_columns_of_text_by_another_name_are_said_to_be_text(tmp_path, ending):
+    path = tmp_path / f"run{ending}"
+    path.write_text("t;F\n0,1;2,5\n0,2;2,5\n")
+    with pytest.raises(RecordingFormatError, match=r"got text with rows of numbers: name it run\.csv"):
+        format_of(path)

@@ -6,6 +6,7 @@ import pytest
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields
 from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.inspection import read_as_proposed
 from monitor_core.recordings.raw.text import csv_samples, siemens_trace
 from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
 from tests.recordings.text_files import LoggerFile, logger_files, table
@@ -204,3 +205,65 @@ def test_four_thousand_columns_are_read(tmp_path):
     channels = csv_samples.read_channels(path)
     assert len(channels.names) == 4096
     np.testing.assert_array_equal(channels.channel("4096").samples, [4095.0, 4095.5])
+
+
+STEPS = {
+    "no value in Excel": ("a,b\n1,2\n2,3\n#NV,3\n4,5\n6,7\n", "'#NV'; write nan for the missing number of row 4"),
+    "dashes": ("a,b\n1,2\n2,2\n---,3\n4,5\n6,7\n8,9\n", "'---'; write nan for the missing number of row 4"),
+    "a header again": ("a,b\n1,2\n3,4\na,b\n5,6\n7,8\n9,9\n", "'a'; remove row 4, which holds no numbers"),
+    "a footer": ("a;b\n1;2\n3;4\n5;6\n= end =\n", "got 1; remove row 5, which holds no numbers"),
+    "a row that is cut off": ("a;b\n1;2\n3;4\n5\n", "got 1; complete row 4 or remove it"),
+    "a blank row inside": ("a;b\n1;2\n3;4\n\n5;6\n7;8\n9;9\n", "remove row 4"),
+    "commas and a word": ("a;b\n1,5;2\n1,5;2\n3,5;x\n5,5;6\n", "'x'; write nan for the missing number of row 4"),
+}
+
+
+@pytest.mark.parametrize("case", STEPS)
+def test_where_no_layout_helps_the_step_is_one_in_the_file(tmp_path, case):
+    text, step = STEPS[case]
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    message = refusal(path)
+    assert step in message
+    assert "--write-map" not in message
+    with pytest.raises(RecordingFormatError) as caught:
+        read_as_proposed(path, "csv")
+    assert step in str(caught.value)
+
+
+@pytest.mark.parametrize("place", [1, 5000])
+def test_a_blank_cell_is_nan_with_the_layout_that_is_proposed(tmp_path, place):
+    path = tmp_path / "a.csv"
+    numbers = [f"{i}" for i in range(6000)]
+    path.write_text("a,b\n" + "".join(f"{'' if i == place else n},{n}\n" for i, n in enumerate(numbers)))
+    assert "cells without a number: `preload check a.csv --write-map MAP`" in refusal(path)
+    channels, layout = read_as_proposed(path, "csv")
+    assert layout is not None
+    expected = np.arange(6000.0)
+    np.testing.assert_array_equal(channels.channel("b").samples, expected)
+    expected[place] = np.nan
+    np.testing.assert_array_equal(channels.channel("a").samples, expected)
+    assert f"row {place + 2}, column 'a'" in refusal(path)
+
+
+def test_the_index_of_pandas_has_a_number_for_a_name(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(",t,F\n0,0.0,1.5\n1,0.1,2.5\n")
+    channels = csv_samples.read_channels(path)
+    assert channels.names == ("1", "t", "F")
+    assert propose_layout(path) is None
+    path.write_text(",5,6\n0,1,2\n")  # may be a row of numbers in which one is missing
+    assert "expected a name for each column" in refusal(path)
+
+
+@pytest.mark.parametrize("cell", ["1.234,5", '"1,234.5"', "-1.234.567", "1'234.5"])
+def test_thousands_separators_are_refused_by_name(tmp_path, cell):
+    path = tmp_path / "a.csv"
+    path.write_text(f"a;b\n1;2\n3;4\n5;6\n7;{cell}\n")
+    message = refusal(path)
+    assert "row 5, column 'b'" in message
+    assert message.endswith("export without thousands separators")
+    path.write_text(f"a;b\n1;{cell}\n3;{cell}\n5;{cell}\n")
+    assert "export without thousands separators" in refusal(path)
+    with pytest.raises(RecordingFormatError, match="export without thousands separators"):
+        read_as_proposed(path, "csv")

@@ -90,8 +90,15 @@ def test_the_sheet_with_cells_is_taken_and_of_several_the_one_that_is_named(tmp_
     assert "expected a sheet 'No'" in refusal(lambda p: xlsx.read_channels(p, Layout(sheet="No")), path)
 
 
+def test_an_empty_cell_is_nan_and_moves_no_other(tmp_path):
+    rows = (("a", "b", "c"), (1, 2, None), (None, 3, 6), (4, None, 7))
+    channels = xlsx.read_channels(written(tmp_path, *rows))
+    np.testing.assert_array_equal(channels.channel("a").samples, [1.0, np.nan, 4.0])
+    np.testing.assert_array_equal(channels.channel("b").samples, [2.0, 3.0])
+    np.testing.assert_array_equal(channels.channel("c").samples, [np.nan, 6.0, 7.0])
+
+
 REFUSED = {
-    "a gap": ((("a", "b"), (1, 2), (None, 3), (4, 5)), "row 3, column 'a': expected a number; the cell is empty"),
     "a word": ((("a", "b"), (1, 2), (3, "overload")), "column 'b': expected numbers alone; got 'overload'"),
     "units without a word": ((("a", "b"), ("s", "N"), (3, 4)), "expected numbers alone; got 's'"),
     "a truth value": ((("a", "b"), (1, 2), (3, True)), "column 'b': expected numbers alone; got 'True'"),

@@ -177,6 +177,9 @@ def test_plot_alone_writes_a_page_of_the_files_name(preload: Any, raw: Path, tmp
 
 def test_the_page_needs_nothing_else(preload: Any, raw: Path, tmp_path: Path) -> None:
     assert preload("check", raw, "--plot", "page.html").exit_code == 0
+    assert_refused(
+        preload("check", raw, "--plot", "page.png"), "a page of HTML, whose name ends in .html; got page.png"
+    )
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 3
     assert not re.search(r"<script|<link|<img|src=|https?:|url\(|@import", page)

@@ -57,17 +57,19 @@ class Quantity(StrEnum):
 #: 1 g is 9.806 65 m/s² (3rd CGPM, 1901).
 _STANDARD_GRAVITY = 9.80665
 #: 1 lb is 0.453 592 37 kg, and 1 lbf that under standard gravity: 4.448 221 615 260 5 N. 1 in is 0.0254 m, 1 ft is 12
-#: of them (NIST SP 811, 2008, appendix B.8; all exact).
+#: of them (NIST SP 811, 2008, appendix B.8; all exact). 1 kgf is 9.806 65 N, there as well.
 _POUND_FORCE = 4.4482216152605
 #: Factor to SI.
 FACTOR_TO_SI: dict[Quantity, dict[str, float]] = {
     Quantity.TORQUE: {
-        "N.m": 1.0, "mN.m": 1e-3, "N.cm": 1e-2, "kN.m": 1e3,
+        "N.m": 1.0, "mN.m": 1e-3, "N.mm": 1e-3, "N.cm": 1e-2, "kN.m": 1e3,
         "lbf.in": 0.0254 * _POUND_FORCE, "lbf.ft": 0.3048 * _POUND_FORCE,
     },
-    Quantity.FORCE: {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": _POUND_FORCE},
-    Quantity.ACCELERATION: {"m/s2": 1.0, "mm/s2": 1e-3, "g": _STANDARD_GRAVITY},
-    Quantity.POSITION: {"m": 1.0, "mm": 1e-3, "um": 1e-6},
+    Quantity.FORCE: {
+        "N": 1.0, "mN": 1e-3, "daN": 10.0, "kN": 1e3, "lbf": _POUND_FORCE, "kgf": _STANDARD_GRAVITY,
+    },
+    Quantity.ACCELERATION: {"m/s2": 1.0, "mm/s2": 1e-3, "g": _STANDARD_GRAVITY, "in/s2": 0.0254},
+    Quantity.POSITION: {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     Quantity.TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6},
 }  # fmt: skip
 #: What an acquisition writes before a sensitivity makes it a quantity; factor to V, A or counts.
@@ -87,6 +89,8 @@ _SPELLINGS = {
     "lbf*in": "lbf.in", "lbf·in": "lbf.in", "lbf⋅in": "lbf.in", "in-lbf": "lbf.in", "in.lbf": "lbf.in",
     "in-lb": "lbf.in", "lbf-ft": "lbf.ft", "lbf*ft": "lbf.ft", "lbf·ft": "lbf.ft", "lbf⋅ft": "lbf.ft",
     "ft-lbf": "lbf.ft", "ft-lb": "lbf.ft", "ft.lbf": "lbf.ft", "N⋅m": "N.m", "counts": "count",
+    "Nmm": "N.mm", "N·mm": "N.mm", "N*mm": "N.mm", "N-mm": "N.mm", "N⋅mm": "N.mm", "kp": "kgf",
+    "inch": "in", "in/s^2": "in/s2", "in/s²": "in/s2",
 }  # fmt: skip
 _KNOWN = {unit for units in FACTOR_TO_SI.values() for unit in units} | set(RAW_UNITS)
 

@@ -98,7 +98,8 @@ def kind_of_unit(unit: str | None) -> ChannelKind | None:
 def unit_in_name(name: str) -> str | None:
     """Return the unit that the name of a channel states: ``Force [kN]``, ``acc (g)``, ``time_ms``; None if none.
 
-    A single letter at the end is a unit only of what the rest of the name says: ``force_n``, but not ``axis_a``.
+    A single letter at the end is a unit only of what the rest of the name says: ``force_n``, but not ``axis_a``;
+    and so is "in", which is a word: ``travel_in``, but not ``signal_in``.
     """
     if (bracket := _IN_BRACKETS.search(name)) is not None:
         return canonical_unit(bracket[1]) or _IN_NAMES.get(bracket[1].strip().lower())
@@ -109,7 +110,7 @@ def unit_in_name(name: str) -> str | None:
         says = kind_of_name(name[: ending.start()])
         return unit if unit is not None and says is not None else None
     fits = kind_of_name(name[: ending.start()])
-    return unit if (fits is None and len(ending[1]) > 1) or fits == kind_of_unit(unit) else None
+    return unit if (fits is None and len(ending[1]) > 1 and unit != "in") or fits == kind_of_unit(unit) else None
 
 
 def names_other_unit(name: str) -> bool:

@@ -11,6 +11,9 @@ import numpy.typing as npt
 from monitor_core.arrays import ComplexArray, FloatArray, SampleArray, read_only_samples
 from monitor_core.errors import RecordingFormatError
 
+#: So many names of what is not read are shown.
+MOST_LEFT_OUT = 12
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
@@ -46,11 +49,16 @@ class Channels:
     channels: tuple[Channel, ...]
     responses: tuple[FrequencyResponse, ...] = ()
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # columns of texts, such as dates and times
+    left_out: tuple[str, ...] = ()  # what is in the file and no channel, and why: "H (complex)"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "texts", MappingProxyType(dict(self.texts)))
+        plain = ("".join(letter if letter.isprintable() else "?" for letter in text) for text in self.left_out)
+        object.__setattr__(self, "left_out", tuple(plain))
         if not self.channels and not self.responses:
-            raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got none")
+            listed = ", ".join(self.left_out[:MOST_LEFT_OUT]) + (", …" if len(self.left_out) > MOST_LEFT_OUT else "")
+            got = f"only what is not read: {listed}" if listed else "none"
+            raise RecordingFormatError(f"{self.file_name}: expected at least one channel of numbers; got {got}")
 
     def text(self, name: str) -> tuple[str, ...]:
         """Return the column of texts of a name; ``RecordingFormatError`` if there is no such column of texts."""

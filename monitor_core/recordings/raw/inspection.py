@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor_core.arrays import SampleArray
+from monitor_core.errors import RecordingFormatError
 from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import (
@@ -20,7 +21,7 @@ from monitor_core.recordings.raw.channel_kind import (
 )
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout
+from monitor_core.recordings.raw.text.layout import TextLayout, propose_layout, propose_layout_for_blanks
 
 #: How many values of a channel are shown.
 N_FIRST = 5
@@ -33,6 +34,9 @@ _HELD_SHARE = 0.9
 #: by less than the other, they are.
 _UNEVEN, _ROUNDED = 0.4, 0.01
 #: No drive is sampled more slowly to show a mode, none faster: times outside are doubted.
+_SECONDS_PER_DAY = 86400.0
+#: Days since 1900 from 2009 to 2064, and since the year 0 from 1971 to 2080.
+_DAYS = ((40_000.0, 60_000.0, "Excel"), (720_000.0, 760_000.0, "MATLAB"))
 _PLAUSIBLE_RATE = (20.0, 5e6)  # [Hz]
 _LONGEST_AXIS = 20.0  # [m]
 _GRAVITY = 9.80665  # 3rd CGPM, 1901 [m/s²]
@@ -72,6 +76,12 @@ def inspect(path: Path, layout: TextLayout | None = None) -> tuple[ChannelSummar
 def read_as_proposed(path: Path, name: str) -> tuple[Channels, TextLayout | None]:
     """Read a raw file of a format, a text in the layout that is proposed for it; return that layout, too."""
     layout = propose_layout(path) if name == "csv" else None
+    try:
+        return read_channels(path, layout), layout
+    except RecordingFormatError:
+        layout = propose_layout_for_blanks(path) if name == "csv" and layout is None else None
+        if layout is None:
+            raise
     return read_channels(path, layout), layout
 
 
@@ -212,6 +222,8 @@ def _doubts(summary: ChannelSummary, finite: SampleArray) -> list[str]:
 
 def _doubts_of_times(unit: str | None, times: SampleArray) -> list[str]:
     step, factors = step_of(times), FACTOR_TO_SI[Quantity.TIME]
+    if (days := _days(step, times)) is not None and unit in (None, "s"):
+        return [days]
     if step is None or unit not in factors or times.size < 3:
         return []
     rate = 1.0 / (step * factors[unit])
@@ -221,6 +233,21 @@ def _doubts_of_times(unit: str | None, times: SampleArray) -> list[str]:
     others = [other for other, factor in factors.items() if low <= 1.0 / (step * factor) <= high]
     instead = f"; in {others[0]} it would be {1.0 / (step * factors[others[0]]):g} Hz" if others else ""
     return [f"steps of {step:g} {unit} are a sampling rate of {rate:g} Hz{instead}"]
+
+
+def _days(step: float | None, times: SampleArray) -> str | None:
+    """Say that times are days since a date, as a spreadsheet or MATLAB counts them; ``None`` where they are not."""
+    if step is None or times.size < 3 or not 0.0 < step < 1.0 / (_PLAUSIBLE_RATE[0] * _SECONDS_PER_DAY):
+        return None
+    low, high = float(times.min()), float(times.max())
+    for first, last, what in _DAYS:
+        if first <= low and high <= last:
+            rate = 1.0 / (step * _SECONDS_PER_DAY)
+            return (
+                f"values around {low:.0f} in steps of {step:.3g} are days, as {what} counts them (of about {rate:.4g} "
+                "Hz): no unit of times is a day; write seconds, or texts of date and time"
+            )
+    return None
 
 
 def _doubts_of_size(kind: ChannelKind, unit: str, finite: SampleArray) -> list[str]:

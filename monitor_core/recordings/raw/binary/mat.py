@@ -27,13 +27,14 @@ from monitor_core.recordings.elements.bounds import (
 )
 from monitor_core.recordings.elements.files import MAX_SAMPLES, refusing, require_file, require_plausible_length
 from monitor_core.recordings.raw.binary import mat_hdf5
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples
 
 _HEADER_SIZE = 128
 _MATRIX, _COMPRESSED = 14, 15  # types of elements
 _STORED_AS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _STRUCTURE, _SINGLE, _OPAQUE = 2, 7, 17  # classes of arrays
 _NUMERIC_CLASSES = range(6, 16)  # double, single, and the integers from int8 to uint64
+_NOT_READ = {1: "cell", 3: "object", 5: "sparse", 16: "function"}
 _COMPLEX = 0x08
 _MOST_BYTES = 8 * MAX_SAMPLES + 4096
 _DEEPEST = 8  # structures inside structures
@@ -46,8 +47,8 @@ def read_channels(path: Path) -> Channels:
     """Read the numeric arrays of a MATLAB file; it states neither units nor a time base.
 
     There is one channel per array, also for those in the fields of a structure; MATLAB's rows and columns of one become
-    one-dimensional. Single numbers, cells, texts, complex numbers, sparse arrays, arrays of more than two dimensions
-    and objects (``timetable``) are no channels and are left out. ``RecordingFormatError`` if the file is damaged.
+    one-dimensional. Single numbers and texts are left out; cells, complex numbers, sparse arrays, arrays of more than
+    two dimensions and objects (``timetable``) are named as not read. ``RecordingFormatError`` if the file is damaged.
     """
     with require_file(path).open("rb") as stream:
         head = stream.read(1024)
@@ -64,7 +65,8 @@ def read_channels(path: Path) -> Channels:
                 f"{path.name}: expected arrays of numbers; got objects (timetable, timeseries or the like), which only "
                 "MATLAB reads: save their columns as arrays"
             )
-        return Channels(path.name, tuple(_channel(name, array) for name, array in arrays))
+        channels = tuple(_channel(name, array) for name, array in arrays)
+        return Channels(path.name, channels, left_out=tuple(reader.left_out))
 
 
 def _channel(name: str, array: np.ndarray) -> Channel:
@@ -85,6 +87,7 @@ class _Reader:
         self.order = "<"
         self.n_objects = 0
         self.n_unpacked = 0
+        self.left_out: list[str] = []
 
     def arrays_of_version_4(self, content: bytes) -> Iterator[tuple[str, np.ndarray]]:
         order = "<" if int.from_bytes(content[:4], "little") <= 5000 else ">"
@@ -99,8 +102,10 @@ class _Reader:
             end = start + n_rows * n_columns * values_type.itemsize * (2 if imaginary else 1)
             if not 0 < n_letters <= _LONGEST_NAME + 1 or end > len(content):
                 raise RecordingFormatError(f"{self.where}: expected {end} bytes; got {len(content)}: it is cut off")
+            name = content[at + 20 : start].split(b"\0")[0].decode("latin-1")
+            if meaning != 1 and (meaning or imaginary):
+                self._leave_out(name, "complex" if imaginary and not meaning else "sparse")
             if meaning == 0 and not imaginary:
-                name = content[at + 20 : start].split(b"\0")[0].decode("latin-1")
                 values = np.frombuffer(content, values_type, n_rows * n_columns, start)
                 yield name, values.reshape((n_rows, n_columns), order="F")
             at = end
@@ -157,16 +162,29 @@ class _Reader:
         kind = word & 0xFF
         if kind == _OPAQUE:  # has a name, but no dimensions
             self.n_objects += 1
+            self._leave_out(name or bytes(parts[0].content).decode("utf-8"), "object")
             return
         dimensions, own_name, *parts = parts
         shape = tuple(int(n) for n in np.frombuffer(dimensions.content, f"{self.order}i4"))
         label = name or bytes(own_name.content).decode("utf-8")
-        if not label or len(shape) != 2:
+        if not label:
+            return
+        if kind in _NOT_READ:
+            self._leave_out(label, _NOT_READ[kind])
+        elif kind in _NUMERIC_CLASSES and word >> 8 & _COMPLEX:
+            self._leave_out(label, "complex")
+        elif kind in _NUMERIC_CLASSES and len(shape) != 2:
+            self._leave_out(label, f"{len(shape)} dimensions")
+        if len(shape) != 2:
             return
         if kind == _STRUCTURE and depth < _DEEPEST:
             yield from self._arrays_of_structure(parts, shape, label, depth)
         elif kind in _NUMERIC_CLASSES and not word >> 8 & _COMPLEX:
             yield label, self._array(parts, shape, label, single=kind == _SINGLE)
+
+    def _leave_out(self, name: str, why: str) -> None:
+        if len(self.left_out) <= MOST_LEFT_OUT:
+            self.left_out.append(f"{name[:_LONGEST_NAME]} ({why})")
 
     def _arrays_of_structure(
         self, parts: list[_Element], shape: tuple[int, ...], name: str, depth: int

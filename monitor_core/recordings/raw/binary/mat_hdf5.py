@@ -17,7 +17,7 @@ from monitor_core.recordings.elements.bounds import (
 )
 from monitor_core.recordings.elements.files import refusing
 from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5, require_readable, values_of
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples
 
 if TYPE_CHECKING:
     import h5py
@@ -41,16 +41,20 @@ def read_channels(path: Path) -> Channels:
     Raises and leaves out as :func:`monitor_core.recordings.raw.binary.mat.read_channels`.
     """
     with open_hdf5(path) as file, refusing(path.name, "a MATLAB file of version 7.3"):
-        found = dict(_datasets(file, "", path.name, 0))
+        left_out = list[str]()
+        found = dict(_datasets(file, "", path.name, 0, left_out))
         require_plausible_channels([(name, dataset.size) for name, dataset in found.items()], path.name)
         n_bytes = sum(dataset.size * dataset.dtype.itemsize for dataset in found.values())
         require_plausible_expansion(n_bytes, path.stat().st_size, path.name)
         for name, dataset in found.items():
             require_readable(dataset, f"{path.name}, {name}")
-        return Channels(path.name, tuple(_channel(name, dataset) for name, dataset in found.items()))
+        channels = tuple(_channel(name, dataset) for name, dataset in found.items())
+        return Channels(path.name, channels, left_out=tuple(left_out))
 
 
-def _datasets(group: "h5py.Group", prefix: str, where: str, depth: int) -> Iterator[tuple[str, "h5py.Dataset"]]:
+def _datasets(
+    group: "h5py.Group", prefix: str, where: str, depth: int, left_out: list[str]
+) -> Iterator[tuple[str, "h5py.Dataset"]]:
     import h5py  # noqa: PLC0415
 
     if len(group) > MAX_CHANNELS:
@@ -60,10 +64,29 @@ def _datasets(group: "h5py.Group", prefix: str, where: str, depth: int) -> Itera
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         found, label = group[name], f"{prefix}{name}"
-        if isinstance(found, h5py.Group) and depth < _DEEPEST:
-            yield from _datasets(found, f"{label}.", where, depth + 1)
+        why = None
+        if isinstance(found, h5py.Group) and "MATLAB_sparse" in found.attrs:
+            why = "sparse"
+        elif isinstance(found, h5py.Group) and depth < _DEEPEST:
+            yield from _datasets(found, f"{label}.", where, depth + 1, left_out)
         elif isinstance(found, h5py.Dataset) and _is_channel(found, f"{where}, {label}"):
             yield label, found
+        elif isinstance(found, h5py.Dataset):
+            why = _why_not(found)
+        if why is not None and len(left_out) <= MOST_LEFT_OUT:
+            left_out.append(f"{label} ({why})")
+
+
+def _why_not(dataset: "h5py.Dataset") -> str | None:
+    """Say what an array is that is no channel; ``None`` for texts, single numbers and empty ones."""
+    import h5py  # noqa: PLC0415
+
+    kind = dataset.id.get_type().get_class()
+    if kind == h5py.h5t.COMPOUND:
+        return "complex"
+    if kind == h5py.h5t.REFERENCE:
+        return "cell"
+    return f"{dataset.ndim} dimensions" if dataset.ndim > 2 else None
 
 
 def _is_channel(dataset: "h5py.Dataset", where: str) -> bool:

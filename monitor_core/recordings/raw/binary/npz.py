@@ -17,11 +17,12 @@ import numpy as np
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.channels import Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples
 
 #: A header is a line of text; NumPy itself reads none that is longer than 10 000 characters.
 _LONGEST_HEADER = 12_000
 _ARRAY = "array"
+_NOT_READ = {"c": "complex", "O": "objects", "M": "dates", "m": "durations", "b": "truth values"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +44,25 @@ class _Stored:
         kinds = {field: kind for field, (kind, *_) in (self.dtype.fields or {}).items()}
         return [(f"{self.name}.{field}", field) for field, kind in kinds.items() if kind.kind in "fiu"]
 
+    def not_read(self) -> list[str]:
+        """Return what it holds that is no channel, and why; single numbers and texts are not worth a word."""
+        if len(self.shape) > 2:
+            return [f"{self.name} ({len(self.shape)} dimensions)"]
+        if not self.shape and self.dtype.kind != "O":
+            return []
+        if self.dtype.fields is None:
+            return [f"{self.name} ({_NOT_READ[self.dtype.kind]})"] if self.dtype.kind in _NOT_READ else []
+        fields = {field: kind.kind for field, (kind, *_) in self.dtype.fields.items()}
+        return [f"{self.name}.{field} ({_NOT_READ[kind]})" for field, kind in fields.items() if kind in _NOT_READ]
+
 
 def read_channels(path: Path) -> Channels:
     """Read the arrays of a file of ``numpy.savez`` or ``numpy.save``; it states neither units nor a time base.
 
     There is one channel per array. Arrays of other than one or two dimensions, and of other than real numbers, are no
-    channels and are left out. ``RecordingFormatError`` if the archive or an array in it is damaged, or if a header
-    announces what the file does not hold.
+    channels; those that may have been meant as such are named as not read.
+    ``RecordingFormatError`` if the archive or an array in it is damaged, or if a header announces what the
+    file does not hold.
     """
     with require_file(path).open("rb") as stream:
         is_archive = stream.read(2) == b"PK"
@@ -76,6 +89,7 @@ def _stored(path: Path, name: str, n_bytes: int, opening: Callable[[], AbstractC
 
 def _read(path: Path, arrays: list[_Stored]) -> Channels:
     kept = [array for array in arrays if array.fields()]
+    left_out = [text for array in arrays for text in array.not_read()]
     require_plausible_channels([(n, math.prod(a.shape)) for a in kept for n, _ in a.fields()], path.name)
     for array in kept:
         n_values = math.prod(array.shape)
@@ -92,4 +106,4 @@ def _read(path: Path, arrays: list[_Stored]) -> Channels:
         channels += [
             Channel(name, native_samples(values if field is None else values[field])) for name, field in array.fields()
         ]
-    return Channels(path.name, tuple(channels))
+    return Channels(path.name, tuple(channels), left_out=tuple(left_out[: MOST_LEFT_OUT + 1]))

@@ -6,6 +6,7 @@ column of dates is a channel of seconds from its first cell, one of durations a 
 zone, so there is no start.
 """
 
+import math
 import warnings
 import zipfile
 from array import array
@@ -62,31 +63,30 @@ class _Column:
     numbers: "array[float]" = field(default_factory=lambda: array("d"))
     first_text: tuple[int, str] | None = None  # row and text
     first_number: int | None = None  # row
-    empty_since: int | None = None  # row
+    n_empty: int = 0  # cells since the last number
 
     def add(self, value: object, row: int, where: str) -> None:
         place = f"{where}, row {row}, column {self.name!r}"
         if value is None:
-            self.empty_since = self.empty_since or row
+            self.n_empty += 1
             return
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.first_text = self.first_text or (row, str(value))
         else:
+            self.numbers.extend([math.nan] * self.n_empty)
             self.numbers.append(value)
+            self.n_empty = 0
             self.first_number = self.first_number or row
         if self.first_text is not None and self.first_number is not None:
             raise RecordingFormatError(f"{place}: expected numbers alone; got {self.first_text[1][:40]!r}")
-        if self.empty_since is not None and self.first_text is None:
-            raise RecordingFormatError(
-                f"{where}, row {self.empty_since}, column {self.name!r}: expected a number; the cell is empty"
-            )
 
 
 def read_channels(path: Path, layout: Layout | None = None) -> Channels:
     """Read the columns of a sheet; ``layout`` says where they stand, if not under the names in the first row.
 
-    Columns of texts and empty ones are left out. ``RecordingFormatError`` if the workbook is damaged, if it has several
-    sheets and none is named, if a cell among numbers is empty or a text, or if two columns have one name;
+    Columns of texts and empty ones are left out; an empty cell above a number is NaN.
+    ``RecordingFormatError`` if the workbook is damaged, if it has several sheets and none is named,
+    if a cell among numbers is a text, or if two columns have one name;
     ``MissingReaderError`` if openpyxl is not installed.
     """
     try:
@@ -171,7 +171,7 @@ def _columns(sheet: "ReadOnlyWorksheet", layout: Layout | None, where: str) -> t
     unit_row = (layout.unit_row if layout is not None else None) or 0
     heads: dict[int, tuple[object, ...]] = {}
     columns: dict[int, _Column] = {}
-    first_row = last_head = 0
+    first_row = last_head = n_rows = 0
     for number, cells in _rows(sheet, where):
         if not first_row:
             if header_row is None:
@@ -186,8 +186,10 @@ def _columns(sheet: "ReadOnlyWorksheet", layout: Layout | None, where: str) -> t
         for place, cell in enumerate(cells):
             if place not in columns and cell is not None:
                 columns[place] = _column(place, heads, header_row or 0, unit_row, where)
+                columns[place].n_empty = n_rows
         for place, column in columns.items():
             column.add(cells[place] if place < len(cells) else None, number, where)
+        n_rows += 1
     if not columns:
         raise RecordingFormatError(f"{where}: expected numbers from row {first_row or 1} on; got none")
     return columns, first_row

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor_core.arrays import SampleArray
+from monitor_core.arrays import FloatArray, SampleArray
+from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, RAW_UNITS, Quantity, canonical_unit
 from monitor_core.recordings.raw.channel_kind import (
+    MOST_STEPS,
     ChannelKind,
     is_planned,
     kind_of,
@@ -24,8 +26,10 @@ from monitor_core.recordings.raw.channel_kind import (
 )
 from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.inspection import read_as_proposed, step_of
+from monitor_core.recordings.raw.mapping.clocks import clock_of_times, printed_digit
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.text_times import TextTimes, columns_of_texts, text_times
+from monitor_core.recordings.raw.text.times import times_of
 from monitor_core.recordings.recognition import KINDS, require_format
 
 CONFIRM, FILL_IN = "# confirm:", "# fill in"
@@ -45,6 +49,7 @@ _WORDS_OF_SENSOR = ("sensor", "cell", "hammer", "transduc", "screw", "shaft", "l
 
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
+_GAP = 4.5  # steps: a longer one is a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +98,7 @@ def proposed_map(channels: Channels, layout: TextLayout | None = None) -> str:
         case Made.MOTION:
             body = _motion_lines(parts, texts)
         case Made.SESSION:
-            body = _session_lines(parts, texts)
+            body = _session_lines(parts, texts, channels)
     lines = [*_head(channels, parts), *_text_lines(layout), *body]
     return "\n".join(lines) + "\n"
 
@@ -215,7 +220,7 @@ def _text_lines(layout: TextLayout | None) -> Iterator[str]:
         yield _entry(name, written, f"{CONFIRM} {remarks.get(name, 'how the text is written')}")
 
 
-def _session_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[str]:
+def _session_lines(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[str]:
     excitation, response = _signals(parts)
     shapes = {part.samples.shape for part in (excitation, response) if part is not None}
     alike = [part for part in parts if part.samples.shape in shapes or not shapes]
@@ -235,7 +240,8 @@ def _session_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[s
         yield from _channel_lines(position, Quantity.POSITION, parts)
     signals = [part for part in (excitation, response, position) if part is not None]
     yield from _time_lines(times, signals)
-    yield from _window_lines(signals, times, has_position=position is not None)
+    rate = _rate_of_texts(times, channels) if isinstance(times, TextTimes) else None
+    yield from _window_lines(signals, times, rate, has_position=position is not None)
 
 
 def _signals(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:
@@ -381,7 +387,37 @@ def _unit_of_times(times: Part) -> tuple[str | None, str]:
     return unit, f"{CONFIRM} steps of {step:g} {unit} are {1.0 / (step * factors[unit]):g} Hz"
 
 
-def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, has_position: bool) -> Iterator[str]:
+def _rate_of_texts(times: TextTimes, channels: Channels) -> float | None:
+    """Return the rate of texts of a date and time [Hz]; None where they say none."""
+    if times.form is None:
+        return None
+    texts = channels.text(times.channel)[:MOST_STEPS]
+    dates = None if times.date is None else channels.text(times.date)[:MOST_STEPS]
+    try:
+        seconds, _ = times_of(texts, times.form, None if times.has_zone else "Z", dates, channels.file_name)
+    except RecordingFormatError:
+        return None
+    return _mean_rate(seconds, printed_digit(seconds))
+
+
+def _mean_rate(seconds: FloatArray, printed: float) -> float | None:
+    """Return the rate of sampling times, the plainest that they do not contradict [Hz]; None if they do not rise."""
+    try:
+        clock, _ = clock_of_times(seconds, printed, "")
+    except RecordingFormatError:
+        return None
+    if clock.sample_rate is not None:
+        return clock.sample_rate
+    steps = np.diff(seconds)
+    mean = float(seconds[-1] - seconds[0]) / steps.size
+    if steps.min() < 0.0 or steps.max() > _GAP * mean:
+        mean = step_of(seconds) or mean
+    return 1.0 / mean
+
+
+def _window_lines(
+    signals: Sequence[Part], times: Part | TextTimes | None, rate_of_texts: float | None, *, has_position: bool
+) -> Iterator[str]:
     arrays = [part.samples for part in signals if part.samples.ndim == 2]
     rates = [part.channel.sample_rate for part in signals if part.channel.sample_rate is not None]
     timed = [*signals, *([times] if isinstance(times, Part) else [])]
@@ -410,7 +446,7 @@ def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, ha
         yield _entry("windows_in", printed("rows" if in_rows else "columns"), f"{CONFIRM} the array is {shape}")
         yield _blank("window_interval_s", "from the start of one window to the start of the next")
     else:
-        yield _cutting_line(signals, times)
+        yield _cutting_line(signals, times, rate_of_texts)
     yield '# measurement = "at 250 mm"             # optional: joins several files; else each is a measurement'
     yield "# file_interval_s = 60                 # optional: several files, from the start of one to that of the next"
     yield "# preload_n = 300                      # optional: only where it was set on purpose, as for a calibration"
@@ -418,12 +454,15 @@ def _window_lines(signals: Sequence[Part], times: Part | TextTimes | None, *, ha
     yield "# temperature_c = 21.5                 # optional, as direction (+ | - | both)"
 
 
-def _cutting_line(signals: Sequence[Part], times: Part | TextTimes | None) -> str:
+def _cutting_line(signals: Sequence[Part], times: Part | TextTimes | None, rate_of_texts: float | None) -> str:
     """Propose windows of a second of a record that has several: a measurement is an average over windows."""
     rate = next((part.channel.sample_rate for part in signals if part.channel.sample_rate is not None), None)
-    if rate is None and isinstance(times, Part) and (step := step_of(times.samples)) is not None:
+    if rate is None and isinstance(times, Part):
         unit, _ = _unit_of_times(times)
-        rate = None if unit is None else 1.0 / (step * FACTOR_TO_SI[Quantity.TIME][unit])
+        if unit is not None:
+            first, factor = times.samples.reshape(-1)[:MOST_STEPS], FACTOR_TO_SI[Quantity.TIME][unit]
+            rate = _mean_rate(first.astype(np.float64) * factor, printed_digit(first) * factor)
+    rate = rate_of_texts if rate is None else rate
     size = max((part.samples.size for part in signals), default=0)
     if rate is None or not _FEWEST_WINDOWS * rate <= size:
         return "# samples_per_window = 20000           # cuts a long record: a measurement is an average of several"

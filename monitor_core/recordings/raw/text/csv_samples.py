@@ -4,7 +4,7 @@ Without a layout the text is plain. The separator is the first of tab, semicolon
 (blanks, if none). A first line of numbers alone means a file without a header: the columns are then named "1", "2", ….
 Decimals carry a point: a decimal comma is refused, never guessed. The text is UTF-8, with or without byte order mark,
 with any line end. What is not plain is said by a layout, ``[text]`` of a channel map; the refusal says what is not.
- Exports of programs that name themselves in their first lines (LVM, TwinCAT) need no layout.
+Exports of programs that name themselves in their first lines (LVM, TwinCAT) need no layout.
 """
 
 from pathlib import Path
@@ -15,7 +15,15 @@ from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.text import lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.text.layout import SEPARATOR_NAMES, SEPARATORS, TextLayout
 from monitor_core.recordings.raw.text.rows import Rows, shown, shown_list, split_cells
-from monitor_core.recordings.raw.text.table import MAX_COLUMNS, Table, TableForm, is_number, read_table, require_columns
+from monitor_core.recordings.raw.text.table import (
+    MAX_COLUMNS,
+    Table,
+    TableForm,
+    has_thousands,
+    is_number,
+    read_table,
+    require_columns,
+)
 
 __all__ = ["SEPARATOR_NAMES", "is_number", "read_channels"]
 
@@ -29,7 +37,8 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     """Read columns of numbers, and with a layout columns of texts (dates and times).
 
     The file states no time base (a column of times is a channel), but where each channel has its own column of times;
-    units only in the row that the layout names. Every row has as many cells as there are names.
+    units only in the row that the layout names. Every row has as many cells as there are names; with a layout, a blank
+    cell among numbers is NaN. A column without a name is called by its number, as those of a file without a header.
     ``RecordingFormatError`` if a cell is no number, if rows are of unequal length, or if two columns have one name.
     """
     if layout is not None:
@@ -43,9 +52,9 @@ def read_channels(path: Path, layout: TextLayout | None = None) -> Channels:
     try:
         return _read_plain(path)
     except RecordingFormatError as error:
-        from monitor_core.recordings.raw.text.proposal import next_step  # noqa: PLC0415  # only where it is needed
+        from monitor_core.recordings.raw.text.proposal import refusal  # noqa: PLC0415  # only where it is needed
 
-        raise RecordingFormatError(f"{error}{next_step(path)}") from None
+        raise RecordingFormatError(refusal(path, str(error))) from None
 
 
 def _read_plain(path: Path) -> Channels:
@@ -62,6 +71,8 @@ def _read_plain(path: Path) -> Channels:
     names = cells if has_header else [str(number) for number in range(1, len(cells) + 1)]
     if has_header:
         rows.take()
+        if any(cell and not is_number(cell) for cell in cells):  # the index that pandas writes has no name
+            names = [name or str(number) for number, name in enumerate(names, start=1)]
     pairs = siemens_trace.time_columns(names) if has_header else None
     own_clocks = pairs is not None and siemens_trace.has_equal_names(names)
     units = siemens_trace.units_in_names(names)
@@ -119,7 +130,7 @@ def _read_with_layout(path: Path, layout: TextLayout) -> Channels:
     except RecordingFormatError as error:
         raise RecordingFormatError(f"{error}; header_row = 0 in [text] calls the columns '1', '2', …") from None
     form = TableForm(tuple(names), separator, decimal, texts, quotes=True, blanks=pairs is not None,
-                     trailing=trailing, comment=layout.comment)  # fmt: skip
+                     gaps=pairs is None, trailing=trailing, comment=layout.comment)  # fmt: skip
     table = read_table(rows.blocks(), form, path.stat().st_size, f"{path.name}, row")
     if pairs is not None:
         return siemens_trace.channels_of(path.name, names, table, pairs, units)
@@ -192,9 +203,11 @@ def _units(line: str | None, separator: str | None, n_columns: int, where: str) 
 
 
 def _columns_of_texts(cells: list[list[str]], n_columns: int, decimal: str) -> frozenset[int]:
-    """Return the columns in which no cell is a number."""
+    """Return the columns in which no cell is a number; one with signs between thousands is refused as a number."""
     return frozenset(
-        i for i in range(n_columns) if not any(len(row) > i and _is_number(row[i], decimal) for row in cells)
+        i
+        for i in range(n_columns)
+        if not any(len(row) > i and (_is_number(row[i], decimal) or has_thousands(row[i])) for row in cells)
     )
 
 

@@ -106,6 +106,13 @@ def propose_layout(path: Path) -> TextLayout | None:
     return None if found is None else found.layout
 
 
+def propose_layout_for_blanks(path: Path) -> TextLayout | None:
+    """Propose how a plain text file with blank cells is written; ``None`` if no layout reads it."""
+    from monitor_core.recordings.raw.text.proposal import propose_for_blanks  # noqa: PLC0415  # it stands on this module
+
+    return propose_for_blanks(path)
+
+
 def _row(fields: Fields, name: str, least: int) -> int | None:
     if name not in fields:
         return None

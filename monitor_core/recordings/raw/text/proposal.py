@@ -9,7 +9,7 @@ from pathlib import Path
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import require_file
 from monitor_core.recordings.elements.units import canonical_unit
-from monitor_core.recordings.raw.text import lvm, siemens_trace, twincat
+from monitor_core.recordings.raw.text import csv_samples, lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.text.layout import SEPARATORS, TextLayout
 from monitor_core.recordings.raw.text.rows import Rows, shown, split_cells
 from monitor_core.recordings.raw.text.table import MAX_COLUMNS, is_number
@@ -21,7 +21,8 @@ _MOST_CELLS = 20_000  # looked at for each way to write a table
 _FEWEST_ROWS = 2
 _BOM_8 = b"\xef\xbb\xbf"
 _BOMS_16 = (b"\xff\xfe", b"\xfe\xff")
-_COMMENT = re.compile(r"#+|%+|//|!|\*+|;(?=\s*\D)")
+#: The errors of a spreadsheet (#NV, #N/A, #DIV/0!, #WERT!) begin no comment: they stand for a missing number.
+_COMMENT = re.compile(r"#+(?!N/?[AV]\b|(?:NUM|DIV/0|REF|VALUE|NAME|WERT|ZAHL|BEZUG)[!?])|%+|//|!|\*+|;(?=\s*\D)")
 _WORD = re.compile(r"[^\W\d_][^\s;,\t]{0,19}")
 _MOMENT = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d\d", re.ASCII)
 _LETTER = re.compile(r"[^\W\d_]|[µ°%]")
@@ -58,6 +59,24 @@ class _Reading:
 
 def propose(path: Path) -> Proposal | None:
     """Propose a layout; ``None`` where the reader takes the file without one."""
+    found = _proposal(path)
+    return found if found is not None and found.reasons else None
+
+
+def propose_for_blanks(path: Path) -> TextLayout | None:
+    """Propose a layout for a file that is plain but for blank cells, which are NaN; ``None`` if that does not help."""
+    found = _proposal(path)
+    if found is None:
+        return None
+    try:
+        csv_samples.read_channels(path, found.layout)
+    except RecordingFormatError:
+        return None
+    return found.layout
+
+
+def _proposal(path: Path) -> Proposal | None:
+    """Return a layout and in what it is not plain, which may be nothing; ``None`` for exports of known programs."""
     head = _head(path)
     if lvm.is_lvm(head) or twincat.is_twincat(head):
         return None
@@ -84,8 +103,7 @@ def propose(path: Path) -> Proposal | None:
         comment=comment,
         encoding=encoding,
     )
-    reasons = _reasons(lines, best, layout)
-    return Proposal(layout, reasons) if reasons else None
+    return Proposal(layout, _reasons(lines, best, layout))
 
 
 def _rank(reading: _Reading, header: int | None) -> tuple[int, ...]:
@@ -94,18 +112,27 @@ def _rank(reading: _Reading, header: int | None) -> tuple[int, ...]:
     return reading.end - reading.begin, -reading.n_texts, header is not None, reading.n_numbers, int(single_blank)
 
 
-def next_step(path: Path) -> str:
-    """Return what to add to the refusal of a file: in what it is not plain, and the command that goes on."""
+def refusal(path: Path, plain: str) -> str:
+    """Return why a file is refused and the step that goes on; ``plain``: what the reader without a layout says.
+
+    The command that writes a map is named only where the layout that it proposes reads the file: else the refusal is
+    that of the layout, which says what is to be done in the file.
+    """
     try:
-        found = propose(path)
+        found = _proposal(path)
     except RecordingFormatError:
-        return ""
-    command = f"`preload check {path.name} --write-map MAP`"
+        return plain
     if found is None:
-        return (
-            f"; where the file is to stay as it is, a table [text] in a channel map says how it is written ({command})"
-        )
-    return f"; the file has {_listed(found.reasons)}: {command} writes a channel map with a table [text] that says so"
+        return plain
+    command = f"`preload check {path.name} --write-map MAP`"
+    try:
+        csv_samples.read_channels(path, found.layout)
+    except RecordingFormatError as error:
+        if found.layout.encoding != "utf-8":
+            return f"{plain}; in {found.reasons[0].removeprefix('letters in ')}: {error}"
+        return str(error) if found.reasons else plain
+    reasons = found.reasons or ("cells without a number",)
+    return f"{plain}; the file has {_listed(reasons)}: {command} writes a channel map with a table [text] that says so"
 
 
 def _listed(reasons: Sequence[str]) -> str:
@@ -178,6 +205,8 @@ def _reading(lines: list[str], separator: str, decimal: str) -> _Reading | None:
         fit = _merged(merged, kinds) if n_rows else None
         if fit is not None:
             merged, n_rows = fit, n_rows + 1
+        elif n_rows >= _FEWEST_ROWS and i + 1 < len(lines) and _goes_on(merged, lines[i + 1], sign, decimal):
+            continue  # one row that does not fit, which the reader refuses by its number
         elif "N" in kinds:
             begin, merged, n_rows = i, kinds, 1
         else:
@@ -192,6 +221,12 @@ def _reading(lines: list[str], separator: str, decimal: str) -> _Reading | None:
         if best is None or found.end - found.begin >= best.end - best.begin:
             best = found
     return best
+
+
+def _goes_on(before: str, line: str, sign: str | None, decimal: str) -> bool:
+    """Tell whether a row is of the table of rows before it."""
+    n_cells = len(line.split()) if sign is None else line.count(sign) + 1
+    return n_cells <= len(before) + 1 and _merged(before, _kinds(line, sign, decimal)) is not None
 
 
 def _merged(before: str, kinds: str) -> str | None:

@@ -15,6 +15,9 @@ from monitor_core.recordings.raw.text.rows import shown, split_cells
 #: Most columns of a file, and most numbers in all of them.
 MAX_COLUMNS = 4096
 MAX_NUMBERS = 2**27
+#: Two kinds of signs, or one sign twice: 1.234,5 and 1,234.5 and 1.234.567.
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d*|(?:,\d{3})+\.\d*|(?:\.\d{3}){2,}|(?:,\d{3}){2,}"
+                        r"|(?:['’\s]\d{3})+(?:[.,]\d*)?)", re.ASCII)  # fmt: skip
 _QUOTED = re.compile(r'"([^"]*)"')
 _UNIT_SEPARATOR = "\x1f"
 _DECIMAL_NAMES = {".": "point", ",": "comma"}
@@ -30,6 +33,7 @@ class TableForm:
     texts: frozenset[int] = frozenset()  # which columns are of texts
     quotes: bool = False  # cells may stand in quotes
     blanks: bool = False  # cells may be blank: no sample there
+    gaps: bool = False  # cells may be blank: NaN stands there
     trailing: bool = False  # a separator ends each row
     comment: str | None = None  # rows that begin so are left out
     ends_at_blank: bool = False  # a blank row ends the table; else only blank rows may follow one
@@ -52,6 +56,11 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return "_" not in text and text.isascii()
+
+
+def has_thousands(text: str) -> bool:
+    """Tell whether a cell is a number in which signs part the thousands."""
+    return _THOUSANDS.fullmatch(text.strip('"')) is not None
 
 
 def require_columns(line: str, separator: str | None, where: str) -> None:
@@ -125,7 +134,7 @@ class _Reader:
             while n_filled and not lines[n_filled - 1].strip():
                 n_filled -= 1
             if n_filled and self._blank_row is not None:
-                self._refuse(self._blank_row, "expected numbers", "got a blank row")
+                self._refuse(self._blank_row, "expected numbers", f"got a blank row; remove row {self._blank_row}")
             if n_filled < len(lines) and self._blank_row is None:
                 self._blank_row = rows[n_filled]
         if n_filled:
@@ -194,9 +203,11 @@ class _Reader:
         if pointed is None or not any(line.strip() for line in lines):
             return None
         lines, decimal = pointed
-        try:
-            table = np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None, dtype=np.float64)
-        except ValueError:
+        table = _loaded(lines, separator)
+        if table is None and self._form.gaps and separator is not None:
+            lines, gaps = _filled(lines, separator, len(self._columns), short=False)
+            table = None if gaps is None else _loaded(lines, separator)
+        if table is None:
             return None
         # loadtxt skips blank lines in silence
         if table.shape != (len(lines), len(self._columns)):
@@ -249,8 +260,10 @@ class _Reader:
                 cell = cells[column]
                 if blank is not None and not cell:
                     values[number, at], blank[number, at] = np.nan, True
+                elif form.gaps and not cell:
+                    values[number, at] = np.nan
                 else:
-                    values[number, at] = self._number(cell, row, column)
+                    values[number, at] = self._number(cells, row, column)
             for column, column_texts in texts.items():
                 column_texts.append(cells[column])
         for column, column_texts in texts.items():
@@ -268,19 +281,32 @@ class _Reader:
             cells += [""] * (n_columns - len(cells))
         if len(cells) != n_columns:
             word, sign = "cells" if form.texts else "numbers", SEPARATOR_NAMES.get(form.separator, "colon")
-            self._refuse(row, f"expected {n_columns} {word} separated by {sign}", f"got {len(cells)}")
+            step = self._step(cells, row, f"complete row {row} or remove it")
+            self._refuse(row, f"expected {n_columns} {word} separated by {sign}", f"got {len(cells)}; {step}")
         return cells
 
-    def _number(self, cell: str, row: int, column: int) -> float:
-        point = cell
+    def _number(self, cells: list[str], row: int, column: int) -> float:
+        cell = point = cells[column]
         if self._commas:
             self._decimal = self._decimal or ("," if "," in cell else "." if "." in cell else "")
             if self._decimal == ",":
                 point = "" if "." in cell else cell.replace(",", ".")
         if not is_number(point):
             expected = f"expected a number with a decimal {_DECIMAL_NAMES.get(self._decimal, 'point')}"
-            self._refuse(row, expected, f"got {cell[:40]!r}", column)
+            if has_thousands(cell):
+                self._refuse(row, expected, f"got {cell[:40]!r}: export without thousands separators", column)
+            of_gap = f"write nan for the missing number of row {row}" if not any(map(str.isdigit, cell)) else ""
+            numbers = [cells[i] for i in self._columns]
+            step = of_gap if len(numbers) == 1 else self._step(numbers, row, of_gap)
+            self._refuse(row, expected, f"got {cell[:40]!r}{step and f'; {step}'}", column)
         return float(point)
+
+    def _step(self, cells: list[str], row: int, otherwise: str) -> str:
+        """Say what is to be done with a row that does not fit, by whether there are numbers in it."""
+        filled = [cell for cell in cells[:MAX_COLUMNS] if cell]
+        if any(is_number(cell.replace(",", ".")) for cell in filled):
+            return otherwise
+        return f"remove row {row}, which holds no numbers"
 
     def _refuse(self, row: int, expected: str, got: str, column: int | None = None) -> None:
         place = (
@@ -299,15 +325,24 @@ def _unquoted(lines: list[str], separator: str) -> tuple[list[str], str]:
     return (lines, separator) if '"' in parted else (parted.split("\n"), _UNIT_SEPARATOR)
 
 
-def _filled(lines: list[str], separator: str, n_columns: int) -> tuple[list[str], BoolArray | None]:
-    """Write "nan" into blank cells, and say where; rows that are short lack their last cells."""
+def _loaded(lines: list[str], separator: str | None) -> FloatArray | None:
+    try:
+        return np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None, dtype=np.float64)
+    except ValueError:
+        return None
+
+
+def _filled(
+    lines: list[str], separator: str, n_columns: int, *, short: bool = True
+) -> tuple[list[str], BoolArray | None]:
+    """Write "nan" into blank cells, and say where; rows that are ``short`` lack their last cells."""
     blank: BoolArray | None = None
     filled = lines
     for i, line in enumerate(lines):
         if line.count(separator) == n_columns - 1 and not _may_have_blank_cells(line, separator):
             continue
         cells = [cell.strip() for cell in line.split(separator)]
-        cells += [""] * (n_columns - len(cells))
+        cells += [""] * (n_columns - len(cells) if short else 0)
         if len(cells) == n_columns and "" in cells:
             if blank is None:
                 blank, filled = np.zeros((len(lines), n_columns), dtype=np.bool_), list(lines)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from monitor_core.recordings.raw.channels import Channels
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*(?P<zone>[Zz]|[+-]\d\d:?\d\d)?", re.ASCII)
-_CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?", re.ASCII)
+_CLOCK = re.compile(r"\d{1,2}:\d\d(?P<seconds>:\d\d)?((?P<sign>[.,])\d+)?(?P<half>\s?[AaPp][Mm])?", re.ASCII)
 _DATE = re.compile(r"(\d{1,4})([-./])(\d{1,2})\2(\d{1,4})", re.ASCII)
 _MOST_LOOKED_AT = 1000
 
@@ -37,12 +37,12 @@ def text_times(columns: Mapping[str, Sequence[str]]) -> TextTimes | None:
             return TextTimes(name, None, "iso", is_dated=True, has_zone=found["zone"] is not None)
     dates = next((name for name, texts in known.items() if _DATE.fullmatch(texts[0])), None)
     for name, texts in known.items():
-        date, _, clock = texts[0].rpartition(" ")
+        date, _, clock = _parted(texts[0])
         pattern = _clock_pattern(clock)
         if pattern is None or (date and not _DATE.fullmatch(date)):
             continue
         if date:
-            form = _joined([text.rpartition(" ")[0] for text in texts], pattern)
+            form = _joined([_parted(text)[0] for text in texts], pattern)
             return TextTimes(name, None, form, is_dated=True, has_zone=False)
         if dates is not None:
             return TextTimes(name, dates, _joined(known[dates], pattern), is_dated=True, has_zone=False)
@@ -50,13 +50,19 @@ def text_times(columns: Mapping[str, Sequence[str]]) -> TextTimes | None:
     return None
 
 
+def _parted(text: str) -> tuple[str, str, str]:
+    """Part the date from the time behind it, which may end in AM or PM."""
+    return ("", "", text) if ":" in text.partition(" ")[0] else text.partition(" ")
+
+
 def _clock_pattern(text: str) -> str | None:
     found = _CLOCK.fullmatch(text)
     if found is None:
         return None
-    return (
-        "%H:%M" + ("" if found["seconds"] is None else ":%S") + ("" if found["sign"] is None else f"{found['sign']}%f")
-    )
+    hour = "%H" if found["half"] is None else "%I"
+    half = "" if found["half"] is None else f"{found['half'][:-2]}%p"
+    fraction = "" if found["sign"] is None else f"{found['sign']}%f"
+    return f"{hour}:%M{'' if found['seconds'] is None else ':%S'}{fraction}{half}"
 
 
 def _joined(dates: Sequence[str], clock: str) -> str | None:
