@@ -116,7 +116,7 @@ def _walk(walk: _Walk) -> None:
 
 
 def _channel_group(walk: _Walk, group: _Block) -> tuple[int, int, list[str]]:
-    """Return how many records it has, the bytes of its channels in one, and its channels of numbers."""
+    """Return how many records it has, the bytes of one, and its channels of numbers."""
     n_records, flags, n_bytes, n_validity = struct.unpack_from("<8xQH6xII", group.head)
     of_other_length = bool(flags & _OF_OTHER_LENGTH)
     numbers: list[str] = []
@@ -131,7 +131,7 @@ def _channel_group(walk: _Walk, group: _Block) -> tuple[int, int, list[str]]:
             )
         if data_type in _TEXT_FREE:
             numbers.append(f"channel {len(numbers) + 1}")
-    return (0, 0, []) if of_other_length else (n_records, n_bytes, numbers)
+    return (0, 0, []) if of_other_length else (n_records, n_bytes + n_validity, numbers)
 
 
 def _channels(walk: _Walk, first: int) -> Iterator[_Block]:
