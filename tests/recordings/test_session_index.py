@@ -66,9 +66,9 @@ def counts(path):
         return reader._index is not None
 
 
-def assert_same(one, other):
+def assert_same(first, second):
     for name in ("excitation", "response", "position_trace"):
-        left, right = getattr(one, name), getattr(other, name)
+        left, right = getattr(first, name), getattr(second, name)
         assert (left is None) == (right is None)
         if left is not None:
             assert left.dtype == right.dtype
@@ -76,7 +76,7 @@ def assert_same(one, other):
             assert not left.flags.writeable
     for name in ("sample_rate", "started_at", "conditions", "measurement", "excitation_quantity", "excitation_source",
                  "direction", "position_span"):  # fmt: skip
-        assert getattr(one, name) == getattr(other, name)
+        assert getattr(first, name) == getattr(second, name)
 
 
 def test_an_index_says_what_the_groups_say(indexed, tmp_path):
@@ -86,9 +86,13 @@ def test_an_index_says_what_the_groups_say(indexed, tmp_path):
         del file[NAME]
     assert counts(indexed)
     assert not counts(without)
-    one, other = read_session(indexed), read_session(without)
-    assert (one.axis_id, one.description, one.created) == (other.axis_id, other.description, other.created)
-    for left, right in zip(one.windows, other.windows, strict=True):
+    with_index, other = read_session(indexed), read_session(without)
+    assert (with_index.axis_id, with_index.description, with_index.created) == (
+        other.axis_id,
+        other.description,
+        other.created,
+    )
+    for left, right in zip(with_index.windows, other.windows, strict=True):
         assert_same(left, right)
     with open_session(indexed) as fast, open_session(without) as slow:
         assert fast.measurements == slow.measurements
