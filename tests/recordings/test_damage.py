@@ -215,7 +215,8 @@ def _read_all(reader: str, folder: Path) -> None:
     module, _, function = reader.rpartition(".")
     read = getattr(importlib.import_module(f"monitor_core.recordings.{module}"), function)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    read(folder.parent / "good")  # loads the library, which is not the file's time
+    if (good := folder.parent / "good").exists():
+        read(good)  # loads the library, which is not the file's time
     outcome = {"read": 0, "refused": 0, "slowest_s": 0.0, "lines": 0}
     for path in sorted(folder.iterdir()):
         print(path.name, flush=True)
