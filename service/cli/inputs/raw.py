@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
@@ -57,6 +58,7 @@ map_option = click.option(
 )  # fmt: skip
 
 Imported = ImportedSession | ImportedMotion | ImportedFrfSet
+Made = TypeVar("Made", ImportedSession, ImportedMotion, ImportedFrfSet)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +113,7 @@ def opened_session(data: Data) -> Iterator[RecordedMeasurements]:
         with watched_session(data.file) as session:
             yield session
         return
-    imported = import_of(data)
-    say(imported)
-    if not isinstance(imported, ImportedSession):
-        raise TypeError(f"a {data.kind} is no session")
+    imported = _imported_as(ImportedSession, data)
     with counted_session(imported.session, data.name) as session:
         yield session
 
@@ -129,22 +128,23 @@ def frf_set_of(data: Data) -> FrequencyResponseSet:
     """Return the frequency responses of the data."""
     if data.channel_map is None:
         return read_frf_set(data.file)
-    imported = import_of(data)
-    say(imported)
-    if not isinstance(imported, ImportedFrfSet):
-        raise TypeError(f"a {data.kind} is no set of frequency responses")
-    return imported.responses
+    return _imported_as(ImportedFrfSet, data).responses
 
 
 def motion_of(data: Data) -> MotionRecord:
     """Return the motion record of the data."""
     if data.channel_map is None:
         return read_motion_record(data.file)
+    return _imported_as(ImportedMotion, data).record
+
+
+def _imported_as(kind: type[Made], data: Data) -> Made:
+    """Read raw files by their map, print what is to be said of them, and return what was made of them."""
     imported = import_of(data)
     say(imported)
-    if not isinstance(imported, ImportedMotion):
-        raise TypeError(f"a {data.kind} is no motion record")
-    return imported.record
+    if not isinstance(imported, kind):
+        raise TypeError(f"a {data.kind} of raw files is no {kind.__name__}")
+    return imported
 
 
 def import_of(data: Data) -> Imported:

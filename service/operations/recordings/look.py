@@ -13,8 +13,7 @@ from pydantic import ValidationError
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Window
 from monitor_core.recordings.elements.units import to_millimetres
-from monitor_core.recordings.raw.channels import Channel
-from monitor_core.recordings.raw.formats import read_channels
+from monitor_core.recordings.raw.channels import Channel, Channels
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.mapping.imported import LeftOut, import_session
 from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT, open_session, write_session
@@ -84,11 +83,12 @@ def look_into(
     bounds = _Bounds(MOST_EXPANSION * most_bytes)
     if map_path is None:
         return _session(paths, bounds)
-    channel_map = read_channel_map(map_path)
-    files = [(path.name, read_channels(path, channel_map.text)) for path in paths]
-    channels = [_channel(name, channel) for name, read in files for channel in read.channels][:MOST_CHANNELS]
-    del files
-    imported = import_session(paths, channel_map)
+    channels: list[ChannelEntry] = []
+
+    def note(read: Channels) -> None:
+        channels.extend(_channel(read.file_name, channel) for channel in read.channels)
+
+    imported = import_session(paths, read_channel_map(map_path), seen=note)
     session = imported.session
     for number, window in enumerate(session.windows, start=1):
         where = f"{paths[0].name}, window number {number}" if len(paths) == 1 else f"window number {number}"
@@ -105,7 +105,7 @@ def look_into(
         axis_id=plain(session.axis_id),
         n_windows=len(session.windows),
         n_measurements=len(session.measurements),
-        channels=channels,
+        channels=channels[:MOST_CHANNELS],
         left_out=imported.left_out,
         remarks=imported.remarks,
     )

@@ -67,10 +67,16 @@ class ImportedMotion:
     remarks: tuple[str, ...] = ()
 
 
-def import_session(paths: Sequence[Path], channel_map: ChannelMap, progress: Progress | None = None) -> ImportedSession:
+def import_session(
+    paths: Sequence[Path],
+    channel_map: ChannelMap,
+    progress: Progress | None = None,
+    seen: Callable[[Channels], None] | None = None,
+) -> ImportedSession:
     """Make one session of raw files in SI units, told apart by the endings of their names, windows in time order.
 
-    Windows of a file are one measurement, unless the map says otherwise. ``RecordingFormatError`` if the map is none of
+    Windows of a file are one measurement, unless the map says otherwise. ``seen`` is called with the channels of each
+    file as they were read, those that become no window included. ``RecordingFormatError`` if the map is none of
     a session, or files and map do not fit each other: a channel that is not there, a unit that contradicts the file,
     lengths, rates or starts that differ, something stated twice or not at all, numbers that cannot be what they are
     said to be, or files that overlap in time.
@@ -86,7 +92,7 @@ def import_session(paths: Sequence[Path], channel_map: ChannelMap, progress: Pro
     for number, path in enumerate(paths):
         if progress is not None:
             progress(path.name)
-        made = _windows_of_file(path, number, len(paths), signals, channel_map)
+        made = _windows_of_file(paths, number, signals, channel_map, seen)
         windows += [(window, path) for window in made.windows]
         left_out += made.left_out
         remarks += made.remarks
@@ -144,17 +150,24 @@ class _FileWindows:
 
 
 def _windows_of_file(
-    path: Path, number: int, n_files: int, signals: SessionSignals, channel_map: ChannelMap
+    paths: Sequence[Path],
+    number: int,
+    signals: SessionSignals,
+    channel_map: ChannelMap,
+    seen: Callable[[Channels], None] | None,
 ) -> _FileWindows:
+    path = paths[number]
     sources = [signals.excitation, signals.response, *([] if signals.position is None else [signals.position])]
     channels = read_channels(path, channel_map.text)
+    if seen is not None:
+        seen(channels)
     record, doubts = take_record(channels, sources, channel_map), _doubts_of_channels(channels, sources)
     del channels  # what is not in the record is not needed any more
     require_vibration_rate(record.sample_rate, path.name)
     facts = facts_of_file(path, channel_map)
     if signals.position is None:
         facts_required(facts, f"{path.name} [window]")
-    start = _started_at(record, number, n_files, facts, channel_map)
+    start = _started_at(record, number, len(paths), facts, channel_map)
     pieces, rest = _cut(record, channel_map.cutting)
     seconds = pieces[0][0].size / record.sample_rate
     if record.signals[0].ndim == 2:
