@@ -15,6 +15,32 @@ LOSS_FACTOR = Effect(
     form_share=0.05,
 )
 
+SCREW_LOSS = Effect(
+    key="screw-loss",
+    name="Loss factor of the screw",
+    physics=(
+        "The steel of the screw, or what fills or lines it, loses a share of its energy in each cycle, in tension and "
+        "in torsion. Modes that strain the screw are damped the more, the further the table is from the bearing."
+    ),
+    source="Kjartansson (1979); Cremer, Heckl & Petersson, Structure-Borne Sound, section 3.3, for the size in steel",
+    parameters=(EffectParameter("loss_factor", "-", lower=0.0, upper=0.2, scale=0.01),),
+    add=increasing("screw", causal_loss_factor="loss_factor"),
+    form_share=0.05,
+)
+
+MOTOR_DAMPING = Effect(
+    key="motor-damping",
+    name="Damping of the motor",
+    physics=(
+        "Bearings and seals of the motor, eddy currents or the velocity loop of its drive hold the rotor back in "
+        "proportion to its speed. Modes in which the rotor turns against the table are damped."
+    ),
+    source="no source: a damper to ground",
+    # reference: √(k J) of rotor and coupling, in which the rotor would swing no more on it; some 0.4 N·m·s/rad here
+    parameters=(EffectParameter("damping_nms_per_rad", "N·m·s/rad", lower=0.0, upper=0.4, scale=4e-3),),
+    add=increasing("bodies", motor_damping="damping_nms_per_rad"),
+)
+
 GUIDE_FRICTION = Effect(
     key="guide-friction",
     name="Coulomb friction of the guides",

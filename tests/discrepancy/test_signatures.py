@@ -16,6 +16,7 @@ STIFFNESS, MASS, DAMPING, DELAY = MisfitKind.STIFFNESS, MisfitKind.MASS, MisfitK
 KINDS = {
     "added-mass": MASS, "payload-mass": MASS, "series-compliance": STIFFNESS, "far-bearing-stiffness": STIFFNESS,
     "guide-stiffness": STIFFNESS, "servo-stiffness": STIFFNESS, "torque-delay": DELAY,
+    "nut-mass": MASS, "screw-loss": DAMPING, "motor-damping": DAMPING, "response-delay": DELAY, "angle-delay": DELAY,
 }  # fmt: skip
 
 
