@@ -16,9 +16,6 @@ Case = TypeVar("Case")
 NOISES = (0.003, 0.01)
 OUTSIDE = "outside:"
 _PARAMETERS = {effect.key: effect.parameters for effect in DRIVE_EFFECTS}
-#: The steel of every true screw loses a little by itself, 0.001 or in proportion to the frequency 0.002 at 500 Hz: a
-#: finding of no more is true of every machine, and asked of none. [-]
-_STEEL, _OF_STEEL = "screw-loss", 0.004
 _LN_RATIO = EffectParameter("ln_ratio", "-", lower=-1.0, upper=1.0, scale=0.1)  # of any wrong parameter
 
 
@@ -56,17 +53,7 @@ class Scored:
     @property
     def classes(self) -> list[set[str]]:
         """What each finding may be: its key, what says the same, and what cannot be told from it."""
-        return [{effect["key"], *effect["same_as"], *effect["equivalent_to"]} for effect in self.findings]
-
-    @property
-    def findings(self) -> list[dict[str, Any]]:
-        """The effects of the answer, but for the loss that the steel of every screw has."""
-        return [effect for effect in self.answer["effects"] if not self._is_of_steel(effect)]
-
-    def _is_of_steel(self, effect: dict[str, Any]) -> bool:
-        if effect["key"] != _STEEL or _STEEL in self.truth:
-            return False
-        return bool(effect["parameters"]["loss_factor"][0] <= _OF_STEEL)
+        return [{effect["key"], *effect["same_as"], *effect["equivalent_to"]} for effect in self.answer["effects"]]
 
     @property
     def claims(self) -> bool:
@@ -76,7 +63,7 @@ class Scored:
     @property
     def right(self) -> bool:
         """Whether each finding may be a true effect, and each true effect is in a finding of at most two."""
-        of_two = [keys for keys, given in zip(self.classes, self.findings, strict=True)
+        of_two = [keys for keys, given in zip(self.classes, self.answer["effects"], strict=True)
                   if len(given["equivalent_to"]) <= 1]  # fmt: skip
         covered = all(any(key in keys for keys in of_two) for key in self.true_keys)
         return self.claims and covered and all(keys & self.true_keys for keys in self.classes)
@@ -84,7 +71,7 @@ class Scored:
     @property
     def alone(self) -> bool:
         """Whether the truth was found and nothing stands beside it."""
-        return self.right and all(not effect["equivalent_to"] for effect in self.findings)
+        return self.right and all(not effect["equivalent_to"] for effect in self.answer["effects"])
 
     @property
     def wrong(self) -> bool:

@@ -57,6 +57,7 @@ DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
     damping_friction.MOTOR_DAMPING,
     sensing.RESPONSE_DELAY,
     sensing.ANGLE_DELAY,
+    damping_friction.CONSTANT_LOSS_FACTOR,
 )
 
 #: Keys as in FORMATS, section 6, and viscous friction for models that state none.

@@ -42,7 +42,7 @@ KEYS = [
     "preload-exponent", "thermal-preload", "thermal-stiffness", "position-offset", "torque-delay",
     "sensor-mounting-resonance", "base-compliance", "servo-stiffness", "periodic-preload", "cubic-stiffness",
     "second-mode", "nut-mass", "screw-loss", "table-absorber", "nut-absorber", "motor-damping", "response-delay",
-    "angle-delay",
+    "angle-delay", "constant-loss-factor",
 ]  # fmt: skip
 #: How a unit ends a name.
 ENDINGS = {
@@ -240,6 +240,7 @@ SAME_AS_PARAMETER = {
     "screw-axial-stiffness": ({"relative_change": -0.1}, lambda p: {"youngs_modulus": 0.9 * p.youngs_modulus}),
     "torsional-flexibility": ({"compliance_share": 0.25}, lambda p: {"shear_modulus": p.shear_modulus / 1.25}),
     "series-compliance": ({"compliance_m_per_n": 5e-9}, lambda _: {"bracket_stiffness": 2e8}),
+    "constant-loss-factor": ({"loss_factor": 0.02}, lambda p: {"loss_factor": p.loss_factor + 0.02}),
     "motor-damping": ({"damping_nms_per_rad": 3e-3}, lambda p: {"motor_damping": p.motor_damping + 3e-3}),
 }  # fmt: skip
 

@@ -108,7 +108,8 @@ KINDS: dict[str, Kind] = {
     "cubic-stiffness": Kind((6e10, 6e11, 1.5e12), _plain("cubic_nut_stiffness", "relative_stiffness_per_m2")),
     "second-mode": Kind((5e-7, 2e-6, 5e-5), _structure),
     "nut-mass": Kind((0.3, 1.0, 3.0), _plain("nut_mass_before_bracket", "mass_kg")),
-    "screw-loss": Kind((0.003, 0.01, 0.05), _plain("screw_loss_factor", "loss_factor")),
+    "constant-loss-factor": Kind((0.002, 0.006, 0.03), _plain("constant_loss_factor", "loss_factor")),
+    "screw-loss": Kind((0.008, 0.015, 0.05), _plain("screw_loss_factor", "loss_factor")),
     "table-absorber": Kind((0.03, 0.1, 0.4), _absorber("absorber")),
     "nut-absorber": Kind((0.03, 0.1, 0.4), _absorber("nut_absorber")),
     "motor-damping": Kind(

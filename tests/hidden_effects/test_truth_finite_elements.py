@@ -194,6 +194,8 @@ FELT = {
     "nut_mass_before_bracket": {"nut_mass_before_bracket": 2.0}, "screw_loss_factor": {"screw_loss_factor": 0.02},
     "motor_damping": {"motor_damping": 0.01},
 }  # fmt: skip
+#: No motion in time has it.
+ON_LINES = {"constant_loss_factor"}
 IN_TIME = {
     "torque_delay",
     "response_delay",
@@ -221,7 +223,7 @@ def test_the_nut_follows_its_preload_and_all_that_changes_it():
 
 
 def test_every_hidden_field_is_looked_at():
-    assert set(FELT) | IN_TIME == {item.name for item in fields(Hidden)}
+    assert set(FELT) | IN_TIME | ON_LINES == {item.name for item in fields(Hidden)}
 
 
 @pytest.mark.slow
@@ -432,7 +434,11 @@ def product_responses(model: ExtendedModel, settings: list[Setting]) -> np.ndarr
 LESS_ALIKE = {"loss-factor": 0.02, "screw-loss": 0.02, "sensor-mounting-resonance": 0.02}
 
 
-LINEAR = [key for key in KINDS if not key.startswith("outside") and key not in {"guide-friction", "cubic-stiffness"}]
+LINEAR = [
+    key
+    for key in KINDS
+    if not key.startswith("outside") and key not in {"guide-friction", "cubic-stiffness", "constant-loss-factor"}
+]
 
 
 @pytest.mark.slow

@@ -81,6 +81,8 @@ class Hidden:
     nut_absorber_damping_ratio: float = 0.02
     nut_mass_before_bracket: float = 0.0  # of the moving mass, what sits between nut and bracket [kg]
     screw_loss_factor: float = 0.0  # of the steel of the screw, beyond what it always has [-]
+    #: Of all joints, with a stiffness that is the same at all frequencies: no motion in time has it, lines do.
+    constant_loss_factor: float = 0.0  # [-]
     motor_damping: float = 0.0  # of the rotor, beyond what is described [N·m·s/rad]
     response_delay: float = 0.0  # by which the accelerometer is recorded late [s]
     angle_delay: float = 0.0  # by which the angle of the rotor is recorded late [s]

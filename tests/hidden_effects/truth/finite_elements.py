@@ -46,6 +46,8 @@ def respond(
         [m/s²], [rad]
     """
     hidden = axis.hidden
+    if hidden.constant_loss_factor:
+        raise ValueError("no motion in time has a loss factor without stiffening; take the wave lines")
     plants = [plant(axis, setting) for setting in settings]
     fed_back = FedBack(
         hidden.guide_friction,

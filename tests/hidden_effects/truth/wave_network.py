@@ -38,7 +38,9 @@ class Lines:
 def lines_of(axis: Axis, frequency: FloatArray) -> Lines:
     """Return the lines of frequencies above zero."""
     s = 2j * math.pi * np.asarray(frequency, dtype=np.float64)
-    return Lines(s, lossy(s, STEEL_LOSS_FACTOR + axis.hidden.screw_loss_factor), lossy(s, axis.hidden.loss_factor))
+    h = axis.hidden
+    joints = lossy(s, h.loss_factor) + 1j * h.constant_loss_factor
+    return Lines(s, lossy(s, STEEL_LOSS_FACTOR + h.screw_loss_factor), joints)
 
 
 def lossy(s: ComplexArray, loss_factor: float) -> ComplexArray:
