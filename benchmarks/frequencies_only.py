@@ -48,7 +48,7 @@ _MOVING = (
 _MOVING_WITH_CONDITIONS = ("payload-mass", "thermal-preload", "thermal-stiffness")
 #: What moves none, or makes a frequency that the drive has not.
 _BEYOND_FREQUENCIES = ("loss-factor", "torque-delay", "sensor-mounting-resonance", "second-mode", "base-compliance")
-_OUTSIDE = ("outside:absorber", "outside:wandering-absorber", "outside:preload-drift")
+_OUTSIDE = ("outside:wandering-absorber", "outside:preload-drift")
 _PAIRS = (
     "added-mass+far-bearing-stiffness", "series-compliance+guide-stiffness", "torsional-flexibility+preload-exponent",
     "added-mass+payload-mass", "thermal-preload+periodic-preload",

@@ -50,6 +50,14 @@ DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
     preload.PERIODIC_PRELOAD,
     stiffness.CUBIC_STIFFNESS,
     structure.SECOND_MODE,
+    inertia.NUT_MASS,
+    damping_friction.SCREW_LOSS,
+    structure.TABLE_ABSORBER,
+    structure.NUT_ABSORBER,
+    damping_friction.MOTOR_DAMPING,
+    sensing.RESPONSE_DELAY,
+    sensing.ANGLE_DELAY,
+    damping_friction.CONSTANT_LOSS_FACTOR,
 )
 
 #: Keys as in FORMATS, section 6, and viscous friction for models that state none.

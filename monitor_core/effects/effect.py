@@ -160,6 +160,8 @@ class Effect(Generic[Physics]):
     needs: frozenset[ConditionAxis] = frozenset()  # what has to vary, or the effect is not seen as such
     applies: Callable[[Physics], bool] = _always  # whether the axis has what it acts on
     textbook: Mapping[str, float] | None = None  # values at which it is plain physics that a simpler model leaves out
+    #: Size that every axis may have of it and no description states: less of it is nothing that a model lacks.
+    ordinary: float = 0.0
     #: Relative standard uncertainty of its size by what the formula leaves out. Those that differ from the default
     #: are what sizes found on simulated machines err by beyond their scatter, as benchmarks/hidden_effects.py lists it.
     form_share: float = 0.02

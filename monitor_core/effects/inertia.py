@@ -1,5 +1,6 @@
 """Masses that a model counts wrongly, or puts where they are not."""
 
+import math
 from collections.abc import Mapping
 
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, changed, increasing
@@ -56,4 +57,26 @@ SCREW_DISTRIBUTED_MASS = Effect(
     add=_add_screw_distributed_mass,
     applies=_may_have_screw_distributed_mass,
     textbook={"share": 1.0},
+)
+
+
+def _has_a_bracket_that_yields(axis: AxisPhysics) -> bool:
+    return math.isfinite(axis.joints.bracket_stiffness) or axis.added.series_compliance > 0.0
+
+
+NUT_MASS = Effect(
+    key="nut-mass",
+    name="Mass of the nut before its bracket",
+    physics=(
+        "Of the mass that the model lets move with the table a part, the nut with its housing, sits between the "
+        "contacts and the bracket: it swings on the bracket by itself, and the modes of table and screw rise a little."
+    ),
+    source="no source: two bodies on two springs; Tian et al. put the nut on the table",
+    parameters=(
+        EffectParameter(
+            "mass_kg", "kg", lower=0.0, upper=0.5, scale=0.025, beyond=False, reference=Reference.MOVING_MASS
+        ),
+    ),
+    add=increasing("added", nut_mass="mass_kg"),
+    applies=_has_a_bracket_that_yields,
 )

@@ -35,6 +35,32 @@ TORQUE_DELAY = Effect(
     needs=frozenset({ConditionAxis.FREQUENCY}),
 )
 
+RESPONSE_DELAY = Effect(
+    key="response-delay",
+    name="Delay of the response at the table",
+    physics=(
+        "What is measured at table or nut is recorded late, by a filter or another clock, and the angle of the motor "
+        "is not: the phase of the one falls in proportion to the frequency, against that of the other."
+    ),
+    source="no source: a shift in time, exp(−jωτ)",
+    parameters=(EffectParameter("delay_s", "s", lower=-1.0, upper=1.0, scale=0.02, reference=Reference.PERIOD),),
+    add=increasing("added", response_delay="delay_s"),
+    needs=frozenset({ConditionAxis.FREQUENCY}),
+)
+
+ANGLE_DELAY = Effect(
+    key="angle-delay",
+    name="Delay of the angle of the motor",
+    physics=(
+        "The angle of the motor comes late, as over a fieldbus, and what is measured at table or nut does not: the "
+        "phase of the one falls in proportion to the frequency, against that of the other."
+    ),
+    source="no source: a shift in time, exp(−jωτ)",
+    parameters=(EffectParameter("delay_s", "s", lower=-1.0, upper=1.0, scale=0.02, reference=Reference.PERIOD),),
+    add=increasing("added", angle_delay="delay_s"),
+    needs=frozenset({ConditionAxis.FREQUENCY}),
+)
+
 
 def _add_sensor_mounting_resonance(axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
     r"""Multiply the acceleration by :math:`(1 + j \omega q b) / (1 - q (\omega^2 - j \omega b))`, b in rad/s.

@@ -23,6 +23,7 @@ class Reference(StrEnum):
     AXIAL_COMPLIANCE = "axial compliance [m/N]"
     BEARING_STIFFNESS = "stiffness of the fixed bearing [N/m]"
     ROTOR_STIFFNESS = "spring that turns the drive at its first natural frequency [N·m/rad]"
+    ROTOR_DAMPING = "damper that holds the drive at its first natural frequency [N·m·s/rad]"
     LENGTH = "length of the screw [m]"
     PRELOAD = "preload [N]"
     NUT_DEFLECTION = "1/deflection of the nut by its preload² [1/m²]"
@@ -112,6 +113,7 @@ def drive_sizes(
             Reference.AXIAL_COMPLIANCE: 1.0 / axial_stiffness,
             Reference.BEARING_STIFFNESS: bearing_stiffness,
             Reference.ROTOR_STIFFNESS: turning_inertia * square,
+            Reference.ROTOR_DAMPING: turning_inertia * math.sqrt(square),
             Reference.LENGTH: length,
             Reference.PRELOAD: preload,
             Reference.NUT_DEFLECTION: (nut_rigidity / preload) ** 2,

@@ -16,6 +16,7 @@ STIFFNESS, MASS, DAMPING, DELAY = MisfitKind.STIFFNESS, MisfitKind.MASS, MisfitK
 KINDS = {
     "added-mass": MASS, "payload-mass": MASS, "series-compliance": STIFFNESS, "far-bearing-stiffness": STIFFNESS,
     "guide-stiffness": STIFFNESS, "servo-stiffness": STIFFNESS, "torque-delay": DELAY,
+    "nut-mass": MASS, "screw-loss": DAMPING, "motor-damping": DAMPING, "response-delay": DELAY, "angle-delay": DELAY,
 }  # fmt: skip
 
 
@@ -23,7 +24,7 @@ def test_kinds_of_the_table() -> None:
     found = {effect.key: kind for effect in DRIVE_EFFECTS if (kind := kind_of_effect(effect)) is not None}
     assert {key: found.get(key) for key in KINDS} == KINDS
     beyond = set(found) - set(KINDS)
-    assert beyond <= {"loss-factor"}  # a damping, where it is stated by one quantity
+    assert beyond <= {"loss-factor", "constant-loss-factor"}  # dampings, where stated by one quantity
 
 
 @pytest.mark.parametrize(

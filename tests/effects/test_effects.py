@@ -44,12 +44,14 @@ KEYS = [
     "screw-distributed-mass", "torsional-flexibility", "loss-factor", "guide-friction", "guide-stiffness",
     "preload-exponent", "thermal-preload", "thermal-stiffness", "position-offset", "torque-delay",
     "sensor-mounting-resonance", "base-compliance", "servo-stiffness", "periodic-preload", "cubic-stiffness",
-    "second-mode",
+    "second-mode", "nut-mass", "screw-loss", "table-absorber", "nut-absorber", "motor-damping", "response-delay",
+    "angle-delay", "constant-loss-factor",
 ]  # fmt: skip
 #: How a unit ends a name.
 ENDINGS = {
     "kg": "_kg", "m/N": "_m_per_n", "N/m": "_n_per_m", "N": "_n", "N/K": "_n_per_k", "m": "_m", "s": "_s", "s²": "_s2",
-    "Hz": "_hz", "N·m/rad": "_nm_per_rad", "1/m²": "_per_m2", "1/kg": "_per_kg", "1/K": "_per_k",
+    "Hz": "_hz", "N·m/rad": "_nm_per_rad", "N·m·s/rad": "_nms_per_rad", "1/m²": "_per_m2", "1/kg": "_per_kg",
+    "1/K": "_per_k",
 }  # fmt: skip
 
 
@@ -135,7 +137,9 @@ def test_an_axis_has_each_key_once(name) -> None:
     keys = [effect.key for effect in applicable_effects(physics_of(AXES[name]), DRIVE_EFFECTS)]
     absent = set(KEYS) - set(keys)
     assert len(set(keys)) == len(keys)
-    assert absent <= {"screw-distributed-mass", "preload-exponent", "thermal-preload"}
+    before_a_bracket = {"nut-mass", "nut-absorber"}
+    assert absent - before_a_bracket <= {"screw-distributed-mass", "preload-exponent", "thermal-preload"}
+    assert (absent & before_a_bracket) == (before_a_bracket if math.isinf(AXES[name].bracket_stiffness) else set())
     assert ("screw-distributed-mass" in absent) == (name != "lumped")
     assert ("thermal-preload" in absent) == (AXES[name].dynamic_load_rating is None)
 
@@ -189,7 +193,9 @@ def test_nothing_is_seen_without_what_it_needs(name, effect) -> None:
         lines = lines_of(parameters, **STILL[needed])
         np.testing.assert_array_equal(responses(strong, lines), responses(axis, lines))
     # a base moves frequencies, but by as much as a softer bearing would: only its own resonance tells it
-    if ConditionAxis.FREQUENCY in effect.needs and effect.key not in ("base-compliance", "loss-factor"):
+    # (and what hangs on table or nut is one more mode, and moves those about it)
+    moving = {"base-compliance", "loss-factor", "table-absorber", "nut-absorber"}
+    if ConditionAxis.FREQUENCY in effect.needs and effect.key not in moving:
         conditions = conditions_of(parameters)
         np.testing.assert_allclose(frequencies(strong, conditions), frequencies(axis, conditions), rtol=1e-3)
 
@@ -225,7 +231,7 @@ def test_effects_of_the_catalogue_commute(name) -> None:
         assert first == second
 
 
-@pytest.mark.parametrize("key", ["base-compliance", "second-mode", "sensor-mounting-resonance"])
+@pytest.mark.parametrize("key", ["base-compliance", "second-mode", "sensor-mounting-resonance", "table-absorber"])
 def test_what_can_be_there_once_is_not_overwritten(key) -> None:
     parameters = PARAMETERS["hybrid"]
     effect = of_key(key, parameters)
@@ -245,6 +251,8 @@ SAME_AS_PARAMETER = {
     "screw-axial-stiffness": ({"relative_change": -0.1}, lambda p: {"youngs_modulus": 0.9 * p.youngs_modulus}),
     "torsional-flexibility": ({"compliance_share": 0.25}, lambda p: {"shear_modulus": p.shear_modulus / 1.25}),
     "series-compliance": ({"compliance_m_per_n": 5e-9}, lambda _: {"bracket_stiffness": 2e8}),
+    "constant-loss-factor": ({"loss_factor": 0.02}, lambda p: {"loss_factor": p.loss_factor + 0.02}),
+    "motor-damping": ({"damping_nms_per_rad": 3e-3}, lambda p: {"motor_damping": p.motor_damping + 3e-3}),
 }  # fmt: skip
 
 
@@ -331,6 +339,26 @@ def test_a_delay_turns_the_phase() -> None:
     late = of_key("torque-delay", RATED).added_to(LUMPED_AXIS, {"delay_s": 3e-4})
     turned = response_at(LUMPED_AXIS, AT) * np.exp(-2j * math.pi * BAND * 3e-4)
     np.testing.assert_allclose(response_at(late, AT), turned, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("key", "late", "in_time"), [
+    ("response-delay", ACCELERATION, ANGLE), ("angle-delay", ANGLE, ACCELERATION),
+])  # fmt: skip
+def test_a_delay_of_one_channel_turns_the_phase_of_that_alone(key, late, in_time) -> None:
+    """And both delays together are that of the torque: which of the three is late, two channels cannot say."""
+    delayed = of_key(key, RATED).added_to(LUMPED_AXIS, {"delay_s": 3e-4})
+    turned = response_at(LUMPED_AXIS, AT, response=late) * np.exp(-2j * math.pi * BAND * 3e-4)
+    np.testing.assert_allclose(response_at(delayed, AT, response=late), turned, rtol=1e-12)
+    np.testing.assert_array_equal(
+        response_at(delayed, AT, response=in_time), response_at(LUMPED_AXIS, AT, response=in_time)
+    )
+    other = "angle-delay" if key == "response-delay" else "response-delay"
+    both = of_key(other, RATED).added_to(delayed, {"delay_s": 3e-4})
+    torque = of_key("torque-delay", RATED).added_to(LUMPED_AXIS, {"delay_s": 3e-4})
+    for response in (late, in_time):
+        np.testing.assert_allclose(
+            response_at(both, AT, response=response), response_at(torque, AT, response=response), rtol=1e-12
+        )
 
 
 def test_an_accelerometer_on_its_mounting_is_a_mass_on_a_spring() -> None:
@@ -473,6 +501,19 @@ IMPOSSIBLE = [
         "base-compliance",
         {"compliance_m_per_n": 1e-9, "frequency_hz": 0.0, "damping_ratio": 0.0},
         "base_frequency must be positive; got 0.0 Hz",
+    ),
+    ("screw-loss", {"loss_factor": -0.1}, "causal_loss_factor must be finite and not negative; got -0.1"),
+    ("motor-damping", {"damping_nms_per_rad": -1.0}, "motor_damping must be finite and not negative; got"),
+    ("nut-mass", {"mass_kg": -1.0}, "nut_mass must be finite and not negative; got -1.0"),
+    (
+        "table-absorber",
+        {"mass_kg": 0.1, "frequency_hz": 0.0, "damping_ratio": 0.0},
+        "table_absorber_frequency must be positive where the absorber has a mass; got 0.0 Hz",
+    ),
+    (
+        "nut-absorber",
+        {"mass_kg": 0.1, "frequency_hz": 300.0, "damping_ratio": -0.1},
+        "nut_absorber_damping_ratio must be finite and not negative",
     ),
     (
         "second-mode",

@@ -118,6 +118,7 @@ def draw_case(
     declared = Parts() if family == "receptance" else _LUMPED_PARTS
     drawn = _drawn_parts(declared, rng)
     hidden: dict[str, float] = {}
+    unstated: tuple[str, ...] = ()
     truth: dict[str, dict[str, float]] = {}
     if family == "lumped":
         hidden["loss_factor"] = _LUMPED_LOSS * math.exp(0.2 * rng.standard_normal())
@@ -131,7 +132,9 @@ def draw_case(
             if "loss_factor" in hidden and "loss_factor" in mechanism:  # beside the one that is declared
                 mechanism["loss_factor"] += hidden["loss_factor"]
             hidden |= mechanism
+            unstated += KINDS[key].unstated
             truth[key] = truth.get(key, {}) | stated
+    drawn, declared = (replace(parts, **dict.fromkeys(unstated, 0.0)) for parts in (drawn, declared))
     axis = Axis(parts=drawn, hidden=Hidden(**hidden))
     stated_settings = design(rng)
     scatter = Scatter(sensor_noise=noise)
@@ -171,7 +174,7 @@ def baseline_text(declared: Parts, family: str) -> str:
     """Return the description of the parts as a model file of a family, with their tolerances."""
     stated = {name: getattr(declared, part) for part, name in _NAMES.items()}
     stated["dynamic_load_rating_n"] = 10.0 * declared.rated_preload
-    uncertain = {_NAMES[part]: tolerance for part, tolerance in TOLERANCES.items()}
+    uncertain = {_NAMES[part]: tolerance for part, tolerance in TOLERANCES.items() if getattr(declared, part)}
     if family == "lumped":
         area, polar = math.pi / 4.0 * declared.screw_diameter**2, math.pi / 32.0 * declared.screw_diameter**4
         stated |= {

@@ -24,6 +24,7 @@ class Kind:
     sizes: tuple[float, float, float]
     build: Callable[[float, np.random.Generator], Mechanism]
     either_sign: bool = False
+    unstated: tuple[str, ...] = ()  # parts that the machine has none of but what is hidden, and its description neither
 
 
 def _plain(field: str, name: str) -> Callable[[float, np.random.Generator], Mechanism]:
@@ -58,15 +59,22 @@ def _structure(value: float, rng: np.random.Generator) -> Mechanism:
     return {"structure_residue": value, "structure_frequency": frequency, "structure_damping_ratio": ratio}, stated
 
 
-def _absorber(slope: float) -> Callable[[float, np.random.Generator], Mechanism]:
+def _absorber(place: str) -> Callable[[float, np.random.Generator], Mechanism]:
     def build(value: float, rng: np.random.Generator) -> Mechanism:
-        frequency = rng.uniform(250.0, 450.0)
-        return (
-            {"absorber_mass": value, "absorber_frequency": frequency, "absorber_frequency_slope": slope},
-            {"mass_kg": value, "frequency_hz": frequency},
-        )
+        frequency, ratio = rng.uniform(250.0, 450.0), rng.uniform(0.01, 0.04)
+        stated = {"mass_kg": value, "frequency_hz": frequency, "damping_ratio": ratio}
+        hidden = {f"{place}_mass": value, f"{place}_frequency": frequency, f"{place}_damping_ratio": ratio}
+        return hidden, stated
 
     return build
+
+
+def _wandering(value: float, rng: np.random.Generator) -> Mechanism:
+    frequency = rng.uniform(250.0, 450.0)
+    return (
+        {"absorber_mass": value, "absorber_frequency": frequency, "absorber_frequency_slope": 0.3},
+        {"mass_kg": value, "frequency_hz": frequency},
+    )
 
 
 def _softening(value: float, _rng: np.random.Generator) -> Mechanism:
@@ -99,8 +107,17 @@ KINDS: dict[str, Kind] = {
     "periodic-preload": Kind((0.05, 0.15, 0.35), _periodic),
     "cubic-stiffness": Kind((6e10, 6e11, 1.5e12), _plain("cubic_nut_stiffness", "relative_stiffness_per_m2")),
     "second-mode": Kind((5e-7, 2e-6, 5e-5), _structure),
-    "outside:absorber": Kind((0.03, 0.1, 0.4), _absorber(0.0)),
-    "outside:wandering-absorber": Kind((0.03, 0.1, 0.4), _absorber(0.3)),
+    "nut-mass": Kind((0.3, 1.0, 3.0), _plain("nut_mass_before_bracket", "mass_kg")),
+    "constant-loss-factor": Kind((0.002, 0.006, 0.03), _plain("constant_loss_factor", "loss_factor")),
+    "screw-loss": Kind((0.008, 0.015, 0.05), _plain("screw_loss_factor", "loss_factor")),
+    "table-absorber": Kind((0.03, 0.1, 0.4), _absorber("absorber")),
+    "nut-absorber": Kind((0.03, 0.1, 0.4), _absorber("nut_absorber")),
+    "motor-damping": Kind(
+        (2e-4, 1e-3, 1e-2), _plain("motor_damping", "damping_nms_per_rad"), unstated=("motor_damping",)
+    ),
+    "response-delay": Kind((5e-7, 2e-6, 5e-5), _plain("response_delay", "delay_s")),
+    "angle-delay": Kind((5e-7, 2e-6, 5e-5), _plain("angle_delay", "delay_s")),
+    "outside:wandering-absorber": Kind((0.03, 0.1, 0.4), _wandering),
     "outside:nut-softening": Kind((0.1, 0.25, 0.5), _softening),
     "outside:preload-drift": Kind((0.08, 0.2, 0.4), _plain("preload_drift", "share")),
 }

@@ -118,15 +118,15 @@ def test_slow_torque_moves_the_axis_as_one_inertia():
 def assembled(axis: Axis, setting: Setting, frequency: float):
     """Return acceleration and angle per torque from one symmetric matrix of rods, springs and bodies."""
     p, h, omega = axis.parts, axis.hidden, 2.0 * math.pi * frequency
-    steel = (1j * frequency / 100.0) ** (2.0 / math.pi * math.atan(1e-3))
+    steel = (1j * frequency / 100.0) ** (2.0 / math.pi * math.atan(1e-3 + h.screw_loss_factor))
     joints = (1j * frequency / 100.0) ** (2.0 / math.pi * math.atan(h.loss_factor))
     axial, turning = ["near_end", "nut_node", "far_end"], ["drive", "turn", "tail"]
-    names = [*axial, *turning, "rotor", "table", "between", "base", "absorber"]
+    names = [*axial, *turning, "rotor", "table", "between", "base", "absorber", "on_nut"]
     places = {name: place for place, name in enumerate(names)}
-    k = np.zeros((11, 11), dtype=complex)
+    k = np.zeros((12, 12), dtype=complex)
 
     def spring(stiffness, **ends):
-        vector = np.zeros(11)
+        vector = np.zeros(12)
         for name, factor in ends.items():
             vector[places[name]] = factor
         k[:] += stiffness * np.outer(vector, vector)
@@ -150,21 +150,39 @@ def assembled(axis: Axis, setting: Setting, frequency: float):
     spring(p.coupling_stiffness * joints + 1j * omega * p.coupling_damping, rotor=1.0, drive=-1.0)
     spring(nut * joints + 1j * omega * p.nut_damping, nut_node=1.0, turn=RATIO, between=-1.0)
     spring(p.bracket_stiffness * joints, between=1.0, table=-1.0)
-    spring(1j * omega * p.table_damping - omega**2 * (p.table_mass + p.nut_mass), table=1.0)
-    spring(1j * omega * p.motor_damping - omega**2 * (p.motor_inertia + p.coupling_inertia), rotor=1.0)
+    before = h.nut_mass_before_bracket
+    spring(1j * omega * p.table_damping - omega**2 * (p.table_mass + p.nut_mass - before), table=1.0)
+    spring(-(omega**2) * before, between=1.0)
+    on_nut, own = h.nut_absorber_mass or 1.0, 2.0 * math.pi * h.nut_absorber_frequency
+    spring(
+        on_nut * (own**2 + 2j * h.nut_absorber_damping_ratio * own * omega), on_nut=1.0, between=-float(bool(before))
+    )
+    spring(-(omega**2) * on_nut, on_nut=1.0)
+    spring(
+        1j * omega * (p.motor_damping + h.motor_damping) - omega**2 * (p.motor_inertia + p.coupling_inertia), rotor=1.0
+    )
     spring(
         base_stiffness * (1.0 + 2j * h.base_damping_ratio * omega / base_omega - (omega / base_omega) ** 2), base=1.0
     )
     spring(hung * (hung_omega**2 + 2j * h.absorber_damping_ratio * hung_omega * omega), absorber=1.0, table=-1.0)
     spring(-(omega**2) * hung, absorber=1.0)
-    motion = np.linalg.solve(k, np.eye(11)[places["rotor"]])
+    motion = np.linalg.solve(k, np.eye(12)[places["rotor"]])
     return -(omega**2) * motion[places["table"]], motion[places["rotor"]]
 
 
-def test_waves_give_what_a_symmetric_matrix_of_the_same_parts_gives():
+@pytest.mark.parametrize("more", [
+    {}, {"nut_mass_before_bracket": 1.3, "nut_absorber_mass": 0.2, "nut_absorber_frequency": 640.0,
+         "screw_loss_factor": 0.02, "motor_damping": 3e-3},
+])  # fmt: skip
+def test_waves_give_what_a_symmetric_matrix_of_the_same_parts_gives(more):
     """Assembled the matrix is symmetric, so that the axis is reciprocal too."""
     axis = hidden(
-        loss_factor=0.04, far_bearing_stiffness=3e7, base_compliance=3e-9, absorber_mass=0.4, absorber_frequency=420.0
+        **more,
+        loss_factor=0.04,
+        far_bearing_stiffness=3e7,
+        base_compliance=3e-9,
+        absorber_mass=0.4,
+        absorber_frequency=420.0,
     )
     for frequency in (17.0, 61.0, 190.0, 421.0, 700.0, 1290.0, 2600.0):
         acceleration, angle = frequency_response(axis, MIDDLE, np.array([frequency]))
@@ -176,7 +194,9 @@ def test_waves_give_what_a_symmetric_matrix_of_the_same_parts_gives():
 def test_axis_takes_power_from_the_motor_whatever_is_hidden_in_it():
     for mechanism in MECHANISMS.values():
         network = network_of(
-            hidden(**mechanism | {"torque_delay": 0.0}), MIDDLE, lines_of(Axis(parts=PARTS), FREQUENCY)
+            hidden(**mechanism | {"torque_delay": 0.0, "angle_delay": 0.0}),
+            MIDDLE,
+            lines_of(Axis(parts=PARTS), FREQUENCY),
         )
         assert np.all((network.s * network.seen(1.0)[1]).real > 0.0)
         assert np.all((network.s * network.table_travel(0.0, 1.0)).real > 0.0)
@@ -224,6 +244,15 @@ MECHANISMS = {
         "absorber_mass": 0.3, "absorber_frequency": 250.0, "absorber_damping_ratio": 0.05,
         "absorber_frequency_slope": 0.5,
     },
+    "nut_absorber_mass": {
+        "nut_absorber_mass": 0.3, "nut_absorber_frequency": 250.0, "nut_absorber_damping_ratio": 0.05
+    },
+    "nut_mass_before_bracket": {"nut_mass_before_bracket": 2.0},
+    "screw_loss_factor": {"screw_loss_factor": 0.03},
+    "constant_loss_factor": {"constant_loss_factor": 0.03},
+    "motor_damping": {"motor_damping": 0.02},
+    "response_delay": {"response_delay": 2e-4},
+    "angle_delay": {"angle_delay": 2e-4},
     "nut_softening": {"nut_softening": 0.3, "nut_softening_deflection": 3e-8},
     "preload_drift": {"preload_drift": 0.2},
 }  # fmt: skip
@@ -556,7 +585,7 @@ needs_finite_elements = pytest.mark.skipif(
 
 @pytest.mark.slow
 @needs_finite_elements
-@pytest.mark.parametrize("principal", sorted(MECHANISMS))
+@pytest.mark.parametrize("principal", sorted(MECHANISMS.keys() - {"constant_loss_factor"}))
 def test_finite_elements_of_the_same_axis_move_alike(principal):
     """Both plants hold the screw's own loss as they will; the two laws of loss differ by some 0.1 % near a peak."""
     from tests.hidden_effects.truth import finite_elements

@@ -93,6 +93,15 @@ class Assembly:
                 self.springs[i, j] += a * b * stiffness
                 self.damping[i, j] += a * b * damping
 
+    def body(self, mass: float, on: int, stiffness: float, damping: float) -> int:
+        """Hang a body on another one by a spring and a damper."""
+        self.size += 1
+        for matrix in (self.mass, self.damping, self.screw, self.springs):
+            matrix.resize((self.size, self.size))
+        self.mass[self.size - 1, self.size - 1] = mass
+        self.spring({self.size - 1: 1.0, on: -1.0}, stiffness, damping)
+        return self.size - 1
+
     def response(self, omega: np.ndarray, point: int) -> np.ndarray:
         """Displacement of table and turn of the motor end per unit load at a point, shape (n_frequencies, 2)."""
         load = np.zeros(self.size, dtype=complex)

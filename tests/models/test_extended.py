@@ -32,6 +32,13 @@ EFFECTS = {
     "table_mass": {"table_mass": 1.0},
     "payload_error": {"payload_error": 1.0},
     "series_compliance": {"series_compliance": 1e-9},
+    "nut_mass": {"nut_mass": 1.0},
+    "table_absorber_mass": {
+        "table_absorber_mass": 0.3, "table_absorber_frequency": 180.0, "table_absorber_damping_ratio": 0.05
+    },
+    "nut_absorber_mass": {
+        "nut_absorber_mass": 0.3, "nut_absorber_frequency": 180.0, "nut_absorber_damping_ratio": 0.05
+    },
     "guide_stiffness": {"guide_stiffness": 1e6},
     "guide_friction": {"guide_friction": 1.0},
     "servo_stiffness": {"servo_stiffness": 1e-3},
@@ -44,6 +51,8 @@ EFFECTS = {
     "periodic_preload_sine": {"periodic_preload_sine": 0.1},
     "position_offset": {"position_offset": 0.01},
     "torque_delay": {"torque_delay": 1e-4},
+    "response_delay": {"response_delay": 1e-4},
+    "angle_delay": {"angle_delay": 1e-4},
     "mounting_inverse_square": {"mounting_inverse_square": 1e-8, "mounting_damping_ratio": 0.05},
     "cubic_nut_stiffness": {"cubic_nut_stiffness": 1e10},
     "second_mode_residue": {
@@ -175,7 +184,8 @@ def test_what_is_not_finite_is_refused(effect, value) -> None:
 
 
 #: Effects of the channels are no part of the axis; two effects act on a preload that only one family's axis follows.
-OF_THE_AXIS = [name for name in EFFECTS if name not in {"torque_delay", "mounting_inverse_square"}]
+OF_THE_CHANNELS = {"torque_delay", "response_delay", "angle_delay", "mounting_inverse_square"}
+OF_THE_AXIS = [name for name in EFFECTS if name not in OF_THE_CHANNELS]
 ON_THE_PRELOAD = {"preload_exponent_change", "thermal_preload", "preload_change"}
 
 

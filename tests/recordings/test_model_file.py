@@ -102,7 +102,10 @@ def test_a_model_with_effects_predicts_the_same_after_a_round_trip(tmp_path):
 
 BAD_EFFECTS = {
     "unknown": ({"mass": {"mass_kg": 1.0}}, "one of added-mass, payload-mass, "),
-    "unknown, with a list": ({"mass": {"mass_kg": 1.0}}, "second-mode, wrong-parameter:<parameter>; got 'mass'"),
+    "unknown, with a list": (
+        {"mass": {"mass_kg": 1.0}},
+        "wrong-parameter:<parameter>; got 'mass'",
+    ),
     "unknown value": ({"added-mass": {"mass": 1.0}}, "added-mass has the parameters mass_kg; got mass"),
     "no value": ({"added-mass": {}}, "added-mass has the parameters mass_kg; got none"),
     "no such thing": ({"preload-exponent": {"exponent_change": 0.1}}, "preload-exponent does not apply"),

@@ -49,11 +49,13 @@ def noticeable(effect, share):
 
 
 def response_of(physics):
-    case = ResponseCase(
-        np.array([40.0, 160.0, 250.0, 700.0]), CONDITIONS, ExcitationPoint.TORQUE_AT_MOTOR,
-        ResponsePoint.ACCELERATION_AT_TABLE, MotorEnd.FREE,
-    )  # fmt: skip
-    return responses(physics, prepare_lines([case]))
+    cases = [
+        ResponseCase(
+            np.array([40.0, 160.0, 250.0, 700.0]), CONDITIONS, ExcitationPoint.TORQUE_AT_MOTOR, point, MotorEnd.FREE
+        )
+        for point in (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ANGLE_AT_MOTOR)
+    ]
+    return responses(physics, prepare_lines(cases))
 
 
 def added_once(effect, stated: AxisDescription):
@@ -79,7 +81,9 @@ REPEATABLE = [effect for effect in DRIVE if drive_of(effect) is not None]
 
 def test_only_what_has_a_shape_is_there_once_at_most() -> None:
     once = {effect.key for effect in DRIVE if effect not in REPEATABLE}
-    assert once == {"base-compliance", "second-mode", "sensor-mounting-resonance"}
+    assert once == {
+        "base-compliance", "second-mode", "sensor-mounting-resonance", "table-absorber", "nut-absorber"
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("effect", REPEATABLE, ids=lambda effect: effect.key)

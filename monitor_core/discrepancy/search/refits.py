@@ -29,6 +29,7 @@ from monitor_core.discrepancy.search.workspace import (
 )
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.hypothesis import is_size, searched_coordinates
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -136,12 +137,26 @@ def rivals_at(workspace: Workspace[Physics], current: Fitted[Physics]) -> tuple[
 def _ranked(
     current: Fitted[Physics], refitted: list[tuple[Effect[Physics], Fitted[Physics]]]
 ) -> tuple[Rival[Physics], ...]:
+    """Return the refits, best first, without those that resonate where nothing was measured.
+
+    Below or above the band an own resonance is nothing but a mass or a spring, of which there are effects.
+    """
+    refitted = [(effect, trial) for effect, trial in refitted if _resonates_in_band(trial, effect)]
     best = lowest_cost(*(trial for _, trial in refitted))
     if best is None:
         return ()
     scale = evidence_scale(best)
     rivals = [Rival(effect, trial, delta_bic(current, trial, scale)) for effect, trial in refitted]
     return tuple(sorted(rivals, key=lambda rival: rival.delta_bic, reverse=True))
+
+
+def _resonates_in_band(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
+    """Return whether an effect has no frequency of its own, or one where lines of responses were measured."""
+    layout, own = fitted.comparison.layout, effect.frequency
+    if own is None or not has_lines(layout):
+        return True
+    frequency = fitted.hypothesis.values(fitted.coordinates)[effect.key][own.name]
+    return bool(np.nanmin(layout.frequency) <= frequency <= np.nanmax(layout.frequency))
 
 
 def _refit_promising(

@@ -42,9 +42,16 @@ def prune(
     """Return the fit without those of some effects that are not needed."""
     for effect in effects:
         without = workspace.without(fitted, effect)
-        if delta_bic(without, fitted, evidence_scale(fitted)) < workspace.least_evidence(without):
+        evidence = delta_bic(without, fitted, evidence_scale(fitted))
+        if evidence < workspace.least_evidence(without) or is_ordinary(fitted, effect):
             return prune(workspace, without, [kept for kept in effects if kept.key != effect.key])
     return fitted
+
+
+def is_ordinary(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
+    """Return whether an effect is found no larger than every axis may have it."""
+    size = fitted.hypothesis.values(fitted.coordinates)[effect.key][effect.parameters[0].name]
+    return abs(size) < effect.ordinary
 
 
 def holds(
@@ -67,7 +74,8 @@ def _best_addition(workspace: Workspace[Physics], current: Fitted[Physics]) -> F
         scale = evidence_scale(rival.fitted)
         if delta_bic(current, rival.fitted, scale) < least:
             return None
-        if holds(workspace, current, rival.fitted, scale):
+        ordinary = is_ordinary(rival.fitted, rival.fitted.hypothesis.effects[-1])
+        if not ordinary and holds(workspace, current, rival.fitted, scale):
             return rival.fitted
     return None
 

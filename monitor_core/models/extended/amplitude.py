@@ -101,35 +101,42 @@ def motion_at(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) ->
 def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisStates) -> tuple[Bilinear, ...]:
     r"""Return Δ, jωxΔ and δΔ at the knots.
 
-    With the letters of ``closed_form``, P = A T and C = 1/κ + Q/P,
+    With the letters of ``closed_form`` and ``carried``, P = A T and C' = 1/κ + Q/P,
 
     .. math::
 
-        \Delta = \kappa P + Z (P + \kappa Q), \quad
-        x = \frac{\kappa u P}{\Delta},\; \delta = \frac{Z u P}{\Delta} \text{ per torque}, \quad
-        x = \frac{P + \kappa Q}{\Delta},\; \delta = \frac{P}{\Delta} \text{ per force}
+        \Delta = \kappa e S P + L (P + \kappa Q), \quad
+        x = \frac{\kappa d e u P}{\Delta},\; \delta = \frac{L u P}{\Delta} \text{ per torque}, \quad
+        x = \frac{d [(P + \kappa Q)(e + c_s n) + \kappa c_s e P]}{\Delta},\; \delta = \frac{d e P}{\Delta}
+        \text{ per force}
 
-    where the damper adds jωc to Z and hardening adds hk to κ.
+    where the damper adds jωcd to z, :math:`c_s d` and :math:`e + c_s n` times as much to S and L, and hardening adds hk
+    to κ.
     """
     parts = entire_parts(physics, excitations.omega, states, excitations.ends)
+    carried = parts.carried
+    d, e, swing, load = carried.table_pole, carried.nut_pole, carried.swing, carried.load
     p = parts.axial * parts.torsion
-    q = parts.axial_yield * parts.torsion + parts.turning * parts.axial + parts.bracket * p
+    q = parts.axial_yield * parts.torsion + parts.turning * parts.axial
     damper, spring = 1j * excitations.omega, nut_spring(physics, excitations.omega, parts.nut)
-    by_torque, lever = excitations.by_torque, parts.torque_lever * parts.axial
-    behind_table = p + parts.nut * q
+    by_torque, lever = excitations.by_torque, d * e * parts.torque_lever * parts.axial
+    swung, loaded = carried.bracket * e, e + carried.bracket * carried.nut  # S and L per z
+    behind_nut = p + parts.nut * q
+    behind_table, behind_table_per_nut = swung * parts.nut * p + loaded * behind_nut, swung * p + loaded * q
     characteristic = {
-        (0, 0): parts.nut * p + parts.table * behind_table,
-        (1, 0): damper * behind_table,
-        (0, 1): spring * (p + parts.table * q),
-        (1, 1): damper * spring * q,
+        (0, 0): parts.nut * e * swing * p + load * behind_nut,
+        (1, 0): damper * d * behind_table,
+        (0, 1): spring * (e * swing * p + load * q),
+        (1, 1): damper * spring * d * behind_table_per_nut,
     }
     velocity = {
-        (0, 0): damper * np.where(by_torque, parts.nut * lever, behind_table),
-        (0, 1): damper * spring * np.where(by_torque, lever, q),
+        (0, 0): damper * np.where(by_torque, parts.nut * lever, d * behind_table),
+        (0, 1): damper * spring * np.where(by_torque, lever, d * behind_table_per_nut),
     }
+    unloaded = parts.torque_lever * parts.axial
     deflection = {
-        (0, 0): np.where(by_torque, parts.table * lever, p),
-        (1, 0): np.where(by_torque, damper * lever, 0.0),
+        (0, 0): np.where(by_torque, load * unloaded, d * e * p),
+        (1, 0): np.where(by_torque, damper * d * loaded * unloaded, 0.0),
     }
     return characteristic, velocity, deflection
 
@@ -183,14 +190,15 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     # cases of small signals, numbered −1, find the zero behind the last excitation
     rows = np.pad(np.array(found), ((0, 0), (0, 0), (0, 1)))[..., lines.excitations.of_case[lines.drive.case]]
     damping, hardening = np.moveaxis(rows, 1, 0)
-    table = path.table + 1j * lines.drive.omega * (weights @ damping)
+    carried = path.carried.damped(1j * lines.drive.omega * (weights @ damping))
     if not cubic:
-        return replace(path, table=table)
+        return replace(path, carried=carried)
     spring = nut_spring(physics, lines.drive.omega, path.nut)
-    resonant = -table / (1.0 + path.beside_nut * table)  # stiffness of the nut at which all of the path gives way
+    # stiffness of the nut at which all of the path gives way
+    resonant = -carried.load / (carried.nut_pole * carried.swing + path.before_bracket * carried.load)
     others = np.clip((path.beside_nut / path.compliance).real, 0.0, 1.0)
     seen = _averaged(hardening, (resonant - path.nut) / spring, others)
-    return replace(path, table=table, nut=path.nut + seen * spring)
+    return replace(path, carried=carried, nut=path.nut + seen * spring)
 
 
 def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) -> NumberArray:

@@ -16,6 +16,9 @@ under the bearings, and springs at the guides and at the rotor. A, B, T, U and Z
 drive has a characteristic function without poles, whose zeros are the poles of the drive. As mass or torsional
 compliance of the screw go to zero nothing in it becomes singular, so that a lumped drive is a distributed one with
 other numbers.
+
+Where the nut has a mass of its own before the bracket, or something hangs on nut or table, the contacts carry more than
+a table; :mod:`monitor_core.models.extended.carried` says what.
 """
 
 from dataclasses import dataclass
@@ -24,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.models.extended.carried import Carried, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.physics import AxisPhysics, JointPhysics
 from monitor_core.models.rod import RodWaves
@@ -43,8 +47,7 @@ class EntireParts:
     torque_lever: NumberArray  # u T: travel of the unloaded nut per torque at the motor end
     held_torsion: NumberArray  # T times the angle there per torque
     nut: NumberArray  # κ_n [N/m]
-    bracket: NumberArray  # c_s of bracket and series compliance [m/N]
-    table: NumberArray  # Z [N/m]
+    carried: Carried  # bracket and table, and what hangs on them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +55,15 @@ class Path:
     """What force and torque meet; shape (n_lines,)."""
 
     nut: NumberArray  # κ_n [N/m]
-    beside_nut: NumberArray  # C − 1/κ_n [m/N]
-    bracket: NumberArray  # c_s, a part of it [m/N]
-    table: NumberArray  # Z [N/m]
+    before_bracket: NumberArray  # C − 1/κ_n − c_s [m/N]
+    carried: Carried  # bracket and table, and what hangs on them
     unloaded_travel: NumberArray  # u [m/(N·m)]
     unloaded_angle: NumberArray  # of the motor end per torque while no force acts in the nut [rad/(N·m)]
+
+    @property
+    def beside_nut(self) -> NumberArray:
+        """C − 1/κ_n. [m/N]."""
+        return self.carried.bracket + self.before_bracket
 
     @property
     def compliance(self) -> NumberArray:
@@ -77,6 +84,8 @@ def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, e
     """Return all parts of the drive on lines ω, not zero, complex where poles are sought; states, ends of each line."""
     joints, bodies, added = physics.joints, physics.bodies, physics.added
     elastic = _elastic(joints, omega) * states.softening
+    bracket = (1.0 / joints.bracket_stiffness + added.series_compliance) / elastic
+    table = added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping)
     axial, axial_yield = _axial(physics, omega, states, elastic)
     torsion = _torsion(physics, omega, states, elastic, ends)
     return EntireParts(
@@ -84,8 +93,7 @@ def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, e
         axial_yield,
         *torsion,
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
-        bracket=(1.0 / joints.bracket_stiffness + added.series_compliance) / elastic,
-        table=added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping),
+        carried=carried_by_contacts(added, omega, bracket, table),
     )
 
 
@@ -113,7 +121,7 @@ def _axial(
     near_bearing = joints.bearing_stiffness * elastic + _damper(omega, joints.bearing_damping)
     far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
     mass = screw.axial_mass_share * screw.mass_per_length
-    compliance = 1.0 / (screw.axial_rigidity * states.softening)
+    compliance = 1.0 / (screw.axial_rigidity * states.softening * _steel(physics, omega))
     near, far = _waves_of_both(omega, (position, screw.length - position), (compliance, compliance), mass)
     near_end = near.cosine + near_bearing * near.sine_over_z
     far_end = far.cosine + far_bearing * far.sine_over_z
@@ -141,7 +149,7 @@ def _torsion(
     squared = omega * omega
     inertia = screw.torsional_inertia_share * screw.inertia_per_length
     at_motor_end = (1.0 - screw.torsional_inertia_share) * screw.inertia_per_length * screw.length
-    compliance = screw.torsion_share / (screw.torsional_rigidity * states.softening)
+    compliance = screw.torsion_share / (screw.torsional_rigidity * states.softening * _steel(physics, omega))
     near_compliance = compliance * (1.0 - screw.far_end_held_share * position / screw.length)
     near, far = _waves_of_both(omega, (position, screw.length - position), (near_compliance, compliance), inertia)
 
@@ -183,10 +191,19 @@ def _elastic(joints: JointPhysics, omega: NumberArray) -> NumberArray:
     if not causal:
         # a real number where nothing is lost: the undamped drive is then computed in real numbers throughout
         return np.asarray(1.0 + 1j * joints.loss_factor if joints.loss_factor else 1.0)
-    exponent = 2.0 / np.pi * np.arctan(causal)
-    stiffening: NumberArray = (omega / _LOSS_REFERENCE) ** exponent
-    dynamic: NumberArray = 1.0 + 1j * joints.loss_factor + ((1.0 + 1j * causal) * stiffening - 1.0)
+    dynamic: NumberArray = 1.0 + 1j * joints.loss_factor + (_causal(causal, omega) - 1.0)
     return dynamic
+
+
+def _causal(loss_factor: float, omega: NumberArray) -> NumberArray:
+    """Return the second term of :func:`_elastic` with its 1: of a spring that loses causally, over what is stated."""
+    stiffening: NumberArray = (omega / _LOSS_REFERENCE) ** (2.0 / np.pi * np.arctan(loss_factor))
+    return (1.0 + 1j * loss_factor) * stiffening
+
+
+def _steel(physics: AxisPhysics, omega: NumberArray) -> NumberArray | float:
+    """Return the moduli of the screw's steel over what is stated, a plain number where it loses nothing."""
+    return _causal(physics.screw.causal_loss_factor, omega) if physics.screw.causal_loss_factor else 1.0
 
 
 def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
@@ -197,14 +214,15 @@ def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
 def _waves_of_both(
     omega: NumberArray,
     lengths: tuple[FloatArray, FloatArray],
-    compliances: tuple[float | FloatArray, float | FloatArray],
+    compliances: tuple[float | NumberArray, float | NumberArray],
     inertia: float,
 ) -> tuple[RodWaves[Any], RodWaves[Any]]:
     """Return the trigonometry of two rods from compliance and inertia per length, either of which may be zero.
 
     Side by side: there are few lines, so that most of the time goes into calling numpy.
     """
-    length, compliance = np.empty((2, *lengths[0].shape)), np.empty((2, *lengths[0].shape))
+    length = np.empty((2, *lengths[0].shape))
+    compliance = np.empty(length.shape, dtype=np.result_type(*compliances))
     length[0], length[1] = lengths
     compliance[0], compliance[1] = compliances
     phase = omega * (length * np.sqrt(compliance * inertia))
@@ -219,12 +237,10 @@ def _waves_of_both(
 def path_of(parts: EntireParts) -> Path:
     """Return what force and torque meet: the divisions of the closed form, once."""
     per_torsion = 1.0 / parts.torsion
-    beside_nut = parts.bracket + parts.axial_yield / parts.axial + parts.turning * per_torsion
     return Path(
         parts.nut,
-        beside_nut,
-        parts.bracket,
-        parts.table,
+        parts.axial_yield / parts.axial + parts.turning * per_torsion,
+        parts.carried,
         parts.torque_lever * per_torsion,
         parts.held_torsion * per_torsion,
     )
@@ -232,11 +248,17 @@ def path_of(parts: EntireParts) -> Path:
 
 def receptances_of(path: Path) -> Receptances:
     """Return all receptances between table and motor end."""
-    compliance = path.compliance
-    reciprocal = 1.0 / (1.0 + compliance * path.table)
-    per_torque = path.unloaded_travel * reciprocal
+    travel, carried = path.unloaded_travel, path.carried
+    if carried.is_table:
+        compliance = path.compliance
+        reciprocal = 1.0 / (1.0 + compliance * carried.table)
+        per_torque = travel * reciprocal
+        return Receptances(
+            compliance * reciprocal, per_torque, path.unloaded_angle - travel * carried.table * per_torque
+        )
+    reached = carried.reached_through(1.0 / path.nut + path.before_bracket)
     return Receptances(
-        compliance * reciprocal, per_torque, path.unloaded_angle - path.unloaded_travel * path.table * per_torque
+        reached.table_per_force, travel * reached.table_per_travel, path.unloaded_angle - travel**2 * reached.stiffness
     )
 
 
@@ -247,9 +269,14 @@ def characteristic(parts: EntireParts) -> NumberArray:
 
         \Delta = \kappa_n A T + Z \left[ (1 + \kappa_n c_s) A T + \kappa_n (B T + i^2 U A) \right]
 
-    Its scale is without meaning.
+    or, with what is carried in place of the table, :math:`e S \kappa_n A T + L [A T + \kappa_n (B T + i^2 U A)]`. Its
+    scale is without meaning.
     """
     axial_torsion = parts.axial * parts.torsion
     yields = parts.axial_yield * parts.torsion + parts.turning * parts.axial
-    series = (1.0 + parts.nut * parts.bracket) * axial_torsion + parts.nut * yields
-    return np.asarray(parts.nut * axial_torsion + parts.table * series)
+    carried = parts.carried
+    if carried.is_table:
+        series = (1.0 + parts.nut * carried.bracket) * axial_torsion + parts.nut * yields
+        return np.asarray(parts.nut * axial_torsion + carried.table * series)
+    held = carried.nut_pole * carried.swing * parts.nut * axial_torsion
+    return np.asarray(held + carried.load * (axial_torsion + parts.nut * yields))

@@ -93,6 +93,10 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
     moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
     if not np.all(moving_mass > 0.0):
         raise OutsideValidityError(f"the moving mass must be positive; got {np.min(moving_mass):g} kg")
+    if not np.all(moving_mass > added.nut_mass):
+        raise OutsideValidityError(
+            f"nut_mass must be less than all that moves, {np.min(moving_mass):g} kg; got {added.nut_mass:g} kg"
+        )
     softening = np.array(1.0)
     if added.thermal_stiffness:
         softening = softening + added.thermal_stiffness * conditions.temperature_deviation

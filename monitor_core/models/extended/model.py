@@ -82,7 +82,8 @@ def _names(
 
 #: What is added to responses, but is no property of a mode: see :class:`AddedPhysics`.
 _NOT_IN_MODES = (
-    "guide_friction", "cubic_nut_stiffness", "torque_delay", "mounting_inverse_square", "second_mode_residue",
+    "guide_friction", "cubic_nut_stiffness", "torque_delay", "response_delay", "angle_delay",
+    "mounting_inverse_square", "second_mode_residue",
 )  # fmt: skip
 
 
@@ -168,7 +169,9 @@ class ExtendedModel:
         if not has_rigid_body_mode(self.physics, end):
             return np.zeros(0), np.zeros(0)
         screw, i = self.physics.screw, self.physics.screw.transmission_ratio
+        added = self.physics.added
         mass = axis_states(self.physics, condition_arrays([conditions])).moving_mass
+        mass = mass + added.table_absorber_mass + added.nut_absorber_mass
         rotor = self.physics.bodies.rotor_inertia if end is MotorEnd.FREE else 0.0
         turning = screw.inertia_per_length * screw.length + screw.nut_segment_inertia + screw.motor_segment_inertia
         scale = 1.0 / np.sqrt(turning + rotor + i**2 * mass)

@@ -1,7 +1,8 @@
 r"""Find all natural frequencies and modes of the extended drive under many conditions at once, each exactly once.
 
 Without damping, :math:`R = C + 1/Z` is the sum of what the parts of the drive would answer alone, screw in tension on
-its base, screw in torsion, table, and each of these rises with ω² between its poles (Foster's reactance theorem). So
+its base, screw in torsion, table (or all that the contacts of the nut carry, with its bracket), and each of these rises
+with ω² between its poles (Foster's reactance theorem). So
 there is exactly one natural frequency between two neighbouring poles of the parts. These are far apart, and a change of
 sign on a grid finds them. Damping is then increased step by step, and Newton's method follows each pole.
 
@@ -18,6 +19,7 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended.carried import own_frequencies
 from monitor_core.models.extended.closed_form import (
     EntireParts,
     axial_part,
@@ -95,6 +97,8 @@ _PER_HALF_WAVE, _FEWEST_LINES = 40.0, 400
 _LOWEST = 1e-6
 #: Relative distance from which a natural frequency is distinguished from a pole of a part.
 _APART = 1e-9
+#: Damping ratios of what is part of the drive.
+_RATIOS = ("base_damping_ratio", "table_absorber_damping_ratio", "nut_absorber_damping_ratio")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +159,8 @@ def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
         physics,
         joints=scaled_damping(physics.joints, share),
         bodies=scaled_damping(physics.bodies, share),
-        added=replace(physics.added, base_damping_ratio=share * physics.added.base_damping_ratio),
+        screw=scaled_damping(physics.screw, share),
+        added=replace(physics.added, **{name: share * getattr(physics.added, name) for name in _RATIOS}),
     )
 
 
@@ -192,9 +197,12 @@ def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
 
 
 def _sum_of(parts: EntireParts) -> FloatArray:
-    """Return R = C + 1/Z of the undamped drive. [m/N]."""
-    path = path_of(parts)
-    return np.asarray(np.real(path.compliance + 1.0 / path.table))
+    """Return R of the undamped drive. [m/N]."""
+    path, carried = path_of(parts), parts.carried
+    if carried.is_table:
+        return np.asarray(np.real(path.compliance + 1.0 / carried.table))
+    beyond_contacts = carried.nut_pole * carried.swing / carried.load
+    return np.asarray(np.real(1.0 / path.nut + path.before_bracket + beyond_contacts))
 
 
 def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
@@ -219,10 +227,15 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
         between, at_both = (grid[line], grid[line + 1]), (values[condition, line], values[condition, line + 1])
         poles.append(zeros_between(part, between, at_both, condition))
         owners.append(condition)
-    table = np.sqrt(max(added.guide_stiffness, 0.0) / drives.states.moving_mass)
-    within = np.flatnonzero((table > _LOWEST * highest) & (table < highest))
-    poles.append(table[within])
-    owners.append(within)
+    bracket = (1.0 / drives.physics.joints.bracket_stiffness + added.series_compliance) / drives.states.softening
+    carried = own_frequencies(
+        replace(added, guide_stiffness=max(added.guide_stiffness, 0.0)),
+        bracket + np.zeros(n_conditions),
+        drives.states.moving_mass,
+    )
+    condition, which = np.nonzero((carried > _LOWEST * highest) & (carried < highest))
+    poles.append(carried[condition, which])
+    owners.append(condition)
     return np.concatenate(poles), np.concatenate(owners)
 
 

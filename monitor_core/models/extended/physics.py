@@ -29,12 +29,16 @@ class ScrewPhysics:
     nut_segment_mass: float = 0.0  # rigid piece inside the nut [kg]
     nut_segment_inertia: float = 0.0  # [kg·m²]
     motor_segment_inertia: float = 0.0  # rigid piece at the coupling [kg·m²]
+    causal_loss_factor: float = 0.0  # of its steel, in tension and torsion, with the stiffening it implies [-]
 
     def __post_init__(self) -> None:
         _require_positive(
             self, "length", "lead", "axial_rigidity", "mass_per_length", "torsional_rigidity", "inertia_per_length"
         )
-        _require_not_negative(self, "torsion_share", "nut_segment_mass", "nut_segment_inertia", "motor_segment_inertia")
+        _require_not_negative(
+            self, "torsion_share", "nut_segment_mass", "nut_segment_inertia", "motor_segment_inertia",
+            "causal_loss_factor",
+        )  # fmt: skip
         for name in ("axial_mass_share", "torsional_inertia_share", "far_end_held_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise OutsideValidityError(f"{name} must lie within 0 and 1; got {getattr(self, name)}")
@@ -87,11 +91,18 @@ class BodyPhysics:
 class AddedPhysics:
     """What none of the published models has; every default is the value at which it is absent.
 
-    A value that goes with another (frequency and damping ratio of the base, of the mounting, of the second mode) is
-    without effect while that other one is null.
+    A value that goes with another (frequency and damping ratio of the base, of the mounting, of the second mode, of an
+    absorber) is without effect while that other one is null.
     """
 
     table_mass: float = 0.0  # on the table, unknown to the model [kg]
+    nut_mass: float = 0.0  # of what moves with the table, what sits between contacts and bracket [kg]
+    table_absorber_mass: float = 0.0  # of a mass on a spring that hangs on the table [kg]
+    table_absorber_frequency: float = 0.0  # with the table held still [Hz]
+    table_absorber_damping_ratio: float = 0.0  # [-]
+    nut_absorber_mass: float = 0.0  # the same on the nut, before the bracket [kg]
+    nut_absorber_frequency: float = 0.0  # [Hz]
+    nut_absorber_damping_ratio: float = 0.0  # [-]
     payload_error: float = 0.0  # true payload less the stated one, wherever one is stated [kg]
     series_compliance: float = 0.0  # in the force path, with the loss factor of the joints [m/N]
     guide_stiffness: float = 0.0  # table to ground [N/m]
@@ -108,6 +119,8 @@ class AddedPhysics:
     periodic_preload_sine: float = 0.0  # [-]
     position_offset: float = 0.0  # true position less the stated one [m]
     torque_delay: float = 0.0  # by which a torque acts later than it is recorded [s]
+    response_delay: float = 0.0  # by which what table or nut do is recorded later than it is done [s]
+    angle_delay: float = 0.0  # the same of the angle of the motor [s]
     mounting_inverse_square: float = 0.0  # 1/(2πf)² of the accelerometer on its mounting [s²]
     mounting_damping_ratio: float = 0.0  # [-]
     cubic_nut_stiffness: float = 0.0  # β in nut force = k(1 + β δ²) δ [1/m²]
@@ -122,8 +135,15 @@ class AddedPhysics:
                 raise OutsideValidityError(f"{name} must be finite; got {value}")
         _require_not_negative(
             self, "guide_friction", "base_compliance", "base_damping_ratio", "mounting_inverse_square",
-            "mounting_damping_ratio", "second_mode_damping_ratio",
+            "mounting_damping_ratio", "second_mode_damping_ratio", "nut_mass", "table_absorber_mass",
+            "table_absorber_damping_ratio", "nut_absorber_mass", "nut_absorber_damping_ratio",
         )  # fmt: skip
+        for place in ("table", "nut"):
+            frequency = getattr(self, f"{place}_absorber_frequency")
+            if getattr(self, f"{place}_absorber_mass") and not frequency > 0.0:
+                raise OutsideValidityError(
+                    f"{place}_absorber_frequency must be positive where the absorber has a mass; got {frequency} Hz"
+                )
         if not self.base_frequency > 0.0:
             raise OutsideValidityError(f"base_frequency must be positive; got {self.base_frequency} Hz")
         if self.second_mode_residue and not self.second_mode_frequency > 0.0:

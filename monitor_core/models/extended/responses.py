@@ -3,7 +3,6 @@
 import numpy as np
 
 from monitor_core.arrays import ComplexArray
-from monitor_core.models.bracket import BeyondContacts, nut_receptances
 from monitor_core.models.extended.amplitude import linearise
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states
@@ -37,14 +36,15 @@ def _displacements(path: Path, lines: PreparedLines) -> ComplexArray:
 
 
 def _at_nut(values: ComplexArray, path: Path, physics: AxisPhysics, lines: PreparedLines) -> None:
-    """Put the displacement of the nut where the accelerometer sits there."""
+    """Put the displacement of the nut where the accelerometer sits there, the nut's own mass before the bracket."""
     at = lines.at_nut
     if at.size:
-        nut = -(lines.drive.omega**2) * physics.bodies.nut_mass
-        beyond = BeyondContacts(nut, path.bracket, path.table - nut)
-        per_force, per_torque = nut_receptances(path.compliance, path.unloaded_travel, beyond)
+        more = max(physics.bodies.nut_mass - physics.added.nut_mass, 0.0)  # what is not there already
+        carried = path.carried.with_nut_of(more, lines.drive.omega)
+        reached = carried.reached_through(1.0 / path.nut + path.before_bracket)
+        per_torque = path.unloaded_travel * reached.nut_per_travel
         drive_line = lines.drive_line[at]
-        values[at] = np.where(lines.by_torque[at], per_torque[drive_line], per_force[drive_line])
+        values[at] = np.where(lines.by_torque[at], per_torque[drive_line], reached.nut_per_force[drive_line])
 
 
 def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
@@ -60,8 +60,15 @@ def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: Prepared
 
 
 def _through_the_channels(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
-    """Let a torque act late and an accelerometer resonate on its mounting."""
+    """Let a torque act late, channels be recorded late and an accelerometer resonate on its mounting."""
     added = physics.added
+    if added.response_delay:
+        at = lines.beyond_screw
+        values[at] *= np.exp(-1j * added.response_delay * lines.omega[at])
+    if added.angle_delay:
+        late = np.exp(-1j * added.angle_delay * lines.omega)
+        late[lines.beyond_screw] = 1.0
+        values *= late
     if added.torque_delay:
         values *= np.where(lines.by_torque, np.exp(-1j * added.torque_delay * lines.omega), 1.0)
     if added.mounting_inverse_square:

@@ -73,10 +73,20 @@ class Hidden:
     structure_residue: float = 0.0  # a structure that the drive's force moves and the table rides on [1/kg]
     structure_frequency: float = 300.0  # [Hz]
     structure_damping_ratio: float = 0.02
-    # not in the catalogue
     absorber_mass: float = 0.0  # a mass on a spring on the table [kg]
     absorber_frequency: float = 300.0  # [Hz]
     absorber_damping_ratio: float = 0.02
+    nut_absorber_mass: float = 0.0  # one that hangs on the nut, before the bracket [kg]
+    nut_absorber_frequency: float = 300.0  # [Hz]
+    nut_absorber_damping_ratio: float = 0.02
+    nut_mass_before_bracket: float = 0.0  # of the moving mass, what sits between nut and bracket [kg]
+    screw_loss_factor: float = 0.0  # of the steel of the screw, beyond what it always has [-]
+    #: Of all joints, with a stiffness that is the same at all frequencies: no motion in time has it, lines do.
+    constant_loss_factor: float = 0.0  # [-]
+    motor_damping: float = 0.0  # of the rotor, beyond what is described [N·m·s/rad]
+    response_delay: float = 0.0  # by which the accelerometer is recorded late [s]
+    angle_delay: float = 0.0  # by which the angle of the rotor is recorded late [s]
+    # not in the catalogue
     absorber_frequency_slope: float = 0.0  # its frequency changes with the position of the table, relative per m [1/m]
     nut_softening: float = 0.0  # the nut loses this share of its stiffness where it is deflected much, solved in time
     nut_softening_deflection: float = 1e-7  # rms deflection scale at which half of it is lost [m]

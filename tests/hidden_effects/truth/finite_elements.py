@@ -18,6 +18,8 @@ from tests.hidden_effects.truth.reduction_states import state_space
 
 #: With it the third mode is within 0.02 %. [m]
 ELEMENT_LENGTH = 0.016
+#: Of a nut that something hangs on, over what hangs there: hardly anything, but its degree of freedom needs some. [-]
+LEAST_NUT_MASS = 1e-2
 #: The steel of the screw loses a little by itself, as Kelvin and Voigt have it: a loss factor of 0.002 at 500 Hz. No
 #: description of a drive holds it; it is why no model of one agrees to the last digit. [s]
 SCREW_LOSS_TIME = 2e-3 / (2.0 * math.pi * 500.0)
@@ -44,6 +46,8 @@ def respond(
         [m/s²], [rad]
     """
     hidden = axis.hidden
+    if hidden.constant_loss_factor:
+        raise ValueError("no motion in time has a loss factor without stiffening; take the wave lines")
     plants = [plant(axis, setting) for setting in settings]
     fed_back = FedBack(
         hidden.guide_friction,
@@ -56,7 +60,16 @@ def respond(
         motion = stepped_motion(plants, torque, sample_rate, hidden.torque_delay, fed_back)
     else:
         motion = steady_motion(plants, torque, sample_rate, hidden.torque_delay, 2)
-    return motion[0], motion[1]
+    return late(motion[0], hidden.response_delay, sample_rate), late(motion[1], hidden.angle_delay, sample_rate)
+
+
+def late(channel: np.ndarray, delay: float, sample_rate: float) -> np.ndarray:
+    """Return a band-limited record that goes on for ever as it is recorded later."""
+    if not delay:
+        return channel
+    spectrum = np.fft.rfft(channel, axis=1)
+    spectrum *= np.exp(-2j * math.pi * delay * np.fft.rfftfreq(channel.shape[1], 1.0 / sample_rate))
+    return np.fft.irfft(spectrum, channel.shape[1], axis=1)
 
 
 def plant(axis: Axis, setting: Setting) -> Oscillators:
@@ -90,35 +103,46 @@ def assemble(axis: Axis, setting: Setting, element_length: float = ELEMENT_LENGT
     near, far = (max(4, math.ceil(length / element_length)) for length in (x, parts.screw_length - x))
     nodes = np.r_[np.linspace(0.0, x, near + 1), np.linspace(x, parts.screw_length, far + 1)[1:]]
     n = nodes.size
-    has_base, has_absorber = hidden.base_compliance > 0.0, hidden.absorber_mass > 0.0
-    table, rotor, base, absorber = 2 * n, 2 * n + 1, 2 * n + 2, 2 * n + 2 + has_base
-    size = 2 * n + 2 + has_base + has_absorber
+    has_base = hidden.base_compliance > 0.0
+    on_nut = max(hidden.nut_mass_before_bracket, LEAST_NUT_MASS * hidden.nut_absorber_mass)
+    bodies = {"table": _moving_mass(axis, setting) - on_nut, "rotor": parts.motor_inertia + parts.coupling_inertia}
+    if has_base:
+        bodies["base"] = 1.0 / hidden.base_compliance / (2.0 * math.pi * hidden.base_frequency) ** 2
+    if on_nut:
+        bodies["nut_body"] = on_nut
+    if hidden.absorber_mass:
+        bodies["absorber"] = hidden.absorber_mass
+    if hidden.nut_absorber_mass:
+        bodies["nut_absorber"] = hidden.nut_absorber_mass
+    size = 2 * n + len(bodies)
 
     def along(**factors: float) -> np.ndarray:
-        places = {"table": table, "rotor": rotor, "base": base, "absorber": absorber, "near_end": 0, "far_end": n - 1,
-                  "driven_end": n, "nut": near, "nut_turn": n + near}  # fmt: skip
+        places = {"near_end": 0, "far_end": n - 1, "driven_end": n, "nut": near, "nut_turn": n + near}
+        places |= {name: 2 * n + index for index, name in enumerate(bodies)}
         vector = np.zeros(size)
         for name, factor in factors.items():
             vector[places[name]] = factor
         return vector
 
-    mass, stiffness, damping = _screw(parts, hidden, nodes, size)
-    bodies = {rotor: parts.motor_inertia + parts.coupling_inertia, table: _moving_mass(axis, setting)}
+    mass, screw, damping = _screw(parts, hidden, nodes, size)
+    stiffness = np.zeros((size, size))
     grounded: list[tuple[np.ndarray, float, float]] = [  # direction, stiffness, damping
         (along(table=1.0), hidden.guide_stiffness, parts.table_damping),
-        (along(rotor=1.0), hidden.servo_stiffness, parts.motor_damping),
+        (along(rotor=1.0), hidden.servo_stiffness, parts.motor_damping + hidden.motor_damping),
     ]
     if has_base:
         omega, spring = 2.0 * math.pi * hidden.base_frequency, 1.0 / hidden.base_compliance
-        bodies[base] = spring / omega**2
         grounded.append((along(base=1.0), spring, 2.0 * hidden.base_damping_ratio * spring / omega))
-    if has_absorber:
-        middle = 0.5 * parts.screw_length
-        omega = 2.0 * math.pi * hidden.absorber_frequency * (1.0 + hidden.absorber_frequency_slope * (x - middle))
-        spring = hidden.absorber_mass * omega**2
-        bodies[absorber] = hidden.absorber_mass
-        stretch = along(absorber=1.0, table=-1.0)
-        grounded.append((stretch, spring, 2.0 * hidden.absorber_damping_ratio * spring / omega))
+    for place, name, mass_of, frequency, ratio in (
+        ("table", "absorber", hidden.absorber_mass, hidden.absorber_frequency, hidden.absorber_damping_ratio),
+        ("nut_body", "nut_absorber", hidden.nut_absorber_mass, hidden.nut_absorber_frequency,
+         hidden.nut_absorber_damping_ratio),
+    ):  # fmt: skip
+        if mass_of:
+            wander = hidden.absorber_frequency_slope * (x - 0.5 * parts.screw_length) if place == "table" else 0.0
+            omega = 2.0 * math.pi * frequency * (1.0 + wander)
+            stretch = along(**{name: 1.0, place: -1.0})
+            grounded.append((stretch, mass_of * omega**2, 2.0 * ratio * mass_of * omega))
 
     on_base = {"base": -1.0} if has_base else {}
     far_bearing = parts.far_bearing_stiffness + hidden.far_bearing_stiffness
@@ -127,8 +151,14 @@ def assemble(axis: Axis, setting: Setting, element_length: float = ELEMENT_LENGT
         (along(far_end=1.0, **on_base), far_bearing, parts.far_bearing_damping),
         (along(rotor=1.0, driven_end=-1.0), parts.coupling_stiffness, parts.coupling_damping),
     ]
-    for place, amount in bodies.items():
-        mass[place, place] += amount
+    bracket = 1.0 / (1.0 / parts.bracket_stiffness + hidden.series_compliance)
+    carrier = "table"
+    if on_nut:
+        carrier = "nut_body"
+        held.append((along(table=1.0, nut_body=-1.0), bracket, 0.0))
+        bracket = math.inf
+    for index, amount in enumerate(bodies.values()):
+        mass[2 * n + index, 2 * n + index] += amount
     for direction, spring, damper in grounded:
         stiffness += spring * np.outer(direction, direction)
         damping += damper * np.outer(direction, direction)
@@ -136,12 +166,13 @@ def assemble(axis: Axis, setting: Setting, element_length: float = ELEMENT_LENGT
         damping += damper * np.outer(direction, direction)
     return Structure(
         mass,
+        screw,
         stiffness,
         damping,
         tuple(Joint(direction, spring) for direction, spring, _ in held if spring),
         NutPath(
-            along(table=1.0, nut=-1.0, nut_turn=-transmission(parts)),
-            1.0 / (1.0 / parts.bracket_stiffness + hidden.series_compliance),
+            along(**{carrier: 1.0, "nut": -1.0, "nut_turn": -transmission(parts)}),
+            bracket,
             nut_stiffness(axis, setting),
             parts.nut_damping,
         ),

@@ -19,7 +19,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NutPath:
-    """The nut, spring and damper side by side, in series with the bracket."""
+    """The nut, spring and damper side by side, in series with the bracket; an infinite one leaves the nut alone."""
 
     direction: np.ndarray  # deflection of both per degree of freedom, shape (n_dof,)
     bracket: float  # [N/m]
@@ -32,7 +32,8 @@ class Structure:
     """Matrices of shape (n_dof, n_dof) without joints and nut, which stand beside them."""
 
     mass: np.ndarray
-    stiffness: np.ndarray
+    screw: np.ndarray  # stiffness of its steel
+    stiffness: np.ndarray  # of all else that loses nothing
     damping: np.ndarray
     joints: tuple[Joint, ...]
     path: NutPath
@@ -45,7 +46,11 @@ class Structure:
         path = self.path
         in_series = Joint(path.direction, 1.0 / (1.0 / path.bracket + 1.0 / path.nut))
         joints = (*self.joints, in_series)
-        return self.stiffness + sum(joint.stiffness * np.outer(joint.direction, joint.direction) for joint in joints)
+        return (
+            self.screw
+            + self.stiffness
+            + sum(joint.stiffness * np.outer(joint.direction, joint.direction) for joint in joints)
+        )
 
 
 def reduced_basis(mass: np.ndarray, stiffness: np.ndarray, loaded: np.ndarray, n_modes: int) -> np.ndarray:

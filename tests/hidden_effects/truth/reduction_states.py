@@ -21,7 +21,7 @@ def state_space(structure: Structure, hidden: Hidden, travel_per_angle: float) -
     Outputs are the accelerometer at the table, the angle of the rotor, the velocity of the table and the deflection of
     the nut.
     """
-    system = _drive(structure, maxwell_chain(hidden.loss_factor))
+    system = _drive(structure, maxwell_chain(hidden.loss_factor), maxwell_chain(hidden.screw_loss_factor))
     if hidden.structure_residue:
         system = _riding(system, hidden, travel_per_angle)
     if math.isfinite(hidden.mounting_frequency):
@@ -29,24 +29,29 @@ def state_space(structure: Structure, hidden: Hidden, travel_per_angle: float) -
     return StateSpace(system.a, system.b, system.c[:_SEEN], system.d[:_SEEN])
 
 
-def _drive(structure: Structure, chain: MaxwellChain) -> StateSpace:
+def _drive(structure: Structure, chain: MaxwellChain, steel: MaxwellChain) -> StateSpace:
     """Return the drive.
 
     Its states are displacements and velocities of the reduced coordinates, the deflection of the nut, and the dashpots
-    of every joint, of the bracket and of the nut.
+    of every joint, of the bracket and of the nut, and of each coordinate as the steel of the screw remembers it.
     """
     path, joints = structure.path, structure.joints
     loaded = [path.direction, structure.table, structure.rotor, *(joint.direction for joint in joints)]
     basis = reduced_basis(structure.mass, structure.whole_stiffness, np.array(loaded).T, N_MODES)
     n = basis.shape[1]
     moved, moving, nut = slice(0, n), slice(n, 2 * n), 2 * n
-    size = nut + 1 + chain.share.size * (len(joints) + 2)
+    of_joints = nut + 1 + chain.share.size * (len(joints) + 2)
+    size = of_joints + n * steel.share.size
     a, b, c = np.zeros((size, size)), np.zeros((size, 3)), np.zeros((6, size))
     a[moved, moving] = np.eye(n)
-    a[moving, moved] = -basis.T @ structure.stiffness @ basis
+    screw = basis.T @ structure.screw @ basis
+    a[moving, moved] = -basis.T @ structure.stiffness @ basis - (steel.constant + steel.share.sum()) * screw
+    for index, (share, time) in enumerate(zip(steel.share, steel.time, strict=True)):
+        remembered = slice(of_joints + n * index, of_joints + n * (index + 1))
+        a[moving, remembered] = share * screw
+        a[remembered, moved], a[remembered, remembered] = np.eye(n) / time, -np.eye(n) / time
     a[moving, moving] = -basis.T @ structure.damping @ basis
     b[moving, 0], b[moving, 1] = basis.T @ structure.rotor, basis.T @ structure.table
-    b[nut, 2] = -1.0 / path.damping
 
     first = nut + 1
     for joint in joints:
@@ -55,16 +60,26 @@ def _drive(structure: Structure, chain: MaxwellChain) -> StateSpace:
         force = joint.stiffness * _remembered(a, elongation, chain, first)
         a[moving] -= np.outer(elongation[moved], force)
         first += chain.share.size
-    bracket, alone = np.zeros(size), np.zeros(size)
-    bracket[moved], bracket[nut], alone[nut] = basis.T @ path.direction, -1.0, 1.0
-    force = path.bracket * _remembered(a, bracket, chain, first)
-    a[moving] -= np.outer(bracket[moved], force)
-    a[nut] = (force - path.nut * _remembered(a, alone, chain, first + chain.share.size)) / path.damping
+    contact, alone = basis.T @ path.direction, np.zeros(size)
+    if math.isinf(path.bracket):  # what the nut carries has a mass of its own
+        alone[moved] = contact
+        a[moving] -= np.outer(contact, path.nut * _remembered(a, alone, chain, first))
+        a[moving, moving] -= path.damping * np.outer(contact, contact)
+        a[nut, nut] = -1.0  # nothing stands for it
+        b[moving, 2] = -contact
+        c[_DEFLECTION, moved] = contact
+    else:
+        bracket = np.zeros(size)
+        bracket[moved], bracket[nut], alone[nut] = contact, -1.0, 1.0
+        force = path.bracket * _remembered(a, bracket, chain, first)
+        a[moving] -= np.outer(bracket[moved], force)
+        a[nut] = (force - path.nut * _remembered(a, alone, chain, first + chain.share.size)) / path.damping
+        b[nut, 2] = -1.0 / path.damping
+        c[_DEFLECTION, nut] = 1.0
 
     table = basis.T @ structure.table
     c[_ACCELERATION], c[_ANGLE, moved] = table @ a[moving], basis.T @ structure.rotor
     c[_SEEN, moved] = c[_VELOCITY, moving] = c[_SEEN_VELOCITY, moving] = table
-    c[_DEFLECTION, nut] = 1.0
     d = np.zeros((6, 3))
     d[_ACCELERATION] = table @ b[moving]
     return StateSpace(a, b, c, d)

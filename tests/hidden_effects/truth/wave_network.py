@@ -38,7 +38,9 @@ class Lines:
 def lines_of(axis: Axis, frequency: FloatArray) -> Lines:
     """Return the lines of frequencies above zero."""
     s = 2j * math.pi * np.asarray(frequency, dtype=np.float64)
-    return Lines(s, lossy(s, STEEL_LOSS_FACTOR), lossy(s, axis.hidden.loss_factor))
+    h = axis.hidden
+    joints = lossy(s, h.loss_factor) + 1j * h.constant_loss_factor
+    return Lines(s, lossy(s, STEEL_LOSS_FACTOR + h.screw_loss_factor), joints)
 
 
 def lossy(s: ComplexArray, loss_factor: float) -> ComplexArray:
@@ -93,17 +95,29 @@ class Network:
     compliance: ComplexArray  # of everything between the nut's force and ground, the table apart [m/N]
     nut: ComplexArray  # its spring and damper [N/m]
     table: ComplexArray  # dynamic stiffness of table, guides and absorber [N/m]
+    nut_body: Spectrum  # dynamic stiffness of what is between nut and bracket [N/m]
+    bracket: ComplexArray  # behind it, a part of the compliance [m/N]
     riding: Spectrum  # motion of the structure under the table per torque [m/(N·m)]
     late: Spectrum  # of the recorded torque, what acts
     sensor: Spectrum  # what the accelerometer makes of an acceleration
+    clock: Spectrum  # what the recorder makes of an angle
 
     def nut_force(self, torque: Spectrum, on_table: Spectrum = 0.0, in_nut: Spectrum = 0.0) -> ComplexArray:
         """Return the force through the nut under an acting torque, a force on the table and one beside the nut's."""
         drive = self.lever * torque + in_nut / self.nut
-        return np.asarray((self.table * drive - on_table) / (1.0 + self.compliance * self.table))
+        if isinstance(self.nut_body, float):
+            return np.asarray((self.table * drive - on_table) / (1.0 + self.compliance * self.table))
+        felt = self.nut_body + 1.0 / (self.bracket + 1.0 / self.table)
+        passed_on = on_table / (1.0 + self.bracket * self.table)
+        return np.asarray((felt * drive - passed_on) / (1.0 + (self.compliance - self.bracket) * felt))
 
     def table_travel(self, torque: Spectrum, on_table: Spectrum = 0.0, in_nut: Spectrum = 0.0) -> ComplexArray:
         """Return the travel of the table, relative to what it rides on."""
+        if not isinstance(self.nut_body, float):
+            force = self.nut_force(torque, on_table, in_nut)
+            drive = self.lever * torque + in_nut / self.nut
+            at_nut = drive - (self.compliance - self.bracket) * force
+            return np.asarray((force - self.nut_body * at_nut + on_table) / self.table)
         drive = self.lever * torque + in_nut / self.nut + self.compliance * on_table
         return np.asarray(drive / (1.0 + self.compliance * self.table))
 
@@ -116,7 +130,7 @@ class Network:
         torque = self.late * recorded
         travel = self.table_travel(torque, on_table, in_nut) + self.riding * torque
         angle = self.turning * torque - self.lever * self.nut_force(torque, on_table, in_nut)
-        return np.asarray(self.sensor * self.s**2 * travel), np.asarray(angle)
+        return np.asarray(self.sensor * self.s**2 * travel), np.asarray(self.clock * angle)
 
 
 def network_of(axis: Axis, setting: Setting, lines: Lines) -> Network:
@@ -135,6 +149,11 @@ def network_of(axis: Axis, setting: Setting, lines: Lines) -> Network:
     if math.isfinite(h.mounting_frequency):
         spring = _spring_of(s, 1.0, h.mounting_frequency, h.mounting_damping_ratio)
         sensor = spring / (spring + s**2)
+    nut_body: Spectrum = 0.0
+    if h.nut_mass_before_bracket or h.nut_absorber_mass:
+        nut_body = s**2 * h.nut_mass_before_bracket + _hanging(
+            s, h.nut_absorber_mass, h.nut_absorber_frequency, h.nut_absorber_damping_ratio
+        )
     return Network(
         s=s,
         lever=lever,
@@ -142,9 +161,12 @@ def network_of(axis: Axis, setting: Setting, lines: Lines) -> Network:
         compliance=1.0 / nut + series + 1.0 / _tension(axis, setting, lines) + lead_ratio**2 / torsion,
         nut=nut,
         table=_table(axis, setting, s),
+        nut_body=nut_body,
+        bracket=series,
         riding=structure,
         late=np.exp(-s * h.torque_delay),
-        sensor=sensor,
+        sensor=sensor * np.exp(-s * h.response_delay) if h.response_delay else sensor,
+        clock=np.exp(-s * h.angle_delay) if h.angle_delay else 1.0,
     )
 
 
@@ -199,7 +221,8 @@ def _torsion(axis: Axis, setting: Setting, lines: Lines) -> tuple[ComplexArray, 
     coupling = p.coupling_stiffness * lines.joints + s * p.coupling_damping
     near = held_rod(s, rigidity, p.density * polar, position, coupling)
     far = held_rod(s, rigidity, p.density * polar, p.screw_length - position, 0.0)
-    rotor = s**2 * (p.motor_inertia + p.coupling_inertia) + s * p.motor_damping + h.servo_stiffness + near.at_body
+    rotor = s**2 * (p.motor_inertia + p.coupling_inertia) + s * (p.motor_damping + h.motor_damping)
+    rotor = rotor + h.servo_stiffness + near.at_body
     free_screw = near.at_nut + far.at_nut
     at_nut = free_screw - near.across**2 / rotor
     unloaded = -near.across / (rotor * at_nut)  # angle at the nut per torque
@@ -210,14 +233,22 @@ def _torsion(axis: Axis, setting: Setting, lines: Lines) -> tuple[ComplexArray, 
 def _table(axis: Axis, setting: Setting, s: ComplexArray) -> ComplexArray:
     p, h = axis.parts, axis.hidden
     mass = p.table_mass + p.nut_mass + h.added_mass + setting.payload + (h.payload_error if setting.payload else 0.0)
+    mass -= h.nut_mass_before_bracket
     table = s**2 * mass + s * p.table_damping + h.guide_stiffness
     if h.absorber_mass:
         from_middle = position_of(axis, setting) - 0.5 * p.screw_length
         frequency = h.absorber_frequency * (1.0 + h.absorber_frequency_slope * from_middle)
-        spring = _spring_of(s, h.absorber_mass, frequency, h.absorber_damping_ratio)
-        inertia = s**2 * h.absorber_mass
-        table = table + inertia * spring / (inertia + spring)
+        table = table + _hanging(s, h.absorber_mass, frequency, h.absorber_damping_ratio)
     return np.asarray(table)
+
+
+def _hanging(s: ComplexArray, mass: float, frequency: float, damping_ratio: float) -> Spectrum:
+    """Return the dynamic stiffness of a mass behind its spring and damper, as what it hangs on finds it."""
+    if not mass:
+        return 0.0
+    spring = _spring_of(s, mass, frequency, damping_ratio)
+    inertia = s**2 * mass
+    return np.asarray(inertia * spring / (inertia + spring))
 
 
 def _spring_of(s: ComplexArray, mass: float, frequency: float, damping_ratio: float) -> ComplexArray:

@@ -1,0 +1,153 @@
+r"""What the contacts of the nut carry: the nut itself, its bracket, the table, and what hangs on nut and table.
+
+The nut has the dynamic stiffness n/e before the bracket :math:`c_s`, the table z/d behind it, functions of ω without
+poles. The models have n = 0 and d = e = 1: all that moves is one body behind the bracket. With a nut of mass
+:math:`m_n`, which then is no part of the table, and absorbers of mass m, natural frequency :math:`\omega_a` and damping
+ratio ζ whose driving-point stiffness is that of a mass on a spring and a damper,
+
+.. math::
+
+    \frac{n}{e} = -\omega^2 m_n + Z_a, \qquad \frac{z}{d} = Z + \omega^2 m_n + Z_a, \qquad
+    Z_a = -\omega^2 m \frac{1 + 2j\zeta r}{1 - r^2 + 2j\zeta r}, \quad r = \frac{\omega}{\omega_a}
+
+each with an absorber of its own. Where the contacts push against :math:`L/(e S)`, with
+
+.. math:: S = d + c_s z, \qquad L = n S + e z
+
+a travel a of the unloaded nut behind the compliance C' of everything before the bracket moves the nut by
+:math:`a\,e S/N` and the table by :math:`a\,e d/N`, and takes the force :math:`a L/N`, with :math:`N = e S + C' L`.
+A force at the table moves that by :math:`d [C' e + c_s (e + C' n)]/N`. (Den Hartog, Mechanical Vibrations, section 3.2,
+for the absorber; the chain is two springs and two bodies.)
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.models.extended.physics import AddedPhysics
+
+_Function = NumberArray | float  # a plain number where it is that at every frequency
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carried:
+    """The letters of the module's docstring, functions of ω without poles; shape (n_lines,) or ()."""
+
+    bracket: NumberArray  # c_s of bracket and series compliance [m/N]
+    table: NumberArray  # z [N/m]
+    table_pole: _Function = 1.0  # d
+    nut: _Function = 0.0  # n [N/m]
+    nut_pole: _Function = 1.0  # e
+
+    @property
+    def is_table(self) -> bool:
+        """Whether there is nothing but a table behind a bracket."""
+        return isinstance(self.table_pole, float) and isinstance(self.nut, float)
+
+    @property
+    def swing(self) -> NumberArray:
+        """S: zero where the table swings on its bracket, the nut held still."""
+        return np.asarray(self.table_pole + self.bracket * self.table)
+
+    @property
+    def load(self) -> NumberArray:
+        """L: zero where all that is carried would swing by itself, free of the contacts."""
+        return np.asarray(self.nut * self.swing + self.nut_pole * self.table)
+
+    def reached_through(self, compliance: NumberArray) -> "Reached":
+        """Return how nut and table move behind a compliance C'."""
+        d, e, swing, load = self.table_pole, self.nut_pole, self.swing, self.load
+        reciprocal = 1.0 / (e * swing + compliance * load)
+        per_force = d * (compliance * e + self.bracket * (e + compliance * self.nut)) * reciprocal
+        return Reached(
+            per_force, d * e * reciprocal, load * reciprocal, compliance * d * e * reciprocal, e * swing * reciprocal
+        )
+
+    def damped(self, damper: NumberArray) -> "Carried":
+        """Return the same with one more damper between table and ground, jωc."""
+        return replace(self, table=self.table + damper * self.table_pole)
+
+    def with_nut_of(self, mass: float, omega: FloatArray) -> "Carried":
+        """Return the same with a mass taken from the table to the nut."""
+        inertia = omega * omega * mass
+        return replace(self, table=self.table + inertia * self.table_pole, nut=self.nut - inertia * self.nut_pole)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reached:
+    """What is carried, behind a compliance; shape (n_lines,)."""
+
+    table_per_force: NumberArray  # at the table [m/N]
+    table_per_travel: NumberArray  # of the unloaded nut [-]
+    stiffness: NumberArray  # force per travel of the unloaded nut [N/m]
+    nut_per_force: NumberArray  # at the table [m/N]
+    nut_per_travel: NumberArray  # [-]
+
+
+def carried_by_contacts(added: AddedPhysics, omega: NumberArray, bracket: NumberArray, table: NumberArray) -> Carried:
+    """Return what the contacts carry, given bracket and table of a drive without nut mass and absorbers."""
+    if not (added.nut_mass or added.table_absorber_mass or added.nut_absorber_mass):
+        return Carried(bracket, table)
+    squared = omega * omega
+    d: NumberArray = 1.0 + 0.0 * squared
+    e: NumberArray = d
+    z, n = table + squared * added.nut_mass, -squared * added.nut_mass
+    if added.table_absorber_mass:
+        damper, d = _absorber(omega, added.table_absorber_frequency, added.table_absorber_damping_ratio)
+        z = z * d - squared * added.table_absorber_mass * (1.0 + damper)
+    if added.nut_absorber_mass:
+        damper, e = _absorber(omega, added.nut_absorber_frequency, added.nut_absorber_damping_ratio)
+        n = n * e - squared * added.nut_absorber_mass * (1.0 + damper)
+    return Carried(bracket, z, d, n, e)
+
+
+def _absorber(omega: NumberArray, frequency: float, damping_ratio: float) -> tuple[_Function, NumberArray]:
+    """Return 2jζr, a plain number where nothing damps, and 1 − r² + 2jζr."""
+    ratio = omega / (2.0 * np.pi * frequency)
+    damper = 2j * damping_ratio * ratio if damping_ratio else 0.0
+    return damper, 1.0 - ratio * ratio + damper
+
+
+def own_frequencies(added: AddedPhysics, bracket: FloatArray, moving_mass: FloatArray) -> FloatArray:
+    """Return where what is carried swings by itself, undamped and free of the contacts: the zeros of L in rad/s.
+
+    Parameters
+    ----------
+    added : AddedPhysics
+    bracket : ndarray, shape (n_conditions,)
+        c_s; of zero, nut and table are one body. [m/N]
+    moving_mass : ndarray, shape (n_conditions,)
+        With that of the nut. [kg]
+
+    Returns
+    -------
+    ndarray, shape (n_conditions, n_bodies)
+    """
+    rigid = not np.all(bracket > 0.0)
+    bodies, springs = (
+        [moving_mass - (0.0 if rigid else added.nut_mass)],
+        [(0, 0, added.guide_stiffness + 0.0 * bracket)],
+    )
+    nut, before_nut = 0, 0.0 * bracket
+    if added.nut_mass and not rigid:
+        nut = len(bodies)
+        bodies.append(added.nut_mass + 0.0 * bracket)
+        springs.append((0, nut, 1.0 / bracket))
+    elif not rigid:
+        before_nut = bracket  # a nut without mass: what hangs on it hangs on the table, behind the bracket
+    for place, behind, mass, frequency in (
+        (0, 0.0 * bracket, added.table_absorber_mass, added.table_absorber_frequency),
+        (nut, before_nut, added.nut_absorber_mass, added.nut_absorber_frequency),
+    ):
+        if mass:
+            springs.append((place, len(bodies), 1.0 / (1.0 / (mass * (2.0 * np.pi * frequency) ** 2) + behind)))
+            bodies.append(mass + 0.0 * bracket)
+    stiffness = np.zeros((bracket.size, len(bodies), len(bodies)))
+    for first, second, spring in springs:
+        direction = np.zeros(len(bodies))
+        direction[second], direction[first] = -1.0, 1.0
+        stiffness += spring[:, None, None] * np.outer(direction, direction)
+    root = np.sqrt(np.stack(bodies, axis=-1))
+    squares = np.linalg.eigvalsh(stiffness / (root[:, :, None] * root[:, None, :]))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
