@@ -101,17 +101,22 @@ class Workspace(Generic[Physics]):
     #: By :func:`identity` of the fit that they start from; each is refitted once only.
     rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
     _screened: dict[bytes, tuple[Screened[Physics], ...]] = field(default_factory=dict, init=False)
+    #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
+    _fits: dict[tuple[tuple[int, ...], bytes], Fitted[Physics] | None] = field(default_factory=dict, init=False)
 
     def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics]:
         """Fit a hypothesis to the values that fits see; raises OutsideValidityError without an answer at the start."""
         return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout))
 
     def try_fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics] | None:
-        """Fit a hypothesis; None where the model has no answer at the start."""
-        try:
-            return self.fit(hypothesis, start)
-        except OutsideValidityError:
-            return None
+        """Fit a hypothesis, once only from each start; None where the model has no answer at the start."""
+        key = tuple(map(id, hypothesis.effects)), start.tobytes()
+        if key not in self._fits:
+            try:
+                self._fits[key] = self.fit(hypothesis, start)
+            except OutsideValidityError:
+                self._fits[key] = None
+        return self._fits[key]
 
     def remember(self, fitted: Fitted[Physics]) -> None:
         """Keep a fit if it is the best of its effects."""
