@@ -208,8 +208,8 @@ def test_a_user_is_told_what_is_being_tried() -> None:
     reported = []
     workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 2), (quantity(1),), progress=reported.append)
     judge_found(workspace, find_steps(workspace))
-    assert reported[:2] == ["0 effects found", "refitting with quantity-1"]
-    assert "1 effects found" in reported
+    assert reported[:2] == ["0 effects found, screening 1 more", "refitting with quantity-1 (1 of 1)"]
+    assert "1 effect found, screening 0 more" in reported
 
 
 # --- held-out data ---------------------------------------------------------------------------------------------------

@@ -149,13 +149,14 @@ def _refit_promising(
 ) -> Iterator[tuple[Effect[Physics], Fitted[Physics]]]:
     """Yield refits of promising effects, until the gain predicted for the next is surpassed by far."""
     best = current
-    for screened in _promising(workspace, current):
+    promising = _promising(workspace, current)
+    for number, screened in enumerate(promising, start=1):
         gained = current.cost - best.cost
         surpassed = screened.predicted_gain < workspace.settings.least_share_of_gain * gained
         at_floor = gap(best) < 1.0 and not screening_misleads(current)
         if surpassed and (is_near(current) or at_floor):
             continue
-        workspace.progress(f"refitting with {screened.effect.key}")
+        workspace.progress(f"refitting with {screened.effect.key} ({number} of {len(promising)})")
         trial = _fit_from_best_start(workspace, current, screened)
         if trial is not None:
             yield screened.effect, trial

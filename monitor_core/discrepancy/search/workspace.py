@@ -101,6 +101,8 @@ class Workspace(Generic[Physics]):
     #: By :func:`identity` of the fit that they start from; each is refitted once only.
     rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
     _screened: dict[bytes, tuple[Screened[Physics], ...]] = field(default_factory=dict, init=False)
+    #: Fits of the steps of the search so far, without any effect and after each that was added.
+    so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
     #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
     _fits: dict[tuple[tuple[int, ...], bytes], Fitted[Physics] | None] = field(default_factory=dict, init=False)
 
@@ -117,6 +119,17 @@ class Workspace(Generic[Physics]):
             except OutsideValidityError:
                 self._fits[key] = None
         return self._fits[key]
+
+    def reach(self, *steps: Fitted[Physics]) -> None:
+        """Keep the steps of a search as its answer if it had to be given now."""
+        if not self.so_far or steps[-1].cost < self.so_far[-1].cost:
+            self.so_far[:] = steps
+
+    @property
+    def tried(self) -> frozenset[str]:
+        """The keys of all effects that any fit had."""
+        fits = (fitted for fitted in self._fits.values() if fitted is not None)
+        return frozenset(key for fitted in fits for key in fitted.hypothesis.keys)
 
     def remember(self, fitted: Fitted[Physics]) -> None:
         """Keep a fit if it is the best of its effects."""
@@ -162,6 +175,10 @@ class Workspace(Generic[Physics]):
         if key not in self._screened:
             self._screened[key] = screen(fitted, self.remaining(fitted))
         return self._screened[key]
+
+    def known_screening(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...]:
+        """Return what screening has found where it is done, else nothing."""
+        return self._screened.get(identity(fitted), ())
 
     def least_evidence(self, without: Fitted[Physics]) -> float:
         """Return the gain of BIC that one more effect needs.
