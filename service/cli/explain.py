@@ -47,7 +47,7 @@ from service.report.content import Cell, EffectContent, ReportContent, report_co
 #: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
 _MOST_PLACES, _MOST_CANDIDATES = 3, 5
 #: How long it may take; see benchmarks.explain_speed.
-_USUALLY = "a few seconds to a minute"
+_USUALLY = "some seconds to two minutes"
 
 
 @click.command(cls=NumbersCommand)

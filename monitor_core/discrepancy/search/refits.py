@@ -207,9 +207,12 @@ def _fit_from_best_start(
     hypothesis = current.hypothesis.with_effect(screened.effect)
     absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
     apart: list[FloatArray | None] = [substitute_parameter(current, screened.effect), screened.elsewhere]
-    best = lowest_cost(*[workspace.try_fit(hypothesis, start) for start in apart if start is not None])
+    best = None
+    for start in apart:
+        if start is not None:
+            best = lowest_cost(best, workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost))
     for start in (*(screened.starts[:1] if near else screened.starts), absent):
-        trial = workspace.try_fit(hypothesis, start)
+        trial = workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost)
         if trial is None:
             continue
         again = best is not None and abs(trial.cost - best.cost) < SAME_MINIMUM * best.cost

@@ -105,20 +105,29 @@ class Workspace(Generic[Physics]):
     so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
     #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
     _fits: dict[tuple[tuple[int, ...], bytes], Fitted[Physics] | None] = field(default_factory=dict, init=False)
+    _given_up: dict[tuple[tuple[int, ...], bytes], float] = field(default_factory=dict, init=False)  # costs to beat
 
-    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics]:
+    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray, to_beat: float = math.inf) -> Fitted[Physics]:
         """Fit a hypothesis to the values that fits see; raises OutsideValidityError without an answer at the start."""
-        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout))
+        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout), to_beat=to_beat)
 
-    def try_fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics] | None:
-        """Fit a hypothesis, once only from each start; None where the model has no answer at the start."""
+    def try_fit(
+        self, hypothesis: Hypothesis[Physics], start: FloatArray, to_beat: float = math.inf
+    ) -> Fitted[Physics] | None:
+        """Fit a hypothesis, once only from each start; None where the model has no answer at the start.
+
+        A fit that will not come below a cost ``to_beat`` may be given up.
+        """
         key = tuple(map(id, hypothesis.effects)), start.tobytes()
-        if key not in self._fits:
+        known = self._fits.get(key)
+        if key not in self._fits or (known is not None and known.given_up and to_beat > self._given_up[key]):
+            self._given_up[key] = to_beat
             try:
-                self._fits[key] = self.fit(hypothesis, start)
+                known = self.fit(hypothesis, start, to_beat)
             except OutsideValidityError:
-                self._fits[key] = None
-        return self._fits[key]
+                known = None
+            self._fits[key] = known
+        return known
 
     def reach(self, *steps: Fitted[Physics]) -> None:
         """Keep the steps of a search as its answer if it had to be given now."""
