@@ -93,17 +93,24 @@ def explain(
     options: ExplainOptions | None = None,
     *,
     progress: Callable[[str], None] | None = None,
+    time_is_up: Callable[[], bool] | None = None,
 ) -> Explanation:
     """Find where measurements and a described axis differ, what the model lacks, and how far adding it closes the gap.
 
     A fit may adjust what stands in ``uncertain`` of the axis; ``progress`` is called with a few words on what is being
-    done. The explanation comes with the augmented description: parameters as refitted, effects of the axis and those
-    found; where the cause is unknown, the description as given. ``NotIdentifiableError`` or ``OutsideValidityError`` if
-    measurements, description and what is to be held out do not go together; one sentence says why.
+    done. Once ``time_is_up`` says so, the answer is what the search had come to: *partial* or *unknown*, with a
+    sentence in ``unfinished``; the model as it stands is fitted in any case. The explanation comes with the augmented
+    description: parameters as refitted, effects of the axis and those found; where the cause is unknown, the
+    description as given. ``NotIdentifiableError`` or ``OutsideValidityError`` if measurements, description and what is
+    to be held out do not go together; one sentence says why.
     """
     options = options or ExplainOptions()
+    if progress is not None:
+        progress("comparing with the model as stated")
     question = _question(axis, measured, options)
-    found = explain_comparison(question.comparison, question.described, question.candidates, progress=progress)
+    found = explain_comparison(
+        question.comparison, question.described, question.candidates, progress=progress, time_is_up=time_is_up
+    )
     exact = _held_exact(axis) if found.outcome is not Outcome.NONE else ()
     augmented = axis
     if found.outcome is not Outcome.UNKNOWN:

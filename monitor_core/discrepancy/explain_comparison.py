@@ -31,7 +31,8 @@ from monitor_core.discrepancy.localisation.localise import (
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Found
-from monitor_core.discrepancy.search.search import find_steps, judge_found, leave_out
+from monitor_core.discrepancy.search.search import find_steps, judge_found, judge_so_far, leave_out
+from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.outcome import (
@@ -56,9 +57,16 @@ from monitor_core.fitting.solver.posterior_mode import at_mode
 
 
 def candidates_not_found(
-    found: Found[Physics], candidates: Sequence[Effect[Physics]], classes: Sequence[EquivalenceClass[Physics]]
+    found: Found[Physics],
+    candidates: Sequence[Effect[Physics]],
+    classes: Sequence[EquivalenceClass[Physics]],
+    *,
+    not_tried: str | None = None,
 ) -> tuple[Candidate, ...]:
-    """Return which of the candidates are in no class of an accepted effect, best supported first."""
+    """Return which of the candidates are in no class of an accepted effect, best supported first.
+
+    ``not_tried`` says why some of them may not have been screened.
+    """
     reported = {key for group in classes for key in (group.representative.effect.key, *group.aliases, *group.untested)}
     rivals = {
         rival.effect.key: (rival, accepted.without, group.representative.effect.key)
@@ -82,6 +90,8 @@ def candidates_not_found(
             evidence = scale.factor * result.decrease - scale.penalty(len(effect.parameters))
         else:
             untestable = _why_untestable(effect, result, found)
+            if not_tried and result is None and effect.applies(found.final.physics()):
+                untestable = not_tried
             if untestable is None:
                 continue
         unit = effect.parameters[0].unit
@@ -131,29 +141,47 @@ def explain_comparison(
     *,
     settings: ExplainSettings | None = None,
     progress: Callable[[str], None] | None = None,
+    time_is_up: Callable[[], bool] | None = None,
 ) -> Explanation:
     """Find where measurements and a described axis differ, which candidates it lacks, and how far they close the gap.
 
-    ``progress`` is called with a few words on what is being done. Raises OutsideValidityError if the described axis
-    itself has no answer under one of the conditions.
+    ``progress`` is called with a few words on what is being done. Once ``time_is_up`` says so the search is left, and
+    the answer is what it had come to: *partial* or *unknown*, with a sentence on what was not tried. Raises
+    OutsideValidityError if the described axis itself has no answer under one of the conditions.
     """
     settings = settings or ExplainSettings()
-    report = progress or (lambda _sentence: None)
-    workspace = Workspace(comparison, axis, tuple(candidates), settings.search, report)
-    steps, hidden = find_steps(workspace), list[str]()
-    while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
-        hidden.append(least.key)
-        steps = leave_out(workspace, steps, least)
-    report("judging what was found")
-    found = judge_found(workspace, steps)
-    classes, final = classes_with_fit(found, candidates)
-    final = at_mode(final)
+    said = ["comparing the model as stated"]
+
+    def report(sentence: str) -> None:
+        said.append(sentence)
+        if progress is not None:
+            progress(sentence)
+
+    report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
+    stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
+    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report)
+    hidden, unfinished = list[str](), ""
+    try:
+        steps = find_steps(workspace)
+        while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
+            hidden.append(least.key)
+            steps = leave_out(workspace, steps, least)
+        report("judging what was found")
+        found = judge_found(workspace, steps)
+        classes, final = classes_with_fit(found, candidates)
+        final = at_mode(final)
+    except TimeIsUpError:
+        hidden, unfinished = [], _unfinished(workspace, said[-1])
+        found = judge_so_far(workspace)
+        classes, final = classes_with_fit(found, candidates)
     found = replace(found, final=final)
     remainder = remainder_of(final)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     left = remainder.is_left(settings.outcome)
     outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
+    if unfinished:
+        outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
     scale = found.evidence_scale
@@ -169,7 +197,7 @@ def explain_comparison(
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,
         steps=_steps(found, classes),
-        candidates=candidates_not_found(found, candidates, classes),
+        candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
         next_measurement=next_measurement(found, classes, outcome, candidates),
@@ -181,6 +209,18 @@ def explain_comparison(
         pulls_before=_parameter_pulls(found.baseline),
         # an effect that would do in the place of another is reported there
         hidden_in_remainder=tuple(key for key in hidden if key not in reported and left),
+        unfinished=unfinished,
+    )
+
+
+def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
+    """Say what a search that was left was doing, and what it had not tried."""
+    untried = [effect.key for effect in workspace.remaining(workspace.so_far[-1]) if effect.key not in workspace.tried]
+    listed = ", ".join(dict.fromkeys(untried))
+    not_tried = f"no fit had tried {listed}" if listed else "every effect had been tried in some fit"
+    return (
+        f"Time was up while {doing}: {not_tried}, and what else would do in the place of what was found was not looked "
+        "for to the end; give it more time to be sure of the answer."
     )
 
 

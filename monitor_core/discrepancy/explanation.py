@@ -160,5 +160,7 @@ class Explanation:
     hidden_in_remainder: tuple[str, ...] = ()
     #: What is not in the data and was assumed before anything was compared, in sentences.
     assumptions: tuple[str, ...] = ()
+    #: Where time was up before the search had come to its end: what was being done and what was not tried, a sentence.
+    unfinished: str = ""
     #: The description with what was found; None where a comparison was explained, of which there is no description.
     augmented: AxisDescription | None = None

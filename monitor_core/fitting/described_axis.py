@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Protocol, TypeVar
 
 from monitor_core.effects import (
@@ -51,11 +52,7 @@ class DescribedDrive:
 
     def physics(self, ln_ratios: Mapping[str, float]) -> AxisPhysics:
         """Return the axis with these parameters moved."""
-        parameters = moved(self.stated, ln_ratios)
-        physics = physics_of(parameters)
-        if not self.present:
-            return physics
-        return with_effects(ExtendedModel(parameters, physics), self.present, self.table).physics
+        return _physics_of(self, tuple(ln_ratios.items()))
 
     def candidates(self, sizes: MachineSizes) -> tuple[Effect[AxisPhysics], ...]:
         """Return what this axis may lack: every effect of the table, every uncertain parameter beyond its tolerance.
@@ -68,6 +65,16 @@ class DescribedDrive:
         stated = stated_names(self.stated)
         names = self.uncertain or [name for name, field in stated.items() if unit_of(field) not in _OF_SHAPE]
         return (*sized_for(self.table, sizes), *(wrong_parameter(name, self.stated) for name in names))
+
+
+@lru_cache(maxsize=32)
+def _physics_of(drive: DescribedDrive, ln_ratios: tuple[tuple[str, float], ...]) -> AxisPhysics:
+    """Return the axis with these parameters moved: a search asks again and again while it moves effects alone."""
+    parameters = moved(drive.stated, dict(ln_ratios))
+    physics = physics_of(parameters)
+    if not drive.present:
+        return physics
+    return with_effects(ExtendedModel(parameters, physics), drive.present, drive.table).physics
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,9 @@ frequencies.
 import math
 from dataclasses import dataclass
 
-from monitor_core.arrays import NumberArray
+import numpy as np
+
+from monitor_core.arrays import NumberArray, reciprocal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +60,8 @@ def nut_receptances(
     """Return the displacement of the nut per force at the table [m/N] and per torque [m/(N·m)], from C and u."""
     before = compliance - beyond.bracket
     swinging = 1.0 + beyond.bracket * beyond.table
-    reciprocal = 1.0 / ((1.0 + before * beyond.nut) * swinging + before * beyond.table)
-    return before * reciprocal, unloaded_travel * swinging * reciprocal
+    closed = reciprocal(np.asarray((1.0 + before * beyond.nut) * swinging + before * beyond.table))
+    return before * closed, unloaded_travel * swinging * closed
 
 
 def nut_from_table(

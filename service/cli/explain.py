@@ -1,5 +1,6 @@
 """``preload explain DATA --baseline MODEL``: what a model lacks, and how far adding it closes the gap."""
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -45,6 +46,8 @@ from service.report.content import Cell, EffectContent, ReportContent, report_co
 
 #: How many places of misfit, and how many effects that were not found, a person is shown; the report has all.
 _MOST_PLACES, _MOST_CANDIDATES = 3, 5
+#: How long it may take; see benchmarks.explain_speed.
+_USUALLY = "some seconds to two minutes"
 
 
 @click.command(cls=NumbersCommand)
@@ -76,6 +79,11 @@ _MOST_PLACES, _MOST_CANDIDATES = 3, 5
     "--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MODEL",
     help="Write the augmented model: what was refitted, and the effects that were found.",
 )  # fmt: skip
+@click.option(
+    "--time-limit", "time_limit_s", type=click.FloatRange(min=0.0, min_open=True), metavar="SECONDS",
+    help="Give the best answer so far after this time: partial or unknown, with what was not tried. What the model "
+    "leaves as it stands is found in any case. Without it the search takes as long as it takes.",
+)  # fmt: skip
 @accelerometer_option
 @band_option
 @json_option
@@ -88,6 +96,7 @@ def explain(
     effects_path: Path | None,
     healthy_paths: tuple[Path, ...],
     out: Path | None,
+    time_limit_s: float | None,
     accelerometer: str | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
@@ -96,6 +105,7 @@ def explain(
 
     DATA is a set of frequency responses, a session, a modal table, a motion record, or with --map raw files of one.
     """
+    began = time.monotonic()
     inputs = [*paths, *healthy_paths, *([] if effects_path is None else [effects_path])]
     require_target(out, "model file", inputs=inputs)
     require_target_folder(report_dir)
@@ -106,16 +116,23 @@ def explain(
     baseline = read_model_file(model_at(baseline_path))
     effects = () if effects_path is None else read_effect_file(effects_path)
     _require_writable(baseline, effects)
-    measured, assumptions = _measured(data, band_hz, accelerometer)
-    options = ExplainOptions(
-        hold_out=tuple(metres(position) for position in hold_out_mm),
-        effects=effects,
-        healthy=tuple(_responses(path, band_hz) for path in healthy_files),
-        accelerometer=accelerometer,
-        assumptions=assumptions,
-    )
     with _watched(data.name) as progress:
-        explanation = explain_axis(baseline, measured, options, progress=progress)
+        progress("reading")
+        measured, assumptions = _measured(data, band_hz, accelerometer)
+        options = ExplainOptions(
+            hold_out=tuple(metres(position) for position in hold_out_mm),
+            effects=effects,
+            healthy=tuple(_responses(path, band_hz) for path in healthy_files),
+            accelerometer=accelerometer,
+            assumptions=assumptions,
+        )
+        explanation = explain_axis(
+            baseline,
+            measured,
+            options,
+            progress=progress,
+            time_is_up=lambda: time_limit_s is not None and time.monotonic() - began >= time_limit_s,
+        )
     model_text = model_file_text(explanation.augmented or baseline)
     if report_dir is not None:
         write_report(report_dir, explanation, model_text, _subject(data, baseline_path, len(options.healthy)))
@@ -186,9 +203,9 @@ def _responses(path: Path, band_hz: tuple[float, float] | None) -> tuple[Frequen
 
 @contextmanager
 def _watched(name: str) -> Iterator[Callable[[str], None]]:
-    with progress_bar() as bar:
-        task = bar.add_task(name, total=None)
-        yield lambda sentence: bar.update(task, description=f"{name}: {sentence}", advance=1)
+    with progress_bar(of_unknown_length=True) as bar:
+        task = bar.add_task(f"{name}, {_USUALLY}", total=None)
+        yield lambda sentence: bar.update(task, description=f"{name}, {_USUALLY}: {sentence}", advance=1)
 
 
 def _print(content: ReportContent) -> None:

@@ -9,7 +9,15 @@ from collections.abc import Mapping, Sequence
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -47,13 +55,16 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     Console(width=None if Console().is_terminal else 140).print(table)
 
 
-def progress_bar() -> Progress:
-    """Return a progress bar on standard error; it stays silent where that is no terminal."""
+def progress_bar(*, of_unknown_length: bool = False) -> Progress:
+    """Return a progress bar on standard error; it stays silent where that is no terminal.
+
+    Of work whose length is not known beforehand it shows how long it has taken.
+    """
     console = Console(stderr=True)
-    return Progress(
-        _Description(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-        console=console, disable=not console.is_terminal,
-    )  # fmt: skip
+    columns: tuple[ProgressColumn, ...] = (_Description(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    if of_unknown_length:
+        columns = (TimeElapsedColumn(), _Description())
+    return Progress(*columns, console=console, disable=not console.is_terminal)
 
 
 class _Description(ProgressColumn):

@@ -45,6 +45,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "maps": [_map(shown) for shown in explanation.maps],
         "hidden_in_remainder": list(explanation.hidden_in_remainder),
         "taken_as": list(explanation.assumptions),
+        "unfinished": explanation.unfinished or None,
         "next_measurement": explanation.next_measurement,
         "model": model_text,
     })  # fmt: skip

@@ -32,6 +32,10 @@ _MEANING: Final = {
         "in the description of the axis."
     ),
 }
+_UNFINISHED = (
+    "Unfinished: this is what the search had come to when its time was up, and no verdict. Another effect may explain "
+    "the same as well or better, or what is left."
+)
 _HELD = " on data that were not used to choose it"
 _NOT_HELD = " on the data it was chosen by"
 _WHEN_HELD_OUT = "None could be held out; of five positions or more, two would be."
@@ -51,6 +55,11 @@ def headline(explanation: Explanation) -> str:
             first = "the first of each" if several else "the first of them"
             gap = _gap_sentence(explanation)
             return f"The model lacks {names}, and these data cannot tell which: with {first} {gap}."
+        case Outcome.PARTIAL | Outcome.UNKNOWN if explanation.unfinished:
+            found = "nothing has been found so far: " + _gap_as_it_is(explanation)
+            if explanation.effects:
+                found = f"what helps most so far is {names}: {_gap_sentence(explanation)}"
+            return f"Time was up; {found}."
         case Outcome.PARTIAL:
             gap = _gap_sentence(explanation)
             return f"The model lacks {names}, and more that nothing in the catalogue explains: {gap}."
@@ -67,6 +76,8 @@ def headline(explanation: Explanation) -> str:
 
 def meaning(explanation: Explanation) -> str:
     """Say what the outcome means, and what it does not."""
+    if explanation.unfinished:
+        return _UNFINISHED
     words = _MEANING[explanation.outcome]
     if "{judged}" not in words or not nothing_held_out(explanation):
         return words.format(judged=_HELD)
@@ -76,6 +87,7 @@ def meaning(explanation: Explanation) -> str:
 def asides(explanation: Explanation) -> tuple[str, ...]:
     """Return what goes with the verdict: assumptions, effects that help but are not named, parameters pulled far."""
     return (
+        *([explanation.unfinished] if explanation.unfinished else []),
         *explanation.assumptions,
         *_hidden_in_remainder(explanation),
         *_pulled(explanation),

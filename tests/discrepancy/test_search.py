@@ -140,7 +140,7 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
     both = fit(comparison, fuller, np.zeros(3))
     far_off = replace(both, coordinates=both.coordinates + np.array([40.0, 0.0, 0.0]))
 
-    def stuck_where_it_is_far_off(of, hypothesis, start, chosen=None):
+    def stuck_where_it_is_far_off(of, hypothesis, start, chosen=None, **options):
         fitted = fit(of, hypothesis, start, chosen)
         return resolved_at(fitted, start) if abs(start[0]) > 20.0 else fitted
 
@@ -158,7 +158,7 @@ def test_what_only_leads_out_of_a_false_minimum_is_not_found(monkeypatch) -> Non
 
     caught = iter([True])
 
-    def caught_at_first(of, hypothesis, start, chosen=None):
+    def caught_at_first(of, hypothesis, start, chosen=None, **options):
         fitted = fit(of, hypothesis, start, chosen)
         return resolved_at(fitted, np.array([12.0])) if next(caught, False) else fitted
 
@@ -208,8 +208,8 @@ def test_a_user_is_told_what_is_being_tried() -> None:
     reported = []
     workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 2), (quantity(1),), progress=reported.append)
     judge_found(workspace, find_steps(workspace))
-    assert reported[:2] == ["0 effects found", "refitting with quantity-1"]
-    assert "1 effects found" in reported
+    assert reported[:2] == ["0 effects found, screening 1 more", "refitting with quantity-1 (1 of 1)"]
+    assert "1 effect found, screening 0 more" in reported
 
 
 # --- held-out data ---------------------------------------------------------------------------------------------------

@@ -1,6 +1,8 @@
 """The fit: closed form of a linear misfit, joint optimum with the errors of settings, ill starts, refusals."""
 
+import contextlib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from monitor_core.effects import wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
-from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.fitting.solver.hypothesis_fit import _GivenUpError, _Pace, fit
 from monitor_core.fitting.solver.linearised import linearise
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import (
@@ -231,3 +233,25 @@ def test_minimum_does_not_depend_on_the_start() -> None:
     starts = [np.r_[0.5 * rng.standard_normal(hypothesis.n_uncertain), size] for size in (0.0, 2.0, 8.0)]
     costs = [fit(comparison, hypothesis, start).cost for start in starts]
     assert max(costs) - min(costs) < 0.1
+
+
+# --- a fit that creeps -----------------------------------------------------------------------------------------------
+
+
+def steps_until_given_up(costs: list[float], to_beat: float) -> int:
+    """Return after how many costs a search is given up; all of them where it is not."""
+    pace, taken = _Pace(60, to_beat), 0
+    with contextlib.suppress(_GivenUpError):
+        for taken, cost in enumerate(costs, start=1):
+            pace.require(partial(float, cost), np.array([float(taken)]))
+    return taken
+
+
+def test_a_fit_that_creeps_is_given_up_where_it_cannot_beat_another() -> None:
+    creeping = [6000.0 - step for step in range(60)]
+    assert steps_until_given_up(creeping, 5700.0) == 11
+    assert steps_until_given_up(creeping, 5941.0) == 60  # in the end it does
+    assert steps_until_given_up(creeping, np.inf) == 60  # nothing to beat
+    assert steps_until_given_up([6000.0 * 0.8**step for step in range(60)], 10.0) == 60
+    refused = [6000.0, np.inf, 5999.0, np.inf, *creeping[2:]]
+    assert steps_until_given_up(refused, 5700.0) <= 15

@@ -408,3 +408,13 @@ def test_help(preload: Any) -> None:
     assert (answer.exit_code, answer.err) == (0, "")
     for word in ("--baseline", "--report DIR", "--hold-out-mm X…", "--effects FILE", "--out MODEL", "--band-hz"):
         assert word in answer.out
+
+
+def test_a_time_limit_gives_the_best_answer_so_far_and_says_so(preload: Any) -> None:
+    asked = ("explain", TABLE2, "--baseline", MODELS / "lumped.toml", "--time-limit", "0.01")
+    answer = preload(*asked, "--json").json()
+    assert answer["outcome"] in ("unknown", "partial")
+    assert answer["unfinished"].startswith("Time was up while ")
+    shown = preload(*asked).out
+    assert shown.startswith("Time was up")
+    assert "no fit had tried" in " ".join(shown.split())

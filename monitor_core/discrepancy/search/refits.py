@@ -164,13 +164,14 @@ def _refit_promising(
 ) -> Iterator[tuple[Effect[Physics], Fitted[Physics]]]:
     """Yield refits of promising effects, until the gain predicted for the next is surpassed by far."""
     best = current
-    for screened in _promising(workspace, current):
+    promising = _promising(workspace, current)
+    for number, screened in enumerate(promising, start=1):
         gained = current.cost - best.cost
         surpassed = screened.predicted_gain < workspace.settings.least_share_of_gain * gained
         at_floor = gap(best) < 1.0 and not screening_misleads(current)
         if surpassed and (is_near(current) or at_floor):
             continue
-        workspace.progress(f"refitting with {screened.effect.key}")
+        workspace.progress(f"refitting with {screened.effect.key} ({number} of {len(promising)})")
         trial = _fit_from_best_start(workspace, current, screened)
         if trial is not None:
             yield screened.effect, trial
@@ -221,9 +222,12 @@ def _fit_from_best_start(
     hypothesis = current.hypothesis.with_effect(screened.effect)
     absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
     apart: list[FloatArray | None] = [substitute_parameter(current, screened.effect), screened.elsewhere]
-    best = lowest_cost(*[workspace.try_fit(hypothesis, start) for start in apart if start is not None])
+    best = None
+    for start in apart:
+        if start is not None:
+            best = lowest_cost(best, workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost))
     for start in (*(screened.starts[:1] if near else screened.starts), absent):
-        trial = workspace.try_fit(hypothesis, start)
+        trial = workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost)
         if trial is None:
             continue
         again = best is not None and abs(trial.cost - best.cost) < SAME_MINIMUM * best.cost

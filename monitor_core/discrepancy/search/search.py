@@ -9,13 +9,14 @@
 from collections.abc import Sequence
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
-from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
 from monitor_core.discrepancy.search.workspace import Workspace, gap
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
+from monitor_core.fitting.hold_out import gain
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
@@ -27,6 +28,7 @@ def find_steps(workspace: Workspace[Physics]) -> tuple[Fitted[Physics], ...]:
     """
     hypothesis = Hypothesis(workspace.axis)
     baseline = workspace.fit(hypothesis, hypothesis.null)
+    workspace.reach(baseline)
     first = add_textbook_physics(workspace, baseline)
     steps = add_stepwise(workspace, first, [first] if first is not baseline else [])
     workspace.remember(baseline)
@@ -59,6 +61,27 @@ def judge_found(workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]])
         accepted=accepted,
         evidence_scale=scale,
         screened=workspace.screened(final),
+        least_delta_bic=workspace.least_evidence(final),
+    )
+
+
+def judge_so_far(workspace: Workspace[Physics]) -> Found[Physics]:
+    """Judge where a search stands that was left: without fits of its own, and without what else would do."""
+    baseline, final = workspace.so_far[0], workspace.so_far[-1]
+    scale, known = evidence_scale(final), (*workspace.so_far, *workspace.best_fits.values())
+    accepted = []
+    for effect in final.hypothesis.effects:
+        others = [fitted for fitted in known if fitted.hypothesis.keys <= final.hypothesis.keys - {effect.key}]
+        without = min(others, key=lambda fitted: fitted.cost)
+        held_out_gain = gain(without.held_out, final.held_out, scale)
+        accepted.append(Accepted(effect, delta_bic(without, final, scale), held_out_gain, (), without))
+    return Found(
+        baseline=baseline,
+        steps=tuple(workspace.so_far[1:]),
+        final=final,
+        accepted=tuple(accepted),
+        evidence_scale=scale,
+        screened=workspace.known_screening(final),
         least_delta_bic=workspace.least_evidence(final),
     )
 

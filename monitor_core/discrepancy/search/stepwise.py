@@ -16,9 +16,10 @@ def add_stepwise(
 ) -> list[Fitted[Physics]]:
     """Return the steps with those of adding one effect after the other, as long as the evidence carries them."""
     current, taken = start, list(steps)
+    baseline = workspace.so_far[:1]
     workspace.remember(current)
     while len(current.hypothesis.effects) < workspace.settings.most_effects:
-        workspace.progress(f"{len(current.hypothesis.effects)} effects found")
+        workspace.progress(f"{_effects(current)} found, screening {len(workspace.remaining(current))} more")
         better = _best_addition(workspace, current)
         if better is None:
             break
@@ -33,7 +34,13 @@ def add_stepwise(
             break
         workspace.remember(current)
         taken.append(current)
+        workspace.reach(*baseline, *taken)
     return taken
+
+
+def _effects(fitted: Fitted[Physics]) -> str:
+    n_effects = len(fitted.hypothesis.effects)
+    return f"{n_effects} effect" if n_effects == 1 else f"{n_effects} effects"
 
 
 def prune(

@@ -101,17 +101,44 @@ class Workspace(Generic[Physics]):
     #: By :func:`identity` of the fit that they start from; each is refitted once only.
     rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
     _screened: dict[bytes, tuple[Screened[Physics], ...]] = field(default_factory=dict, init=False)
+    #: Fits of the steps of the search so far, without any effect and after each that was added.
+    so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
+    #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
+    _fits: dict[tuple[tuple[int, ...], bytes], Fitted[Physics] | None] = field(default_factory=dict, init=False)
+    _given_up: dict[tuple[tuple[int, ...], bytes], float] = field(default_factory=dict, init=False)  # costs to beat
 
-    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics]:
+    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray, to_beat: float = math.inf) -> Fitted[Physics]:
         """Fit a hypothesis to the values that fits see; raises OutsideValidityError without an answer at the start."""
-        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout))
+        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout), to_beat=to_beat)
 
-    def try_fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics] | None:
-        """Fit a hypothesis; None where the model has no answer at the start."""
-        try:
-            return self.fit(hypothesis, start)
-        except OutsideValidityError:
-            return None
+    def try_fit(
+        self, hypothesis: Hypothesis[Physics], start: FloatArray, to_beat: float = math.inf
+    ) -> Fitted[Physics] | None:
+        """Fit a hypothesis, once only from each start; None where the model has no answer at the start.
+
+        A fit that will not come below a cost ``to_beat`` may be given up.
+        """
+        key = tuple(map(id, hypothesis.effects)), start.tobytes()
+        known = self._fits.get(key)
+        if key not in self._fits or (known is not None and known.given_up and to_beat > self._given_up[key]):
+            self._given_up[key] = to_beat
+            try:
+                known = self.fit(hypothesis, start, to_beat)
+            except OutsideValidityError:
+                known = None
+            self._fits[key] = known
+        return known
+
+    def reach(self, *steps: Fitted[Physics]) -> None:
+        """Keep the steps of a search as its answer if it had to be given now."""
+        if not self.so_far or steps[-1].cost < self.so_far[-1].cost:
+            self.so_far[:] = steps
+
+    @property
+    def tried(self) -> frozenset[str]:
+        """The keys of all effects that any fit had."""
+        fits = (fitted for fitted in self._fits.values() if fitted is not None)
+        return frozenset(key for fitted in fits for key in fitted.hypothesis.keys)
 
     def remember(self, fitted: Fitted[Physics]) -> None:
         """Keep a fit if it is the best of its effects."""
@@ -157,6 +184,10 @@ class Workspace(Generic[Physics]):
         if key not in self._screened:
             self._screened[key] = screen(fitted, self.remaining(fitted))
         return self._screened[key]
+
+    def known_screening(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...]:
+        """Return what screening has found where it is done, else nothing."""
+        return self._screened.get(identity(fitted), ())
 
     def least_evidence(self, without: Fitted[Physics]) -> float:
         """Return the gain of BIC that one more effect needs.

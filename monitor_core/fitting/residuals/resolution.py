@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, logarithm
 from monitor_core.models.extended import AxisPhysics, PreparedLines, ResponseCase, prepare_lines, responses
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import ResponsePoint
@@ -48,7 +48,7 @@ class Smearing:
         """Return ln(H̄/H) of the measured lines, shape (n_lines,)."""
         response = responses(physics, self.lines)[self.place]
         response = np.where(self.mirrored, response.conj(), response)
-        return np.asarray(np.log(np.sum(self.weights * response, axis=0) / response[0]))
+        return logarithm(np.sum(self.weights * response, axis=0) / response[0])
 
     def under(self, conditions: ConditionArrays) -> "Smearing":
         """Return the same lines under other conditions."""

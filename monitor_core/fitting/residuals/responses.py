@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
+from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, logarithm
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import CommonErrors, GapInSigma, Layout, Panel, amplitude_panels
 from monitor_core.fitting.conditions.settings import WARMER, SettingTolerances, known_mass, setting_of
@@ -118,7 +118,7 @@ class ResponsesComparison(GapInSigma):
     def log_responses(self, physics: AxisPhysics) -> ComplexArray:
         """Return the logarithms of the modelled responses as the measurement would show them, shape (n_lines,)."""
         smeared = 0.0 if self.smearing is None else self.smearing.log_ratio(physics)
-        return np.asarray(np.log(responses(physics, self.lines)) + smeared)
+        return np.asarray(logarithm(responses(physics, self.lines)) + smeared)
 
     def _moved(self, errors: FloatArray) -> ConditionArrays:
         """Return the conditions of the cases with position and preload moved by errors in standard deviations."""

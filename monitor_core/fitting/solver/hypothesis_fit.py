@@ -98,6 +98,7 @@ _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _MOST_EVALUATIONS = 60
+_PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
 _MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
 _LARGEST = 1e6
@@ -121,6 +122,7 @@ class Fitted(Generic[Physics]):
     coordinates: FloatArray  # shape (n_coordinates,)
     around: Linearised[Physics]  # around these coordinates
     fitted: BoolArray  # which values took part
+    given_up: bool = False  # on the way to a minimum that would have been no better than another one
 
     @property
     def misfit(self) -> FloatArray:
@@ -203,8 +205,12 @@ def fit(
     hypothesis: Hypothesis[Physics],
     start: FloatArray,
     fitted: BoolArray | None = None,
+    *,
+    to_beat: float = math.inf,
 ) -> Fitted[Physics]:
     """Fit a hypothesis from a start of shape (n_coordinates,), to the values that are to be ``fitted``, by default all.
+
+    A fit that creeps, and would stay above a cost ``to_beat`` if it crept on three times as fast, is given up.
 
     A fit that does not reach the data ends with the least tolerance that it came to: there a misfit is no noise, and
     values known better than others should not count for more of it. Costs of such fits compare with one another only.
@@ -215,7 +221,7 @@ def fit(
     at = np.clip(start, *hypothesis.bounds)
     errors = np.zeros((len(layout.settings), len(comparison.condition_error_names)))
     likely_from = partial(linearise_at_likely_errors, comparison, hypothesis)
-    tolerance = math.inf
+    tolerance, given_up = math.inf, False
     for _ in range(_MOST_STAGES):
         before = tolerance
         misfit = comparison.shifted(errors).misfit(hypothesis.physics(at))
@@ -223,15 +229,18 @@ def fit(
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
         tempered = partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance))
-        at = _least_squares(tempered, hypothesis, at, chosen, _MOST_TEMPERED_EVALUATIONS)
+        at = _least_squares(tempered, hypothesis, at, chosen, _Pace(_MOST_TEMPERED_EVALUATIONS))
         errors = tempered(at).errors
     around = likely_from(errors, layout.standard_deviation, at)
     if not tolerance and hypothesis.n_coordinates:
         likely = partial(likely_from, around.errors, layout.standard_deviation)
-        at = _least_squares(likely, hypothesis, at, chosen, _MOST_EVALUATIONS)
+        try:
+            at = _least_squares(likely, hypothesis, at, chosen, _Pace(_MOST_EVALUATIONS, to_beat))
+        except _GivenUpError as creeping:
+            at, given_up = creeping.coordinates, True
         around = likely(at)
     around = likely_from(around.errors, layout.standard_deviation, at)  # resolved at the errors that are likely now
-    return Fitted(comparison, hypothesis, at, around, chosen)
+    return Fitted(comparison, hypothesis, at, around, chosen, given_up)
 
 
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
@@ -262,14 +271,49 @@ def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> 
     return high
 
 
+class _GivenUpError(Exception):
+    """A search is no longer worth it."""
+
+    def __init__(self, coordinates: FloatArray) -> None:
+        super().__init__("the search creeps towards a minimum that is no better than another one")
+        self.coordinates = coordinates  # the best so far
+
+
+class _Pace:
+    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more."""
+
+    def __init__(self, most_evaluations: int, to_beat: float = math.inf) -> None:
+        self.most_evaluations = self._left = most_evaluations
+        self._to_beat = to_beat
+        self._best: list[float] = []  # costs, each lower than the one before
+        self._at = np.zeros(0)
+
+    def require(self, cost: Callable[[], float], coordinates: FloatArray) -> None:
+        """Take the next cost down; raises _GivenUpError."""
+        if math.isinf(self._to_beat):
+            return
+        self._left -= 1
+        here = cost()
+        if not self._best or here < self._best[-1]:
+            self._best.append(here)
+            self._at = coordinates.copy()
+        if len(self._best) > _PATIENCE:
+            step = (self._best[-1 - _PATIENCE // 2] - self._best[-1]) / (_PATIENCE // 2)
+            if self._best[-1] - _FASTER * step * self._left > self._to_beat:
+                raise _GivenUpError(self._at)
+
+
 def _least_squares(
     around: Callable[[FloatArray], Linearised[Physics]],
     hypothesis: Hypothesis[Physics],
     start: FloatArray,
     chosen: BoolArray,
-    most_evaluations: int,
+    pace: _Pace,
 ) -> FloatArray:
-    """Return the coordinates of the minimum next to a start, of residuals linearised anew at each step."""
+    """Return the coordinates of the minimum next to a start, of residuals linearised anew at each step.
+
+    Raises _GivenUpError on the way to a minimum that is no better than what is ``to_beat``.
+    """
     of_prior = prior_jacobian(hypothesis.priors)
     n_residuals = int(np.count_nonzero(chosen)) + len(of_prior)
     at_last = lru_cache(maxsize=1)(lambda key: around(np.frombuffer(key)))
@@ -282,7 +326,9 @@ def _least_squares(
         whitened = around_here.whitened_by(around_here.here)[chosen]
         if not np.max(np.abs(whitened)) < _LARGEST:
             return np.full(n_residuals, np.inf)
-        return np.concatenate([whitened, prior_residuals(hypothesis.priors, coordinates)])
+        found = np.concatenate([whitened, prior_residuals(hypothesis.priors, coordinates)])
+        pace.require(lambda: float(found @ found) + around_here.whitened_by.log_determinant(chosen), coordinates)
+        return found
 
     def jacobian(coordinates: FloatArray) -> FloatArray:
         around_here = at_last(coordinates.tobytes())
@@ -300,6 +346,6 @@ def _least_squares(
         ftol=1e-5,
         xtol=1e-6,
         gtol=1e-8,
-        max_nfev=most_evaluations,
+        max_nfev=pace.most_evaluations,
     )
     return np.asarray(found.x)

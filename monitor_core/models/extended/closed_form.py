@@ -26,9 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.arrays import FloatArray, NumberArray, reciprocal
 from monitor_core.models.extended.carried import Carried, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
+from monitor_core.models.extended.memory import Memory
 from monitor_core.models.extended.physics import AxisPhysics, JointPhysics
 from monitor_core.models.rod import RodWaves
 
@@ -68,7 +69,7 @@ class Path:
     @property
     def compliance(self) -> NumberArray:
         """C of the whole path. [m/N]."""
-        return 1.0 / self.nut + self.beside_nut
+        return reciprocal(self.nut) + self.beside_nut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,18 +81,29 @@ class Receptances:
     angle_per_torque: NumberArray  # [rad/(N·m)]
 
 
-def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> EntireParts:
-    """Return all parts of the drive on lines ω, not zero, complex where poles are sought; states, ends of each line."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drive:
+    """What the screw depends on."""
+
+    physics: AxisPhysics
+    states: AxisStates  # of each line
+
+
+def entire_parts(
+    physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks, memory: Memory | None = None
+) -> EntireParts:
+    """Return all parts of the drive on lines ω, not zero, complex where poles are sought; states, ends of each line.
+
+    A ``memory`` is one of these lines, with these ends; what it gives back is the same to the last bit.
+    """
     joints, bodies, added = physics.joints, physics.bodies, physics.added
     elastic = _elastic(joints, omega) * states.softening
     bracket = (1.0 / joints.bracket_stiffness + added.series_compliance) / elastic
     table = added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping)
-    axial, axial_yield = _axial(physics, omega, states, elastic)
-    torsion = _torsion(physics, omega, states, elastic, ends)
+    here, memory = _Drive(physics, states), memory or Memory(omega.size)
     return EntireParts(
-        axial,
-        axial_yield,
-        *torsion,
+        *memory.recall(_axial, here, omega, memory),
+        *memory.recall(_torsion, here, omega, ends, memory),
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
         carried=carried_by_contacts(added, omega, bracket, table),
     )
@@ -100,29 +112,30 @@ def entire_parts(physics: AxisPhysics, omega: NumberArray, states: AxisStates, e
 def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
     """Return A alone, as :func:`entire_parts` does with the others; the end of the motor has no share in it."""
     del ends
-    return _axial(physics, omega, states, _elastic(physics.joints, omega) * states.softening)[0]
+    return _axial(_Drive(physics, states), omega, Memory(omega.size))[0]
 
 
 def torsion_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:
     """Return T alone, as :func:`entire_parts` does with the others."""
-    return _torsion(physics, omega, states, _elastic(physics.joints, omega) * states.softening, ends)[0]
+    return _torsion(_Drive(physics, states), omega, ends, Memory(omega.size))[0]
 
 
-def _axial(
-    physics: AxisPhysics, omega: NumberArray, states: AxisStates, elastic: NumberArray
-) -> tuple[NumberArray, NumberArray]:
+def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArray, NumberArray]:
     r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
 
     Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
     :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. On a base of stiffness
     :math:`g/c_b` the sums over both rods leave :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
     """
+    physics, states = drive.physics, drive.states
     screw, joints, added, position = physics.screw, physics.joints, physics.added, states.position
+    elastic = _elastic(joints, omega) * states.softening
     near_bearing = joints.bearing_stiffness * elastic + _damper(omega, joints.bearing_damping)
     far_bearing = joints.far_bearing_stiffness * elastic + _damper(omega, joints.far_bearing_damping)
     mass = screw.axial_mass_share * screw.mass_per_length
     compliance = 1.0 / (screw.axial_rigidity * states.softening * _steel(physics, omega))
-    near, far = _waves_of_both(omega, (position, screw.length - position), (compliance, compliance), mass)
+    rods = position, screw.length, (compliance, compliance), mass
+    near, far = memory.recall(_waves_of_both, omega, *rods)
     near_end = near.cosine + near_bearing * near.sine_over_z
     far_end = far.cosine + far_bearing * far.sine_over_z
     segment = omega * omega * screw.nut_segment_mass
@@ -141,17 +154,19 @@ def _axial(
 
 
 def _torsion(
-    physics: AxisPhysics, omega: NumberArray, states: AxisStates, elastic: NumberArray, ends: EndMasks
+    drive: _Drive, omega: NumberArray, ends: EndMasks, memory: Memory
 ) -> tuple[NumberArray, NumberArray, NumberArray, NumberArray]:
     """Return T, U with i², the lever of a torque, and the numerator of the angle where it acts."""
+    physics, states = drive.physics, drive.states
     screw, joints, bodies, i = physics.screw, physics.joints, physics.bodies, physics.screw.transmission_ratio
-    position = states.position
+    position, elastic = states.position, _elastic(joints, omega) * states.softening
     squared = omega * omega
     inertia = screw.torsional_inertia_share * screw.inertia_per_length
     at_motor_end = (1.0 - screw.torsional_inertia_share) * screw.inertia_per_length * screw.length
     compliance = screw.torsion_share / (screw.torsional_rigidity * states.softening * _steel(physics, omega))
     near_compliance = compliance * (1.0 - screw.far_end_held_share * position / screw.length)
-    near, far = _waves_of_both(omega, (position, screw.length - position), (near_compliance, compliance), inertia)
+    rods = position, screw.length, (near_compliance, compliance), inertia
+    near, far = memory.recall(_waves_of_both, omega, *rods)
 
     # with the motor end of the screw free (0) and held there (1)
     segment = -squared * (screw.motor_segment_inertia + ends.prescribed * at_motor_end)
@@ -213,7 +228,8 @@ def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
 
 def _waves_of_both(
     omega: NumberArray,
-    lengths: tuple[FloatArray, FloatArray],
+    position: FloatArray,
+    screw_length: float,
     compliances: tuple[float | NumberArray, float | NumberArray],
     inertia: float,
 ) -> tuple[RodWaves[Any], RodWaves[Any]]:
@@ -221,9 +237,9 @@ def _waves_of_both(
 
     Side by side: there are few lines, so that most of the time goes into calling numpy.
     """
-    length = np.empty((2, *lengths[0].shape))
+    length = np.empty((2, *position.shape))
     compliance = np.empty(length.shape, dtype=np.result_type(*compliances))
-    length[0], length[1] = lengths
+    length[0], length[1] = position, screw_length - position
     compliance[0], compliance[1] = compliances
     phase = omega * (length * np.sqrt(compliance * inertia))
     angle = np.pi * (phase / np.pi)  # the arithmetic of np.sinc, without what it does around it
@@ -236,10 +252,10 @@ def _waves_of_both(
 
 def path_of(parts: EntireParts) -> Path:
     """Return what force and torque meet: the divisions of the closed form, once."""
-    per_torsion = 1.0 / parts.torsion
+    per_torsion = reciprocal(parts.torsion)
     return Path(
         parts.nut,
-        parts.axial_yield / parts.axial + parts.turning * per_torsion,
+        parts.axial_yield * reciprocal(parts.axial) + parts.turning * per_torsion,
         parts.carried,
         parts.torque_lever * per_torsion,
         parts.held_torsion * per_torsion,
@@ -251,12 +267,10 @@ def receptances_of(path: Path) -> Receptances:
     travel, carried = path.unloaded_travel, path.carried
     if carried.is_table:
         compliance = path.compliance
-        reciprocal = 1.0 / (1.0 + compliance * carried.table)
-        per_torque = travel * reciprocal
-        return Receptances(
-            compliance * reciprocal, per_torque, path.unloaded_angle - travel * carried.table * per_torque
-        )
-    reached = carried.reached_through(1.0 / path.nut + path.before_bracket)
+        closed = reciprocal(1.0 + compliance * carried.table)
+        per_torque = travel * closed
+        return Receptances(compliance * closed, per_torque, path.unloaded_angle - travel * carried.table * per_torque)
+    reached = carried.reached_through(reciprocal(path.nut) + path.before_bracket)
     return Receptances(
         reached.table_per_force, travel * reached.table_per_travel, path.unloaded_angle - travel**2 * reached.stiffness
     )

@@ -10,6 +10,7 @@ from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.conditions import ConditionArrays, EndMasks, condition_arrays, end_masks
 from monitor_core.models.extended.excitations import Excitations, Setup, excitations_of
+from monitor_core.models.extended.memory import Memory
 from monitor_core.models.protocol import (
     DriveConditions,
     ExcitationPoint,
@@ -38,6 +39,7 @@ class DriveLines:
     case: npt.NDArray[np.intp]  # a case whose conditions hold
     omega: FloatArray  # [rad/s]
     ends: EndMasks
+    memory: Memory  # of what the drive answered there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +52,8 @@ class PreparedLines:
     drive: DriveLines
     drive_line: npt.NDArray[np.intp]  # which of them a line belongs to
     by_torque: BoolArray
-    table_per_force: BoolArray
-    acceleration: npt.NDArray[np.intp]  # indices of the lines that are an acceleration,
+    table_per_force: npt.NDArray[np.intp]  # indices of the lines that are a table's answer to a force there,
+    acceleration: npt.NDArray[np.intp]  # … that are an acceleration,
     at_nut: npt.NDArray[np.intp]  # … that answer at the nut,
     angle_per_torque: npt.NDArray[np.intp]  # … that are an angle at the motor per torque,
     beyond_screw: npt.NDArray[np.intp]  # … that answer at the table or the nut that carries it
@@ -85,7 +87,7 @@ def prepare_lines(cases: Sequence[ResponseCase]) -> PreparedLines:
         drive=drive,
         drive_line=drive_line,
         by_torque=by_torque,
-        table_per_force=~by_torque & ~angle,
+        table_per_force=np.flatnonzero(~by_torque & ~angle),
         acceleration=np.flatnonzero(acceleration),
         at_nut=np.flatnonzero(at_nut),
         angle_per_torque=np.flatnonzero(angle & by_torque),
@@ -104,7 +106,7 @@ def _drive_lines(
     distinct, which = np.unique(np.column_stack([of_case[case], omega]), axis=0, return_inverse=True)
     of_line = distinct[:, 0].astype(np.intp)
     ends = end_masks([setup.motor_end for setup in setups])
-    return DriveLines(of_line, distinct[:, 1], ends.at(of_line)), which.reshape(-1)
+    return DriveLines(of_line, distinct[:, 1], ends.at(of_line), Memory(of_line.size)), which.reshape(-1)
 
 
 def _require_motor_end(case: ResponseCase) -> None:

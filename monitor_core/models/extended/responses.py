@@ -17,7 +17,8 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     rating, no mass left), or friction holds the table.
     """
     states = axis_states(physics, lines.conditions)
-    path = path_of(entire_parts(physics, lines.drive.omega, states.at(lines.drive.case), lines.drive.ends))
+    drive = lines.drive
+    path = path_of(entire_parts(physics, drive.omega, states.at(drive.case), drive.ends, drive.memory))
     path = linearise(path, physics, lines, states)
     values = _displacements(path, lines)
     _at_nut(values, path, physics, lines)
@@ -30,8 +31,13 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
 def _displacements(path: Path, lines: PreparedLines) -> ComplexArray:
     """Return displacement or angle per unit excitation."""
     drive, at = receptances_of(path), lines.drive_line
-    values = np.where(lines.table_per_force, drive.table_per_force[at], drive.table_per_torque[at])
-    values[lines.angle_per_torque] = drive.angle_per_torque[at[lines.angle_per_torque]]
+    values = np.asarray(drive.table_per_torque, dtype=np.complex128)[at]
+    for lines_of, receptance in (
+        (lines.table_per_force, drive.table_per_force),
+        (lines.angle_per_torque, drive.angle_per_torque),
+    ):
+        if lines_of.size:
+            values[lines_of] = receptance[at[lines_of]]
     return values
 
 

@@ -1,5 +1,6 @@
 """What the model of an axis lacks, from its stored measurements or from posted peaks: jobs of kind ``discrepancy``."""
 
+import time
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
@@ -55,6 +56,10 @@ class DiscrepancyIn(AnalysisArguments):
     )
 
     accelerometer: AccelerometerPlace | None = None
+    time_limit_s: Annotated[Number, Field(gt=0, le=86_400)] | None = Field(
+        default=None,
+        description="after it the best answer so far is given, partial or unknown, with what was not tried",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +70,7 @@ class DiscrepancyQuestion:
     axis: AxisDescription
     measured: Measured
     options: ExplainOptions
+    time_limit: float | None = None  # [s]
 
     def require(self) -> None:
         """Refuse at once what cannot be explained."""
@@ -79,7 +85,14 @@ class DiscrepancyQuestion:
                 said.append(sentence)
             report(Progress(len(said), None, sentence))
 
-        explanation = explain(self.axis, self.measured.observations, self.options, progress=progress)
+        began = time.monotonic()
+        explanation = explain(
+            self.axis,
+            self.measured.observations,
+            self.options,
+            progress=progress,
+            time_is_up=lambda: self.time_limit is not None and time.monotonic() - began >= self.time_limit,
+        )
         model_text = model_file_text(explanation.augmented or self.axis)
         title = f"Axis {self.axis_id} against its {self.axis.family} model"
         return Answer(explanation_document(explanation, model_text), explanation_page(explanation, model_text, title))
@@ -93,7 +106,8 @@ def _question(axis_id: str, arguments: DiscrepancyIn, measured: Measured) -> Dis
     options = ExplainOptions(
         hold_out=arguments.hold_out, accelerometer=arguments.accelerometer, assumptions=measured.assumptions
     )
-    return DiscrepancyQuestion(axis_id, parse_model(arguments.baseline, "baseline"), measured, options)
+    axis = parse_model(arguments.baseline, "baseline")
+    return DiscrepancyQuestion(axis_id, axis, measured, options, arguments.time_limit_s)
 
 
 DISCREPANCY = Analysis("discrepancy", DiscrepancyIn, _check, _question, FIRST)

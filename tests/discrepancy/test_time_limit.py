@@ -1,0 +1,63 @@
+"""A search that is left when its time is up: the best answer so far, and what was not tried."""
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy.explain_comparison import explain_comparison
+from monitor_core.discrepancy.explanation import Explanation, Outcome
+from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
+from service.documents.explanation import explanation_document
+from service.report.content import report_content
+from tests.discrepancy.axes import LinearAxis, quantity
+from tests.discrepancy.test_explanation import linear
+
+TRUTH = np.array([0.0, 8.0, 4.0, 0.0])
+
+
+def explained_within(n_answers: float) -> Explanation:
+    """Explain two missing quantities; time is up after so many answers of the axis."""
+    asked = 0
+
+    def time_is_up() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > n_answers
+
+    candidates = [quantity(1), quantity(2), quantity(3)]
+    return explain_comparison(linear(TRUTH), LinearAxis({}, 4), candidates, time_is_up=time_is_up)
+
+
+def test_the_answer_so_far_is_never_more_than_partial_and_says_what_was_not_tried() -> None:
+    whole = explained_within(np.inf)
+    assert (whole.outcome, whole.unfinished) == (Outcome.NAMED, "")
+    outcomes = set()
+    for n_answers in range(0, 400, 9):
+        answer = explained_within(n_answers)
+        if not answer.unfinished:
+            assert answer.outcome is Outcome.NAMED
+            continue
+        outcomes.add((answer.outcome, tuple(effect.key for effect in answer.effects)))
+        assert answer.outcome in (Outcome.UNKNOWN, Outcome.PARTIAL)
+        assert answer.unfinished.startswith("Time was up while ")
+        assert answer.gap.after.fit <= answer.gap.before.fit
+        content = report_content(answer)
+        assert content.headline.startswith("Time was up")
+        assert answer.unfinished in content.asides
+        assert explanation_document(answer, "")["unfinished"] == answer.unfinished
+    assert (Outcome.UNKNOWN, ()) in outcomes
+    assert any(keys for _, keys in outcomes)  # what had been found by then is in the answer
+
+
+def test_at_once_the_model_as_it_stands_is_judged_and_every_effect_is_said_not_to_have_been_tried() -> None:
+    answer = explained_within(0)
+    assert answer.outcome is Outcome.UNKNOWN
+    assert "no fit had tried quantity-1, quantity-2, quantity-3" in answer.unfinished
+    assert {candidate.untestable_because for candidate in answer.candidates} == {"time was up"}
+
+
+def test_an_axis_is_left_once_and_answers_again() -> None:
+    axis = StoppableAxis(LinearAxis({"a": 0.1}, 1), lambda: True)
+    with pytest.raises(TimeIsUpError):
+        axis.physics({})
+    np.testing.assert_array_equal(axis.physics({}), LinearAxis({"a": 0.1}, 1).physics({}))
+    assert axis.uncertain == {"a": 0.1}
