@@ -9,7 +9,8 @@ from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 
-from service.api import alarms, analyses, axes, calibrations, health, jobs, recordings, trend, windows
+from service.api import access, alarms, analyses, axes, calibrations, health, jobs, recordings, trend, windows
+from service.api.access import Gate
 from service.api.http.body import require_json
 from service.api.http.compression import Compression
 from service.api.http.guard import Guard
@@ -21,6 +22,7 @@ from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError, StorageError
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
+from service.operations.access.access import Access
 from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
@@ -45,7 +47,7 @@ from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
-from service.web import pages
+from service.web import login, pages
 
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -88,15 +90,17 @@ def create_app(settings: Settings) -> FastAPI:
         most_waiting=settings.max_waiting_requests,
         largest_recording=settings.max_recording_mib * 2**20,
     )
+    app.add_middleware(Gate)
     app.add_middleware(Compression, minimum_size=1000)
     app.add_middleware(Guard, host_names=settings.own_names())
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs):
+    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
+    app.include_router(login.router)
     app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
 
     return app
@@ -152,6 +156,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         database=database,
         waveforms=waveforms,
         metrics=metrics,
+        access=Access(database, on_loopback=settings.is_on_loopback()),
         axes=Axes(database, lanes),
         ingest=ingest,
         trend=Trend(database),

@@ -66,12 +66,31 @@ class BusyError(ServiceError):
     """Too much work is waiting; the caller should come back."""
 
 
+class UnauthenticatedError(ServiceError):
+    """Nobody is known by what was sent, and somebody has to be."""
+
+
+class ForbiddenError(ServiceError):
+    """Whoever asks may not do this."""
+
+
+class TooManyTriesError(ServiceError):
+    """Too many wrong keys or passwords came; the next one has to wait."""
+
+    def __init__(self, sentence: str, wait_s: float = 1.0) -> None:
+        super().__init__(sentence)
+        self.wait_s = wait_s
+
+
 class StorageError(ServiceError):
     """Disk or database did not take what was to be stored; nothing of it counts as stored."""
 
 
 #: Most specific class first. The name of the problem type is stable; clients may rely on it.
 STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
+    (UnauthenticatedError, 401, "unauthenticated"),
+    (ForbiddenError, 403, "forbidden"),
+    (TooManyTriesError, 429, "too-many-tries"),
     (UnknownResourceError, 404, "unknown-resource"),
     (ConflictError, 409, "conflict"),
     (UnreadableBodyError, 400, "unreadable-body"),

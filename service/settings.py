@@ -1,5 +1,6 @@
 """Read the settings of the service from the environment (``PRELOAD_*``)."""
 
+import ipaddress
 import socket
 from pathlib import Path
 from typing import Annotated
@@ -40,6 +41,13 @@ class Settings(BaseSettings):
     @classmethod
     def _split(cls, names: object) -> object:
         return tuple(name.strip() for name in names.split(",") if name.strip()) if isinstance(names, str) else names
+
+    def is_on_loopback(self) -> bool:
+        """Return whether only this machine reaches the service."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host.lower() == "localhost"
 
     def own_names(self) -> tuple[str, ...]:
         """Return the names that this service may be asked by; it may be asked by any address."""

@@ -7,6 +7,7 @@ from fastapi import Request
 
 from service.jobs import JobRunner
 from service.observability import Metrics
+from service.operations.access.access import Access
 from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
@@ -31,6 +32,7 @@ class Services:
     database: Database
     waveforms: WaveformStore
     metrics: Metrics
+    access: Access
     axes: Axes
     ingest: Ingest
     trend: Trend

@@ -23,15 +23,17 @@ COMMANDS = {
     "frf": "Find the axial mode in each measurement of a recorded session.",
     "import": "Make a session, a motion record or an FRF set of raw files.",
     "identify": "Find the joints of an axis from peaks, responses or a session.",
+    "key": "Make and revoke the keys of programs.",
     "modes": "List the modes of a drive model.",
     "replay": "Post a recorded session to a service.",
     "restore": "Verify a backup and make a data folder of it.",
     "serve": "Run the service.",
     "simulate": "Record a session of a drive model, without a machine.",
+    "user": "Make and change the people who may log in.",
 }
 
 #: Where a command stands that has no module of its own.
-MODULES = {"restore": "backup", "import": "import_raw"}
+MODULES = {"restore": "backup", "import": "import_raw", "key": "people", "user": "people"}
 #: How its function is called where a keyword of the language has its name.
 FUNCTIONS = {"import": "import_raw"}
 

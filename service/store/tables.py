@@ -269,3 +269,58 @@ class JobRow(Base):
     error: Mapped[str | None] = mapped_column(String(1000))
     created_at: Mapped[datetime]
     updated_at: Mapped[datetime]
+
+
+class UserRow(Base):
+    """A person who may log in."""
+
+    __tablename__ = "users"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    role: Mapped[str] = mapped_column(String(16))
+    password_hash: Mapped[str] = mapped_column(String(200))
+    created_at: Mapped[datetime]
+    disabled_at: Mapped[datetime | None]
+
+
+class KeyRow(Base):
+    """A key of a program. What the program sends is not kept, only its SHA-256."""
+
+    __tablename__ = "api_keys"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    name: Mapped[str] = mapped_column(String(64))
+    secret_sha256: Mapped[str] = mapped_column(String(64), unique=True)
+    scopes: Mapped[list[str]] = mapped_column(JSON)
+    axes: Mapped[list[str] | None] = mapped_column(NullableJson)  # None: all
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]  # None: never
+    revoked_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]  # to a minute or so
+
+
+class BrowserSessionRow(Base):
+    """Somebody who is logged in; of the cookie only the SHA-256 is kept."""
+
+    __tablename__ = "browser_sessions"
+
+    token_sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
+    user_name: Mapped[str] = mapped_column(ForeignKey("users.name"), index=True)
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime]
+
+
+class AuditRow(Base):
+    """One attempt to change something: written before it is tried, and with its answer after."""
+
+    __tablename__ = "audit_log"
+    __table_args__ = (Index("ix_audit_log_axis", "axis_id", "id"),)
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    at: Mapped[datetime]
+    who: Mapped[str] = mapped_column(String(120))
+    action: Mapped[str] = mapped_column(String(200))  # method and template of the route, or a command
+    target: Mapped[str] = mapped_column(String(400))  # the path that was asked for, without its query
+    axis_id: Mapped[str | None] = mapped_column(String(64))  # no foreign key: it may be refused because there is none
+    status: Mapped[int | None]  # of the answer; None: the service ended before there was one
+    request_id: Mapped[str | None] = mapped_column(String(64))  # under which the log of the service says more

@@ -1,5 +1,6 @@
 """Call the service's own API over HTTP, for ``preload replay`` and ``preload demo``."""
 
+import os
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -45,11 +46,17 @@ class PostedMeasurement(BaseModel):
 
 
 class Client:
-    """Talks to one service; an answer that is a problem becomes one sentence."""
+    """Talks to one service, with the key in ``PRELOAD_KEY`` if there is one; a problem becomes one sentence."""
 
     def __init__(self, url: str) -> None:
+        key = os.environ.get("PRELOAD_KEY")
         try:
-            self._http = httpx.Client(base_url=url, timeout=TIMEOUT_S, trust_env=False)
+            self._http = httpx.Client(
+                base_url=url,
+                timeout=TIMEOUT_S,
+                trust_env=False,
+                headers={"authorization": f"Bearer {key}"} if key else None,
+            )
         except (httpx.InvalidURL, TypeError) as error:
             raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}") from error
 

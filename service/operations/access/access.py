@@ -1,0 +1,212 @@
+"""Who is it, and may they: the one place that a request, a page and the command line ask."""
+
+import threading
+import time
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from service.clock import now
+from service.errors import ForbiddenError, TooManyTriesError, UnauthenticatedError
+from service.operations.access.passwords import fingerprint, is_password, new_token, of_nobody
+from service.operations.access.patience import Patience
+from service.operations.access.scopes import ANYONE, ROLES, Caller, Scope
+from service.store import access
+from service.store.database import Database
+from service.store.tables import AuditRow, BrowserSessionRow
+
+#: What other processes change, such as a key that is revoked on the command line, holds here after so long.
+FRESH_S = 2.0
+#: The moment of last use of a key is written so often.
+_NOTED_EVERY_S = 60.0
+SESSION_LASTS = timedelta(hours=12)
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """Keys, logged-in users, and whether anybody has to say who it is, as they were at one moment."""
+
+    at_s: float
+    is_closed: bool
+    keys: dict[str, tuple[int, Caller, datetime | None]]  # by fingerprint: id, caller, expiry
+    sessions: dict[str, tuple[Caller, datetime]]  # by fingerprint: caller, expiry
+
+
+class Access:
+    """Tells who asks, and keeps the log of what they changed.
+
+    It is open to anyone where the service listens on loopback and no administrator was ever made; else it is closed.
+    """
+
+    def __init__(self, database: Database, *, on_loopback: bool) -> None:
+        self._database = database
+        self._on_loopback = on_loopback
+        self._lock = threading.Lock()
+        self._known: _Known | None = None
+        self._used: dict[int, datetime] = {}
+        self._noted_at_s = time.monotonic()
+        self.patience = Patience()
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether :meth:`caller` answers without the database."""
+        known = self._known
+        return known is not None and time.monotonic() - known.at_s < FRESH_S
+
+    def caller(self, *, key: str | None, cookie: str | None, address: str) -> Caller:
+        """Return who asks with a key, a cookie or neither, from an address.
+
+        Raises UnauthenticatedError if nobody is known by it; TooManyTriesError if the address has guessed too often.
+        """
+        known = self._fresh()
+        if not known.is_closed:
+            return ANYONE
+        if key is not None:
+            return self._of_key(known, key, address)
+        if cookie is not None and (found := known.sessions.get(fingerprint(cookie))) is not None:
+            caller, expires_at = found
+            if expires_at > now():
+                return caller
+        raise UnauthenticatedError("say who asks: a key in `Authorization: Bearer …`, or log in at /login")
+
+    def log_in(self, name: str, password: str, address: str) -> tuple[str, datetime]:
+        """Return the value of a cookie for a user with this password, and until when it holds.
+
+        Raises UnauthenticatedError if there is no such user with this password; TooManyTriesError after too many tries.
+        """
+        at_s, tried = time.monotonic(), (f"user {name}", f"address {address}")
+        self._require_patience(*tried, at_s=at_s)
+        with self._database.read() as session:
+            users = {row.name: row for row in access.list_users(session) if row.disabled_at is None}
+        user = users.get(name)
+        if not is_password(password, of_nobody() if user is None else user.password_hash) or user is None:
+            self.patience.wrong(*tried, at_s=at_s)
+            self.note(f"user {name}"[:120], "log in", "/login", 401)
+            raise UnauthenticatedError("there is no such user with this password")
+        self.patience.right(*tried)
+        token, at = new_token(), now()
+        with self._database.write() as session:
+            access.drop_expired_sessions(session, at)
+            session.add(
+                BrowserSessionRow(
+                    token_sha256=fingerprint(token), user_name=name, created_at=at, expires_at=at + SESSION_LASTS
+                )
+            )
+        self.note(f"user {name}", "log in", "/login", 200)
+        self.forget()
+        return token, at + SESSION_LASTS
+
+    def log_out(self, cookie: str) -> None:
+        """End a browser session."""
+        with self._database.write() as session:
+            access.end_sessions(session, token_sha256=fingerprint(cookie))
+        self.forget()
+
+    def begin_entry(self, caller: Caller, action: str, target: str, axis: str | None, request_id: str | None) -> int:
+        """Write an entry of the log before something is tried, and return its number."""
+        with self._database.write() as session:
+            row = AuditRow(
+                at=now(), who=caller.name, action=action, target=target[:400], axis_id=axis and axis[:64],
+                request_id=request_id,
+            )  # fmt: skip
+            session.add(row)
+            session.flush()
+            return row.id
+
+    def end_entry(self, entry: int, status: int) -> None:
+        """Complete an entry of the log with the answer that was given."""
+        with self._database.write() as session:
+            row = session.get(AuditRow, entry)
+            if row is not None:
+                row.status = status
+
+    def note(self, who: str, action: str, target: str, status: int) -> None:
+        """Write a complete entry of the log."""
+        with self._database.write() as session:
+            session.add(AuditRow(at=now(), who=who, action=action, target=target, status=status))
+
+    def log(self, axis: str | None, before_id: int | None, limit: int) -> list[AuditRow]:
+        """Return entries of the log, newest first."""
+        with self._database.read() as session:
+            return access.list_audit(session, axis_id=axis, before_id=before_id, limit=limit)
+
+    def forget(self) -> None:
+        """Ask the database again at the next request: something was changed here."""
+        self._known = None
+
+    def _of_key(self, known: _Known, key: str, address: str) -> Caller:
+        at_s, tried = time.monotonic(), f"key from {address}"
+        found = known.keys.get(fingerprint(key))
+        if found is None or (found[2] is not None and found[2] <= now()):
+            self._require_patience(tried, at_s=at_s)
+            self.patience.wrong(tried, at_s=at_s)
+            raise UnauthenticatedError(
+                "the key is unknown, revoked or expired; `preload key list` shows those there are"
+            )
+        number, caller, _ = found
+        self._used[number] = now()
+        return caller
+
+    def _require_patience(self, *tried: str, at_s: float) -> None:
+        wait_s = self.patience.wait_s(*tried, at_s=at_s)
+        if wait_s > 0.0:
+            raise TooManyTriesError(f"too many wrong tries; try again in {wait_s:.0f} s or later", wait_s)
+
+    def _fresh(self) -> _Known:
+        known = self._known
+        if known is not None and time.monotonic() - known.at_s < FRESH_S:
+            return known
+        with self._lock:
+            self._note_use()
+            self._known = known = self._read()
+        return known
+
+    def _read(self) -> _Known:
+        at_s, at = time.monotonic(), now()
+        with self._database.read() as session:
+            users, keys = access.list_users(session), access.list_keys(session)
+            sessions = access.live_sessions(session, at)
+        has_administrator = any(user.role == access.ADMINISTRATOR for user in users)
+        return _Known(
+            at_s,
+            is_closed=has_administrator or not self._on_loopback,
+            keys={
+                row.secret_sha256: (
+                    row.id,
+                    Caller(
+                        f"key {row.id} ({row.name})",
+                        frozenset(map(Scope, row.scopes)),
+                        None if row.axes is None else frozenset(row.axes),
+                    ),
+                    row.expires_at,
+                )
+                for row in keys
+                if row.revoked_at is None
+            },
+            sessions={
+                row.token_sha256: (Caller(f"user {user.name}", ROLES[user.role], user=user.name), row.expires_at)
+                for row, user in sessions
+                if user.disabled_at is None
+            },
+        )
+
+    def _note_use(self) -> None:
+        """Write when keys were last used, now and then."""
+        if not self._used or time.monotonic() - self._noted_at_s < _NOTED_EVERY_S:
+            return
+        used, self._used, self._noted_at_s = self._used, {}, time.monotonic()
+        with self._database.write() as session:
+            for number, at in used.items():
+                access.get_key(session, number).last_used_at = at
+
+
+def require(caller: Caller, scope: Scope, axis: str | None) -> None:
+    """Raise ForbiddenError unless a caller may do something, to an axis or to what belongs to none."""
+    if scope not in caller.scopes:
+        allowed = ", ".join(sorted(caller.scopes)) or "nothing"
+        raise ForbiddenError(f"{caller.name} needs the scope {scope} for this; it has {allowed}")
+    if caller.axes is not None and axis not in caller.axes:
+        allowed = ", ".join(sorted(caller.axes))
+        raise ForbiddenError(
+            f"{caller.name} is for {allowed} only; this is "
+            + ("of no axis or of all of them" if axis is None else f"of {axis[:64]}")
+        )

@@ -1,0 +1,70 @@
+"""Query who may do what: people, keys, browser sessions, and the log of what was changed."""
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from service.errors import UnknownResourceError
+from service.store.tables import AuditRow, BrowserSessionRow, KeyRow, UserRow
+
+#: Whoever has this role may do everything; the first one of it closes the service to others.
+ADMINISTRATOR = "administrator"
+
+
+def get_user(session: Session, name: str) -> UserRow:
+    """Return one user or say that there is none."""
+    row = session.get(UserRow, name)
+    if row is None:
+        raise UnknownResourceError(f"there is no user '{name}'")
+    return row
+
+
+def list_users(session: Session) -> list[UserRow]:
+    """Return all users by name."""
+    return list(session.scalars(select(UserRow).order_by(UserRow.name)))
+
+
+def get_key(session: Session, key_id: int) -> KeyRow:
+    """Return one key or say that there is none."""
+    row = session.get(KeyRow, key_id)
+    if row is None:
+        raise UnknownResourceError(f"there is no key {key_id}")
+    return row
+
+
+def list_keys(session: Session) -> list[KeyRow]:
+    """Return all keys, oldest first."""
+    return list(session.scalars(select(KeyRow).order_by(KeyRow.id)))
+
+
+def live_sessions(session: Session, at: datetime) -> Sequence[tuple[BrowserSessionRow, UserRow]]:
+    """Return the browser sessions that have not expired, each with its user."""
+    query = select(BrowserSessionRow, UserRow).join(UserRow, UserRow.name == BrowserSessionRow.user_name)
+    return [(row, user) for row, user in session.execute(query.where(BrowserSessionRow.expires_at > at))]
+
+
+def end_sessions(session: Session, *, token_sha256: str | None = None, user: str | None = None) -> None:
+    """Forget the browser session of a token, or all of a user."""
+    query = delete(BrowserSessionRow)
+    if token_sha256 is not None:
+        query = query.where(BrowserSessionRow.token_sha256 == token_sha256)
+    if user is not None:
+        query = query.where(BrowserSessionRow.user_name == user)
+    session.execute(query)
+
+
+def drop_expired_sessions(session: Session, at: datetime) -> None:
+    """Forget the browser sessions that have expired."""
+    session.execute(delete(BrowserSessionRow).where(BrowserSessionRow.expires_at <= at))
+
+
+def list_audit(session: Session, *, axis_id: str | None, before_id: int | None, limit: int) -> list[AuditRow]:
+    """Return entries of the log, newest first."""
+    query = select(AuditRow)
+    if axis_id is not None:
+        query = query.where(AuditRow.axis_id == axis_id)
+    if before_id is not None:
+        query = query.where(AuditRow.id < before_id)
+    return list(session.scalars(query.order_by(AuditRow.id.desc()).limit(limit)))
