@@ -37,6 +37,8 @@ from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
+from service.operations.notices.dispatcher import Dispatcher
+from service.operations.notices.receivers import read_receivers
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
@@ -63,9 +65,11 @@ def create_app(settings: Settings) -> FastAPI:
         services = _build_services(settings, metrics)
         app.state.services = services
         services.jobs.resume()
+        services.dispatcher.start()
         try:
             yield
         finally:
+            services.dispatcher.close()
             services.recordings.close()
             services.jobs.close()
             services.ingest.close()
@@ -170,4 +174,15 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         discrepancies=discrepancies,
         alarm_explanations=alarm_explanations,
         jobs=runner,
+        dispatcher=_dispatcher(settings, database, metrics),
     )
+
+
+def _dispatcher(settings: Settings, database: Database, metrics: Metrics) -> Dispatcher:
+    receivers, source = read_receivers(settings.receivers_file), settings.public_url.rstrip("/")
+    if not (receivers.webhook or receivers.mail):
+        return Dispatcher(database, (), metrics)
+    from service.operations.notices.senders import MailSender, WebhookSender  # noqa: PLC0415  # brings an HTTP client
+
+    webhooks = [WebhookSender(webhook, source) for webhook in receivers.webhook]
+    return Dispatcher(database, [*webhooks, *(MailSender(mail, source) for mail in receivers.mail)], metrics)

@@ -24,6 +24,10 @@ class Metrics:
             registry=self.registry,
         )  # fmt: skip
         self.alarms = Counter("preload_alarms_total", "Alarms raised, by kind.", ["kind"], registry=self.registry)
+        self.notices = Counter(
+            "preload_notices_total", "Notices to receivers, by what became of them.", ["receiver", "outcome"],
+            registry=self.registry,
+        )  # fmt: skip
         self.judging = Histogram("preload_judging_seconds", "Time to judge one measurement.", registry=self.registry)
         self.requests = Histogram(
             "preload_request_seconds", "Time to answer a request.", ["method", "route", "status"],

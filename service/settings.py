@@ -35,6 +35,10 @@ class Settings(BaseSettings):
     host_names: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="Further names that browsers and programs may ask this service by, with commas between."
     )
+    receivers_file: Path | None = Field(default=None, description="TOML file that says who is told of alarms.")
+    public_url: str = Field(
+        default="http://127.0.0.1:8710", description="Address that receivers find this service at; its name in notices."
+    )
     log_level: str = Field(default="INFO", pattern="^(DEBUG|INFO|WARNING|ERROR)$")
 
     @field_validator("host_names", mode="before")

@@ -19,6 +19,7 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
+from service.operations.notices.dispatcher import Dispatcher
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
 from service.store.database import Database
@@ -46,6 +47,7 @@ class Services:
     discrepancies: AnalysisJob[DiscrepancyIn]
     alarm_explanations: AlarmExplanations
     jobs: JobRunner
+    dispatcher: Dispatcher
 
 
 async def services(request: Request) -> Services:

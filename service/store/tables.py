@@ -324,3 +324,41 @@ class AuditRow(Base):
     axis_id: Mapped[str | None] = mapped_column(String(64))  # no foreign key: it may be refused because there is none
     status: Mapped[int | None]  # of the answer; None: the service ended before there was one
     request_id: Mapped[str | None] = mapped_column(String(64))  # under which the log of the service says more
+
+
+class NoticeRow(Base):
+    """Something that receivers outside are told: written with what it tells of, in one transaction."""
+
+    __tablename__ = "notices"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    at: Mapped[datetime]
+    kind: Mapped[str] = mapped_column(String(60))
+    subject: Mapped[str] = mapped_column(String(100))
+    content: Mapped[JsonObject]
+
+
+class ReceiverRow(Base):
+    """How far a receiver has been told. Notices go to it one after the other, in their order."""
+
+    __tablename__ = "receivers"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    told_until: Mapped[int] = mapped_column(BigInteger)  # number of the last notice that it has, or never gets
+    n_tries: Mapped[int]  # of the next one, without success
+    failing_since: Mapped[datetime | None]
+    next_try_at: Mapped[datetime]
+    last_error: Mapped[str | None] = mapped_column(String(500))
+    last_told_at: Mapped[datetime | None]
+
+
+class DeadLetterRow(Base):
+    """A notice that a receiver never got, and why."""
+
+    __tablename__ = "dead_letters"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    receiver: Mapped[str] = mapped_column(ForeignKey("receivers.name"), index=True)
+    notice_id: Mapped[int] = mapped_column(ForeignKey("notices.id"))
+    at: Mapped[datetime]
+    error: Mapped[str] = mapped_column(String(500))

@@ -15,10 +15,12 @@ from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import begin_again
 from service.operations.monitoring.intake.charts import Folded
 from service.operations.monitoring.intake.known import Lanes
+from service.operations.notices.alarm_notice import alarm_notice, kind_of
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.intake import AxisRecord
+from service.store.notices import add_notice
 from service.store.tables import AlarmEventRow, AlarmRow
 from service.store.trend.points import TrendPoint
 
@@ -74,16 +76,16 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, point: TrendPoint, ev
     session.add(row)
     session.flush()
     raised = "raised by measurement"
-    session.add(AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
+    _tell(session, row, AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
 
 
 def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
     """Keep the latest answer with the alarm, and each answer of another sentence in its history."""
     cause = read_cause(explanation)
-    if cause.sentence != read_cause(row.explanation).sentence:
+    before, row.explanation = read_cause(row.explanation), explanation
+    if cause.sentence != before.sentence:
         answer = f"explained: {cause.sentence}" if cause.examined else cause.sentence
         _change(session, row, row.status, answer[:LONGEST_REASON])
-    row.explanation = explanation
 
 
 class Alarms:
@@ -127,5 +129,12 @@ class Alarms:
 
 
 def _change(session: Session, row: AlarmRow, status: str, reason: str) -> None:
-    session.add(AlarmEventRow(alarm_id=row.id, at=now(), old_status=row.status, new_status=status, reason=reason))
+    event = AlarmEventRow(alarm_id=row.id, at=now(), old_status=row.status, new_status=status, reason=reason)
     row.status = status
+    _tell(session, row, event)
+
+
+def _tell(session: Session, row: AlarmRow, event: AlarmEventRow) -> None:
+    """Keep an event of an alarm, and with it what receivers outside are told."""
+    session.add(event)
+    add_notice(session, event.at, kind_of(event), f"axes/{row.axis_id}", alarm_notice(row, event))

@@ -1,0 +1,106 @@
+"""Tell every receiver of every notice, in order and until it is taken: nothing is lost while one is down."""
+
+import logging
+import threading
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+from service.clock import now
+from service.errors import BusyError, StorageError
+from service.observability import Metrics
+from service.operations.notices.senders import Notice, NotTakenError, Sender
+from service.store import notices
+from service.store.database import Database
+from service.store.tables import DeadLetterRow, ReceiverRow
+
+log = logging.getLogger(__name__)
+
+#: So often each receiver looks whether there is something for it.
+POLL_S = 0.5
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 300.0
+#: A notice that was not taken for so long becomes a dead letter, one that is refused for good after so many tries.
+GIVEN_UP_AFTER = timedelta(days=3)
+_TRIES_OF_REFUSED = 3
+#: A stop waits so long for an answer; whoever gave it later is told once more, under the same id.
+_PATIENCE_S = 5.0
+
+
+class Dispatcher:
+    """Runs one thread for each receiver: one that is slow or down keeps no other waiting."""
+
+    def __init__(self, database: Database, senders: Sequence[Sender], metrics: Metrics) -> None:
+        self._database = database
+        self._senders = senders
+        self._metrics = metrics
+        self._stopping = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._serve, args=(sender,), name=f"receiver-{sender.name}", daemon=True)
+            for sender in senders
+        ]
+
+    def start(self) -> None:
+        """Begin to tell; a receiver that is new is told of what comes from now on."""
+        for sender in self._senders:
+            with self._database.write() as session:
+                notices.receiver(session, sender.name, now())
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Stop; what was not taken is told at the next start."""
+        self._stopping.set()
+        for thread in self._threads:
+            thread.join(_PATIENCE_S)
+
+    def tell_next(self, sender: Sender) -> bool:
+        """Tell a receiver of its next notice if it is time, and return whether it took it."""
+        at = now()
+        with self._database.read() as session:
+            row = notices.receiver(session, sender.name, at)
+            found = notices.next_notice(session, row.told_until) if row.next_try_at <= at else None
+        if found is None:
+            return False
+        notice = Notice(found.id, found.at, found.kind, found.subject, found.content)
+        try:
+            sender.send(notice)
+        except NotTakenError as error:
+            self._note_failure(sender.name, notice, at, error)
+            return False
+        with self._database.write() as session:
+            row = notices.receiver(session, sender.name, at)
+            _move_on(row, notice, at)
+            row.last_told_at, row.last_error = at, None
+        self._metrics.notices.labels(sender.name, "taken").inc()
+        return True
+
+    def _note_failure(self, name: str, notice: Notice, at: datetime, error: NotTakenError) -> None:
+        with self._database.write() as session:
+            row = notices.receiver(session, name, at)
+            row.n_tries += 1
+            row.failing_since = row.failing_since or at
+            row.last_error = str(error)[:500]
+            pause_s = min(FIRST_PAUSE_S * 2.0 ** (row.n_tries - 1), LONGEST_PAUSE_S)
+            row.next_try_at = at + timedelta(seconds=pause_s)
+            given_up = at - row.failing_since >= GIVEN_UP_AFTER or (error.for_good and row.n_tries >= _TRIES_OF_REFUSED)
+            if given_up:
+                session.add(DeadLetterRow(receiver=name, notice_id=notice.number, at=at, error=str(error)[:500]))
+                _move_on(row, notice, at)
+        self._metrics.notices.labels(name, "given up" if given_up else "not taken").inc()
+        log.warning("receiver %s did not take notice %d: %s", name, notice.number, error)
+
+    def _serve(self, sender: Sender) -> None:
+        while not self._stopping.is_set():
+            try:
+                told = self.tell_next(sender)
+            except (BusyError, StorageError) as error:
+                log.warning("receiver %s waits for the database: %s", sender.name, error)
+                told = False
+            except Exception:  # the edge of this thread: it must go on, whatever a receiver answers
+                log.exception("receiver %s failed", sender.name)
+                told = False
+            if not told:
+                self._stopping.wait(POLL_S)
+
+
+def _move_on(row: ReceiverRow, notice: Notice, at: datetime) -> None:
+    row.told_until, row.n_tries, row.failing_since, row.next_try_at = notice.number, 0, None, at

@@ -1,0 +1,93 @@
+"""Who outside is told of alarms: webhooks and mail, from one TOML file."""
+
+import base64
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, HttpUrl, SecretStr, ValidationError, model_validator
+
+from service.errors import DataFolderError
+
+#: A secret that begins so is the base64 of a key, as Standard Webhooks writes it.
+ENCODED = "whsec_"
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+Address = Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$", max_length=254)]
+
+
+class _Receiver(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Name
+
+
+class Webhook(_Receiver):
+    """Somebody who takes CloudEvents over HTTP, each signed with a secret that both know."""
+
+    url: HttpUrl
+    secret_file: Path | None = None
+
+
+class Mail(_Receiver):
+    """People who get a mail by way of a mail server."""
+
+    host: str
+    port: Annotated[int, Field(ge=1, le=65535)] = 25
+    sender: Annotated[Address, Field(alias="from")]
+    recipients: Annotated[list[Address], Field(alias="to", min_length=1)]
+    start_tls: bool = False
+    username: str | None = None
+    password_file: Path | None = None
+
+
+class Receivers(BaseModel):
+    """All of them; no two have one name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    webhook: list[Webhook] = []
+    mail: list[Mail] = []
+
+    @model_validator(mode="after")
+    def _different(self) -> "Receivers":
+        names = [each.name for each in (*self.webhook, *self.mail)]
+        if len(set(names)) < len(names):
+            raise ValueError(f"receivers must have different names; got {', '.join(names)}")
+        return self
+
+
+def read_receivers(path: Path | None) -> Receivers:
+    """Return the receivers of a file, none where there is no file.
+
+    Raises DataFolderError, with one sentence, if the file or a file of a secret cannot be read or means nothing.
+    """
+    if path is None:
+        return Receivers()
+    try:
+        receivers = Receivers.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise DataFolderError(f"the receivers in {path} cannot be read: {error}") from error
+    except ValidationError as error:
+        first = error.errors(include_input=False)[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise DataFolderError(f"the receivers in {path}: {where}: {first['msg']}") from error
+    for file in (*(each.secret_file for each in receivers.webhook), *(each.password_file for each in receivers.mail)):
+        if file is not None:
+            read_secret(file)
+    return receivers
+
+
+def read_secret(path: Path) -> SecretStr:
+    """Return the first line of a file. Raises DataFolderError if there is none."""
+    try:
+        secret = path.read_text(encoding="utf-8").partition("\n")[0].strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataFolderError(f"the secret in {path} cannot be read: {error}") from error
+    if not secret:
+        raise DataFolderError(f"the secret in {path} is empty")
+    if secret.startswith(ENCODED):
+        try:
+            base64.b64decode(secret.removeprefix(ENCODED), validate=True)
+        except ValueError as error:
+            raise DataFolderError(f"the secret in {path} begins with {ENCODED} and is not base64 after it") from error
+    return SecretStr(secret)
