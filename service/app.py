@@ -9,7 +9,19 @@ from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi_offline import FastAPIOffline
 
-from service.api import access, alarms, analyses, axes, calibrations, health, jobs, recordings, trend, windows
+from service.api import (
+    access,
+    alarms,
+    analyses,
+    axes,
+    calibrations,
+    health,
+    jobs,
+    receivers,
+    recordings,
+    trend,
+    windows,
+)
 from service.api.access import Gate
 from service.api.http.body import require_json
 from service.api.http.compression import Compression
@@ -100,7 +112,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access):
+    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)

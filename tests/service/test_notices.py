@@ -301,6 +301,10 @@ def test_receivers_go_on_where_they_were_after_a_restart(tmp_path: Path) -> None
         with running_service(tmp_path / "var", receivers_file=path) as api:
             losing_preload(api)
             wait_until(lambda: recipient.n_refused > 0)
+            (desk,) = api.http.get("/v1/receivers").json()["receivers"]
+            assert (desk["name"], desk["last_error"], desk["dead_letters"]) == ("desk", "answered with 503", [])
+            assert desk["waiting"] >= 1
+            assert desk["failing_since"] is not None
         recipient.status = 200
         with running_service(tmp_path / "var", receivers_file=path) as api:
             (alarm,) = api.http.get("/v1/alarms").json()["alarms"]

@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from service.clock import now
@@ -23,6 +24,15 @@ GIVEN_UP_AFTER = timedelta(days=3)
 _TRIES_OF_REFUSED = 3
 #: A stop waits so long for an answer; whoever gave it later is told once more, under the same id.
 _PATIENCE_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far a receiver has been told, how much waits for it, and what it never got."""
+
+    row: ReceiverRow
+    n_waiting: int
+    dead_letters: list[DeadLetterRow]
 
 
 class Dispatcher:
@@ -51,6 +61,15 @@ class Dispatcher:
         self._stopping.set()
         for thread in self._threads:
             thread.join(_PATIENCE_S)
+
+    def standings(self) -> list[Standing]:
+        """Return how it stands with each receiver that is set up."""
+        with self._database.read() as session:
+            rows = [notices.receiver(session, sender.name, now()) for sender in self._senders]
+            return [
+                Standing(row, notices.count_waiting(session, row.told_until), notices.dead_letters(session, row.name))
+                for row in rows
+            ]
 
     def tell_next(self, sender: Sender) -> bool:
         """Tell a receiver of its next notice if it is time, and return whether it took it."""
