@@ -16,7 +16,7 @@ from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import HasRecords
 
-_N_GRID, _N_HALVINGS = 81, 14
+_N_GRID, _N_HALVINGS = 61, 12
 #: Of a value, to see how the misfit moves with it.
 _STEP = 1e-3
 #: By name in :class:`ConditionArrays`: the fault, its unit and what that is of the unit inside.
@@ -79,39 +79,36 @@ class RecordsUnderTest(Generic[Physics]):
         if tag not in self.ranges:
             return None
 
-        def costs(values: FloatArray) -> RecordCosts:
-            return record_costs(records.retagged(tag, values), self.physics, self.scatter)
-
         def chi_squared(values: FloatArray) -> FloatArray:
             try:
-                return costs(values).chi_squared
+                return record_costs(records.retagged(tag, values), self.physics, self.scatter, 1).chi_squared
             except OutsideValidityError:
                 return np.full(values.shape, np.inf)
 
         low, high = (np.full_like(stated, end) for end in self.ranges[tag])
         step = np.maximum(_STEP * (high - low), 1e-12)
-        try:
-            moved = records.retagged(tag, stated + step).misfit(self.physics)
-        except OutsideValidityError:
-            moved = records.retagged(tag, stated - step).misfit(self.physics)
-        if not np.any(self.comparison.layout.difference(moved, here.scaled * here.deviation)):
+        if not np.any(self._slope(tag, stated, step)):
             return None
         spaced = np.geomspace if tag == "preload" else np.linspace
         grid = spaced(low, high, _N_GRID)
-        found, least = least_along(chi_squared, grid, _N_HALVINGS)
-        taken = here.chi_squared - least
-        there = costs(np.where(taken > 0.0, found, stated))
-        beyond = records.retagged(tag, np.where(taken > 0.0, found, stated) - step).misfit(self.physics)
-        slope = (
-            self.comparison.layout.difference(there.scaled * there.deviation, beyond)
-            / step[self.comparison.layout.setting]
-        )
-        _, _, deviation = there.taken_by(slope)
+        found, _ = least_along(chi_squared, grid, _N_HALVINGS)
+        there = record_costs(records.retagged(tag, found), self.physics, self.scatter)
+        taken = here.chi_squared - there.chi_squared
+        _, _, deviation = there.taken_by(self._slope(tag, found, step))
         return Freed(fault, unit, stated * per_unit, found * per_unit, deviation * per_unit, taken)
+
+    def _slope(self, tag: str, at: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the derivative of the misfit by a tag, shape (n_values,)."""
+        here = self.comparison.retagged(tag, at).misfit(self.physics)
+        try:
+            moved, step = self.comparison.retagged(tag, at - step).misfit(self.physics), -step
+        except OutsideValidityError:
+            moved = self.comparison.retagged(tag, at + step).misfit(self.physics)
+        return np.asarray(self.comparison.layout.difference(moved, here) / step[self.comparison.layout.setting])
 
 
 def _gain(here: RecordCosts, along: FloatArray) -> Freed:
-    """Return what a gain explains, by which the measured values are too large: ln of model over them falls by its."""
-    taken, amount, deviation = here.taken_by(-along)
+    """Return what a gain explains, by which the measured values are too large: ln of it, added, brings them right."""
+    taken, amount, deviation = here.taken_by(along)
     gain = np.exp(amount)
     return Freed(RecordFault.GAIN, "1", np.ones_like(gain), gain, deviation * gain, taken)

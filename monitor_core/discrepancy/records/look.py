@@ -33,8 +33,9 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 #: Records that are looked at closely at once, of those that stand out.
 _MOST_CLOSELY = 3
-#: Of the evidence of a record, what the others of its level have where their level is what is wrong.
-_ALIKE = 0.2
+#: Of the evidence of a record, what the others of its level have where their level is what is wrong: squares of misfits
+#: that are a fifth of its own.
+_ALIKE = 0.04
 #: Before anything is explained a wrong record must stand out by this factor from the next.
 _STANDS_OUT = 3.0
 #: Mean square in that of the others, up to which a tag or a gain explains a record.

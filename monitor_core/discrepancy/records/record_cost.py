@@ -18,10 +18,13 @@ import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import Physics
+from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 
 #: From the median of absolute deviations to the standard deviation of a normal distribution.
 _NORMAL = 1.4826
+#: When likely errors are the same, in standard deviations; and beyond which one is taken as linear.
+_SAME, _LIKELY = 0.05, 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +59,11 @@ class RecordCosts:
         amount = np.where(known, -slope / safe, 0.0)
         return np.where(known, slope**2 / safe, 0.0), amount, np.where(known, safe**-0.5, np.inf)
 
+    def likely_errors(self) -> FloatArray:
+        """Return the most likely condition errors, in the deviations that they scatter by, (n_settings, n_errors)."""
+        along = np.stack([np.bincount(self.setting, weights=row * self.scaled) for row in self.directions], axis=-1)
+        return np.asarray(-np.einsum("skl,sl->sk", self.inverse, along))
+
     def _product(self, first: FloatArray, second: FloatArray) -> FloatArray:
         plain = np.bincount(self.setting, weights=first * second)
         a, b = (
@@ -65,19 +73,36 @@ class RecordCosts:
         return np.asarray(plain - np.einsum("sk,skl,sl->s", a, self.inverse, b))
 
 
-def record_costs(comparison: Comparison[Physics], physics: Physics, scatter: FloatArray) -> RecordCosts:
-    """Return the misfits of all records.
+def record_costs(
+    comparison: Comparison[Physics], physics: Physics, scatter: FloatArray, n_rounds: int = 4
+) -> RecordCosts:
+    """Return the misfits of all records, linearised around the condition errors that are likely for each.
 
     ``scatter`` is by how much condition errors scatter in the tolerances that are assumed, shape (n_errors,).
+    In each of ``n_rounds`` the likely errors and the misfit around them are found anew.
     """
     layout = comparison.layout
-    misfit = comparison.misfit(physics)
-    directions = comparison.condition_errors(physics, misfit) * scatter[:, None] / layout.standard_deviation
-    grams = np.array([[np.bincount(layout.setting, weights=row * other) for other in directions] for row in directions])
-    inverse = np.linalg.inv(np.eye(len(directions)) + np.moveaxis(grams, -1, 0))
-    return RecordCosts(
-        layout.setting, misfit / layout.standard_deviation, layout.standard_deviation, directions, inverse
-    )
+    deviation, setting = layout.standard_deviation, layout.setting
+    errors = np.zeros((len(layout.settings), scatter.size))
+    for _ in range(n_rounds):
+        try:
+            around = comparison.shifted(errors)
+            misfit = around.misfit(physics)
+        except OutsideValidityError:
+            errors = np.zeros_like(errors)
+            around = comparison
+            misfit = around.misfit(physics)
+        change = around.condition_errors(physics, misfit)
+        scaled = (misfit - np.sum(change * errors[setting].T, axis=0)) / deviation
+        directions = change * scatter[:, None] / deviation
+        grams = np.array([[np.bincount(setting, weights=row * other) for other in directions] for row in directions])
+        inverse = np.linalg.inv(np.eye(scatter.size) + np.moveaxis(grams, -1, 0))
+        costs = RecordCosts(setting, scaled, deviation, directions, inverse)
+        likely = np.clip(costs.likely_errors(), -_LIKELY, _LIKELY) * scatter
+        if np.max(np.abs(likely - errors), initial=0.0) < _SAME:
+            break
+        errors = likely
+    return costs
 
 
 def scatter_of(pulls: FloatArray) -> FloatArray:
