@@ -14,7 +14,10 @@ from monitor_core.discrepancy.explanation import (
     Misfit,
     MisfitMap,
     Outcome,
+    RecordFault,
+    WrongRecord,
 )
+from monitor_core.fitting.conditions.settings import SettingTolerances
 
 __all__ = [
     "Candidate",
@@ -27,6 +30,9 @@ __all__ = [
     "Misfit",
     "MisfitMap",
     "Outcome",
+    "RecordFault",
+    "SettingTolerances",
+    "WrongRecord",
     "explain",
     "require_explainable",
 ]

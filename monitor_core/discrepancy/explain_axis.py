@@ -5,7 +5,7 @@ Make the description of an axis after an explanation: refitted parameters, its o
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
@@ -14,7 +14,7 @@ from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, 
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.accelerometer import place_accelerometer
 from monitor_core.fitting.comparison import Comparison
-from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.conditions.settings import SettingTolerances, default_folds
 from monitor_core.fitting.described_axis import DescribedDrive, DescribedRigidAxis
 from monitor_core.fitting.description import AxisDescription, at_preload_of_nut
 from monitor_core.fitting.learnt_form import learn_form_error
@@ -85,6 +85,7 @@ class ExplainOptions:
     healthy: tuple[tuple[FrequencyResponseObservation, ...], ...] = ()  # of machines of this type that lack nothing
     accelerometer: str | None = None  # where that of a session is; without it where the model fits better
     assumptions: tuple[str, ...] = ()  # what was settled while measuring, in sentences
+    tolerances: SettingTolerances = field(default_factory=SettingTolerances)  # of what the measurements are tagged with
 
 
 def explain(
@@ -175,9 +176,11 @@ def _drive_question(
     folds = _folds(conditions, options.hold_out)
     end, form = paper_motor_end(drive.stated), _form_learnt(axis, drive, options)
     comparison: Comparison[AxisPhysics] = (
-        compare_responses(placed.observations, held_out=folds, form=form, otherwise_held=end)
+        compare_responses(
+            placed.observations, held_out=folds, tolerances=options.tolerances, form=form, otherwise_held=end
+        )
         if placed.observations
-        else compare_modes(peaks, end, held_out=folds)
+        else compare_modes(peaks, end, held_out=folds, tolerances=options.tolerances)
     )
     sizes = sizes_of_drive(drive.physics({}), placed.observations or peaks)
     return _Question(comparison, drive, table, sizes, (*placed.sentences, *options.assumptions))

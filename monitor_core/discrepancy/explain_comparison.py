@@ -29,6 +29,7 @@ from monitor_core.discrepancy.localisation.localise import (
     varied_conditions_of_maps,
 )
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
+from monitor_core.discrepancy.records.rounds import cleared
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.search import find_steps, judge_found, judge_so_far, leave_out
@@ -149,6 +150,29 @@ def explain_comparison(
     the answer is what it had come to: *partial* or *unknown*, with a sentence on what was not tried. Raises
     OutsideValidityError if the described axis itself has no answer under one of the conditions.
     """
+    records = cleared(comparison, axis, progress or (lambda _: None))
+    while True:
+        explanation, final = _explain_kept(
+            records.kept, axis, candidates, settings=settings, progress=progress, time_is_up=time_is_up
+        )
+        worst = None if explanation.unfinished else records.worst(final)
+        if worst is None:
+            return replace(explanation, records=records.named(final))
+        if progress is not None:
+            progress(f"once more without record {worst.number} ({worst.setting})")
+        records = records.with_wrong(worst.number)
+
+
+def _explain_kept(
+    comparison: Comparison[Physics],
+    axis: DescribedAxis[Physics],
+    candidates: Sequence[Effect[Physics]],
+    *,
+    settings: ExplainSettings | None,
+    progress: Callable[[str], None] | None,
+    time_is_up: Callable[[], bool] | None,
+) -> tuple[Explanation, Fitted[Physics]]:
+    """Explain what the records that are kept show; return the final fit, too."""
     settings = settings or ExplainSettings()
     said = ["comparing the model as stated"]
 
@@ -190,7 +214,7 @@ def explain_comparison(
     ratios = final.hypothesis.ln_ratios(final.coordinates) | {
         key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
     }
-    return Explanation(
+    explanation = Explanation(
         outcome=outcome,
         effects=tuple(_found_effect(group, final, scale) for group in classes),
         localisation=_misfits(found.baseline, candidates, scatter),
@@ -211,6 +235,7 @@ def explain_comparison(
         hidden_in_remainder=tuple(key for key in hidden if key not in reported and left),
         unfinished=unfinished,
     )
+    return explanation, final
 
 
 def _unfinished(workspace: Workspace[Physics], doing: str) -> str:

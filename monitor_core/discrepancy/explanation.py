@@ -1,5 +1,6 @@
 """Define the answer of the discrepancy workflow."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -134,6 +135,36 @@ class Candidate:
     substitution_for: str | None = None  # key of the found effect in whose place it was refitted; None: in addition
 
 
+class RecordFault(StrEnum):
+    """What is wrong with a record."""
+
+    POSITION = "position-tag"
+    PRELOAD = "preload-tag"
+    PAYLOAD = "payload-tag"
+    TEMPERATURE = "temperature-tag"
+    GAIN = "gain"
+    OUTLIER = "outlier"  # wrong, and by no tag or gain alone
+
+
+@dataclass(frozen=True, slots=True)
+class WrongRecord:
+    """A record that does not go with the others; nothing was explained by it.
+
+    What is stated and found is in ``unit``: mm, N, kg, K, or 1 for a gain; of an outlier both are NaN.
+    """
+
+    number: int  # of the setting, from 1 in the order of the data
+    observations: tuple[int, ...]  # of this setting, from 0 in the order of the data
+    setting: str  # "500 mm, 220 N"
+    fault: RecordFault
+    delta_bic: float  # for what is wrong, less the price of having looked at all records
+    misfit: float  # rms of the record as stated, in standard deviations
+    stated: float = math.nan
+    found: float = math.nan
+    standard_uncertainty: float = math.nan  # of what is found
+    unit: str = "1"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
     """The whole answer."""
@@ -158,6 +189,8 @@ class Explanation:
     pulls_before: Mapping[str, float] = field(default_factory=dict)
     #: Keys of effects that help, but by less than a quarter of what is left, and may be a part of it; in no model.
     hidden_in_remainder: tuple[str, ...] = ()
+    #: Taken out before anything was explained, worst first.
+    records: tuple[WrongRecord, ...] = ()
     #: What is not in the data and was assumed before anything was compared, in sentences.
     assumptions: tuple[str, ...] = ()
     #: Where time was up before the search had come to its end: what was being done and what was not tried, a sentence.

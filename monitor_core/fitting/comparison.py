@@ -6,7 +6,7 @@ after it, from the fit to the decision, is the same for all of them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -157,6 +157,37 @@ class Comparison(Protocol[Physics_contra]):
 
     def panels(self, models: Mapping[str, Physics_contra]) -> tuple[Panel, ...]:
         """Return pictures of the measurement and of several models by their names."""
+        ...
+
+
+@runtime_checkable
+class HasRecords(Comparison[Physics_contra], Protocol[Physics_contra]):
+    """Comparisons whose settings are records of their own: each may be tagged wrongly, or be wrong altogether."""
+
+    @property
+    def records(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the observations, from 0 as they were given, that each setting was measured by."""
+        ...
+
+    @property
+    def response_of_value(self) -> npt.NDArray[np.intp]:
+        """Which response each value belongs to: a response has a gain of its own, shape (n_values,)."""
+        ...
+
+    def tags(self, tag: str) -> FloatArray:
+        """Return what each setting states of a condition, 0 where nothing, shape (n_settings,)."""
+        ...
+
+    def retagged(self, tag: str, values: FloatArray) -> "HasRecords[Physics_contra]":
+        """Return the comparison with other values of a condition in the place of what is stated, (n_settings,)."""
+        ...
+
+    def tag_ranges(self, physics: Physics_contra, setting: int) -> Mapping[str, tuple[float, float]]:
+        """Return within which values the tags of a setting may have gone wrong, by their names."""
+        ...
+
+    def only(self, settings: frozenset[int]) -> "HasRecords[Physics_contra]":
+        """Return the comparison of these settings alone."""
         ...
 
 

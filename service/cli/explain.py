@@ -38,6 +38,7 @@ from service.cli.inputs.session import (
     band_option,
     require_session,
 )
+from service.cli.inputs.tolerances import tolerance_options, tolerances_of
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target, require_target_folder
 from service.documents.explanation import explanation_document
@@ -84,6 +85,7 @@ _USUALLY = "some seconds to two minutes"
     help="Give the best answer so far after this time: partial or unknown, with what was not tried. What the model "
     "leaves as it stands is found in any case. Without it the search takes as long as it takes.",
 )  # fmt: skip
+@tolerance_options
 @accelerometer_option
 @band_option
 @json_option
@@ -100,6 +102,7 @@ def explain(
     accelerometer: str | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
+    **stated: float | None,
 ) -> None:
     """Find where measurements and a model part, name what is missing, add it, and show the gap shrink.
 
@@ -116,6 +119,7 @@ def explain(
     baseline = read_model_file(model_at(baseline_path))
     effects = () if effects_path is None else read_effect_file(effects_path)
     _require_writable(baseline, effects)
+    tolerances = tolerances_of(data, stated)
     with _watched(data.name) as progress:
         progress("reading")
         measured, assumptions = _measured(data, band_hz, accelerometer)
@@ -125,6 +129,7 @@ def explain(
             healthy=tuple(_responses(path, band_hz) for path in healthy_files),
             accelerometer=accelerometer,
             assumptions=assumptions,
+            tolerances=tolerances,
         )
         explanation = explain_axis(
             baseline,

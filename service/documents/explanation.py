@@ -8,6 +8,7 @@ from monitor_core.discrepancy import (
     GapPair,
     Misfit,
     MisfitMap,
+    WrongRecord,
 )
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
@@ -44,6 +45,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "pulls_before": {name: float(pull) for name, pull in explanation.pulls_before.items()},
         "maps": [_map(shown) for shown in explanation.maps],
         "hidden_in_remainder": list(explanation.hidden_in_remainder),
+        "records": [_record(record) for record in explanation.records],
         "taken_as": list(explanation.assumptions),
         "unfinished": explanation.unfinished or None,
         "next_measurement": explanation.next_measurement,
@@ -84,6 +86,22 @@ def _misfit(misfit: Misfit) -> JsonObject:
         "misfit": float(misfit.size),
         "kind": str(misfit.kind),
         "p_value": float(misfit.p_value),
+    }
+
+
+def _record(record: WrongRecord) -> JsonObject:
+    return {
+        "record": f"conditions/{record.observations[0]:04d}",
+        "number": record.number,
+        "responses": list(record.observations),
+        "setting": record.setting,
+        "kind": str(record.fault),
+        "stated": float(record.stated),
+        "found": float(record.found),
+        "standard_uncertainty": float(record.standard_uncertainty),
+        "unit": record.unit,
+        "delta_bic": float(record.delta_bic),
+        "misfit": float(record.misfit),
     }
 
 

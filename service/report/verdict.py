@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from monitor_core.discrepancy import Explanation, FoundEffect, GapPair, Outcome
+from service.report.records import record_sentences
 from service.report.rounding import rounded, unit_shown
 
 _MEANING: Final = {
@@ -88,6 +89,7 @@ def asides(explanation: Explanation) -> tuple[str, ...]:
     """Return what goes with the verdict: assumptions, effects that help but are not named, parameters pulled far."""
     return (
         *([explanation.unfinished] if explanation.unfinished else []),
+        *record_sentences(explanation),
         *explanation.assumptions,
         *_hidden_in_remainder(explanation),
         *_pulled(explanation),

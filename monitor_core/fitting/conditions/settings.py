@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
+from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout, Setting
 from monitor_core.fitting.conditions.groups import has_lines, modes_that_stay
 from monitor_core.models.protocol import DriveConditions
@@ -25,11 +26,26 @@ _MASSES = (1.0, 2.0, 5.0, 10.0)
 
 @dataclass(frozen=True, slots=True)
 class SettingTolerances:
-    """Standard deviations of what a measurement is tagged with."""
+    """Standard deviations of what a measurement is tagged with; those of payload and temperature count as exact."""
 
     position: float = 0.3e-3  # [m]
     preload_share: float = 0.03  # of the stated preload [-]
     gain_share: float = 0.005  # of the response [-]
+    payload: float = 0.0  # [kg]
+    temperature: float = 0.0  # [K]
+
+    def __post_init__(self) -> None:
+        exact = {"payload", "temperature"}
+        for name in ("position", "preload_share", "gain_share", "payload", "temperature"):
+            value = getattr(self, name)
+            if not (0.0 < value < math.inf or (value == 0.0 and name in exact)):
+                raise OutsideValidityError(f"the tolerance of {name} must be positive and finite; got {value}")
+
+    @property
+    def of_conditions(self) -> dict[str, float]:
+        """By the names of conditions, what else is not exact: a payload, a temperature."""
+        stated = {"payload_mass": self.payload, "temperature_deviation": self.temperature}
+        return {name: tolerance for name, tolerance in stated.items() if tolerance}
 
 
 def known_mass(moving_mass: float) -> float:

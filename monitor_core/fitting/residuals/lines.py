@@ -75,6 +75,7 @@ class ClearResponse:
     gain: int
     observation: FrequencyResponseObservation
     clear: BoolArray  # of its lines
+    number: int  # of the observation among those given, from 0
 
     @cached_property
     def response(self) -> ComplexArray:
@@ -110,14 +111,14 @@ def clear_responses(
     seen: dict[tuple[DriveConditions, str, str], int] = {}
     gains: dict[int, int] = {}
     found = []
-    for observation in observations:
+    for place, observation in enumerate(observations):
         point = (observation.conditions, str(observation.excitation), str(observation.response_point))
         repeat = seen.get(point, 0)
         seen[point] = repeat + 1
         number = numbers.setdefault((observation.conditions, repeat), len(numbers))
         gain = gains.get(number, 0)
         gains[number] = gain + 1
-        found.append(ClearResponse(number, gain, observation, clear_lines(observation, least_signal_to_noise)))
+        found.append(ClearResponse(number, gain, observation, clear_lines(observation, least_signal_to_noise), place))
     ordered = sorted(found, key=lambda response: (response.setting, response.gain))
     return [response for response in ordered if np.any(response.clear)]
 

@@ -12,6 +12,7 @@ difference of two peaks side by side has no slope that leads there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,9 @@ from monitor_core.models.protocol import DriveConditions, MotorEnd
 _LEAST_SIGNAL_TO_NOISE = 8.0
 #: By which positions and preloads are moved to see what their errors do, in their standard deviations.
 _STEP = 0.1
+#: Where a wrong tag is sought: a position beyond what was travelled, of that; a preload by a factor; a payload in
+#: moving masses; a temperature by so many kelvins.
+_BEYOND_TRAVEL, _WRONG_PRELOAD, _WRONG_PAYLOAD, _WRONG_WARMTH = 0.1, 4.0, 2.0, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,35 +55,46 @@ class ResponsesComparison(GapInSigma):
     noise: FloatArray  # standard deviation of each value by the noise of its line alone, shape (n_values,)
     noise_floor: float  # rms of the standardised misfit where nothing is missing [-]
     titles: tuple[str, ...]  # of the responses
+    source: "ResponsesSource"
 
     unit = "sigma"
     least_delta_bic = 50.0  # thousands of lines, and the form of the model is in all of them alike
 
     @property
     def condition_error_names(self) -> tuple[str, ...]:
-        """Return position, preload, and one gain for each response of a setting."""
-        return ("position", "preload", *(f"gain {index + 1}" for index in range(int(np.max(self.gain_column)) + 1)))
+        """Return position, preload, one gain for each response of a setting, and what else is not exact."""
+        gains = (f"gain {index + 1}" for index in range(self._n_gains))
+        return ("position", "preload", *gains, *(name.split("_")[0] for name in self.tolerances.of_conditions))
+
+    @property
+    def _n_gains(self) -> int:
+        return int(np.max(self.gain_column)) + 1
 
     def misfit(self, physics: AxisPhysics) -> FloatArray:
         """Return Re and Im of ln(H/Y), shape (n_values,)."""
         return self._values(self.log_responses(physics) - self.measured)
 
     def condition_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
-        """Return the change of the misfit by position, preload and the gain of each response of a setting."""
-        conditions, rows = self.lines.conditions, []
-        for name, step in (
-            ("position", np.full(conditions.position.shape, self.tolerances.position)),
-            ("preload", self.tolerances.preload_share * conditions.preload),
-        ):
-            moved = replace(conditions, **{name: getattr(conditions, name) - _STEP * step})
-            rows.append(self.layout.difference(misfit, self._under(moved).misfit(physics)) / _STEP)
-        gain = self.gain_column[self.response_of_line[self.line_of_value]]
-        for column in range(int(np.max(self.gain_column)) + 1):
+        """Return the change of the misfit by the errors of ``condition_error_names``."""
+        conditions = self.lines.conditions
+        alike = np.ones_like(conditions.position)
+
+        def by(name: str, tolerance: FloatArray) -> FloatArray:
+            moved = _with(conditions, name, getattr(conditions, name) - _STEP * tolerance)
+            return self.layout.difference(misfit, self._under(moved).misfit(physics)) / _STEP
+
+        rows = [
+            by("position", self.tolerances.position * alike),
+            by("preload", self.tolerances.preload_share * conditions.preload),
+        ]
+        gain = self.gain_column[self.response_of_value]
+        for column in range(self._n_gains):
             rows.append(np.where((gain == column) & ~self.imaginary, self.tolerances.gain_share, 0.0))
+        rows += [by(name, tolerance * alike) for name, tolerance in self.tolerances.of_conditions.items()]
         return np.array(rows)
 
     def shifted(self, errors: FloatArray) -> "ResponsesComparison":
-        """Return the comparison with position, preload and gains moved by errors in standard deviations."""
+        """Return the comparison with what was set, and the gains, moved by errors in standard deviations."""
         of_case = errors[self.setting_of_response]
         gain = self.tolerances.gain_share * of_case[np.arange(of_case.shape[0]), 2 + self.gain_column]
         return replace(self._under(self._moved(errors)), measured=self.measured - gain[self.response_of_line])
@@ -101,6 +116,47 @@ class ResponsesComparison(GapInSigma):
         }
         return {words: self._under(conditions) for words, conditions in others.items()}
 
+    @property
+    def records(self) -> tuple[tuple[int, ...], ...]:
+        """Return the numbers of the observations, from 0 as they were given, that each setting was measured by."""
+        found: list[list[int]] = [[] for _ in self.layout.settings]
+        for number, setting in zip(self.source.numbers, self.setting_of_response.tolist(), strict=True):
+            found[setting].append(number)
+        return tuple(map(tuple, found))
+
+    @property
+    def response_of_value(self) -> npt.NDArray[np.intp]:
+        """Return which response each value belongs to, shape (n_values,)."""
+        return self.response_of_line[self.line_of_value]
+
+    def tags(self, tag: str) -> FloatArray:
+        """Return what each setting states of a condition, by its name in :class:`ConditionArrays`, (n_settings,)."""
+        first = np.unique(self.setting_of_response, return_index=True)[1]
+        return np.asarray(getattr(self.lines.conditions, tag)[first], dtype=np.float64)
+
+    def retagged(self, tag: str, values: FloatArray) -> "ResponsesComparison":
+        """Return the comparison with other values of a condition in the place of what is stated, (n_settings,)."""
+        return self._under(_with(self.lines.conditions, tag, values[self.setting_of_response]))
+
+    def tag_ranges(self, physics: AxisPhysics, setting: int) -> Mapping[str, tuple[float, float]]:
+        """Return within which values the tags of a setting may have gone wrong; a preload only where it is stated."""
+        positions, preload = self.tags("position"), float(self.tags("preload")[setting])
+        low, high = float(np.min(positions)), float(np.max(positions))
+        beyond = _BEYOND_TRAVEL * (high - low)
+        warmth = float(self.tags("temperature_deviation")[setting])
+        ranges = {
+            "position": (max(low - beyond, 0.5 * low), high + beyond),
+            "preload": (preload / _WRONG_PRELOAD, preload * _WRONG_PRELOAD),
+            "payload_mass": (0.0, _WRONG_PAYLOAD * moving_mass(physics)),
+            "temperature_deviation": (warmth - _WRONG_WARMTH, warmth + _WRONG_WARMTH),
+        }
+        return {tag: ends for tag, ends in ranges.items() if ends[1] > ends[0]}
+
+    def only(self, settings: frozenset[int]) -> "ResponsesComparison":
+        """Return the comparison of these settings alone."""
+        kept = [each in settings for each in self.setting_of_response.tolist()]
+        return self.source.compared(kept)
+
     def panels(self, models: Mapping[str, AxisPhysics]) -> tuple[Panel, ...]:
         """Return the amplitude of every response, measured and modelled."""
         held_out = np.zeros(len(self.titles), dtype=np.bool_)
@@ -121,13 +177,16 @@ class ResponsesComparison(GapInSigma):
         return np.asarray(logarithm(responses(physics, self.lines)) + smeared)
 
     def _moved(self, errors: FloatArray) -> ConditionArrays:
-        """Return the conditions of the cases with position and preload moved by errors in standard deviations."""
+        """Return the conditions of the cases, moved by errors in standard deviations."""
         conditions, of_case = self.lines.conditions, errors[self.setting_of_response]
-        return replace(
+        moved = replace(
             conditions,
             position=conditions.position + self.tolerances.position * of_case[:, 0],
             preload=conditions.preload * (1.0 + self.tolerances.preload_share * of_case[:, 1]),
         )
+        for column, (name, tolerance) in enumerate(self.tolerances.of_conditions.items(), 2 + self._n_gains):
+            moved = _with(moved, name, getattr(moved, name) + tolerance * of_case[:, column])
+        return moved
 
     def _under(self, conditions: ConditionArrays) -> "ResponsesComparison":
         smearing = None if self.smearing is None else self.smearing.under(conditions)
@@ -137,6 +196,33 @@ class ResponsesComparison(GapInSigma):
         """Return real and imaginary parts in the order of the values; phases within ±π."""
         of_values = with_phase_within_half_a_turn(per_line)[self.line_of_value]
         return np.where(self.imaginary, of_values.imag, of_values.real)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResponsesSource:
+    """What a comparison was made of, so that one of some of its responses can be made."""
+
+    observations: tuple[FrequencyResponseObservation, ...]  # with clear lines, in the order of the comparison
+    numbers: tuple[int, ...]  # of these among those that were given
+    held_out: tuple[frozenset[DriveConditions], ...]
+    tolerances: SettingTolerances
+    form: ModelFormError
+    otherwise_held: MotorEnd
+
+    def compared(self, kept: Sequence[bool]) -> ResponsesComparison:
+        """Return the comparison of some of the responses, chosen in the order of the observations."""
+        observations = [each for each, so in zip(self.observations, kept, strict=True) if so]
+        numbers = tuple(number for number, so in zip(self.numbers, kept, strict=True) if so)
+        there = {observation.conditions for observation in observations}
+        again = compare_responses(
+            observations,
+            held_out=[fold for fold in self.held_out if fold & there and there - fold],
+            tolerances=self.tolerances,
+            form=self.form,
+            otherwise_held=self.otherwise_held,
+        )
+        numbers = tuple(numbers[place] for place in again.source.numbers)
+        return replace(again, source=replace(again.source, numbers=numbers))
 
 
 def compare_responses(
@@ -213,7 +299,21 @@ def compare_responses(
         titles=tuple(
             f"{setting_of(observation.conditions).name}, {observation.response_point}" for observation in observed
         ),
+        source=ResponsesSource(
+            tuple(observed),
+            tuple(response.number for response in kept),
+            tuple(held_out),
+            tolerances,
+            form,
+            otherwise_held,
+        ),
     )
+
+
+def _with(conditions: ConditionArrays, name: str, values: FloatArray) -> ConditionArrays:
+    """Return conditions with other values of one of them."""
+    changed: Any = {name: values}
+    return replace(conditions, **changed)
 
 
 def _floor(group: npt.NDArray[np.intp], share: FloatArray, unlearnt: BoolArray) -> float:
