@@ -21,7 +21,7 @@ from service.report.svg import Axis, axis_over, element, joined, label, picture,
 _BEYOND: Final = 3.0  # a logarithmic picture reaches so much beyond the measurement
 _LOGARITHMIC_FROM: Final = 5.0  # ratio of the last to the first frequency
 #: A band reaches from its middle over this to its middle times this, and holds so much of what differs, in squares.
-_ZOOM: Final = 2.5
+_ZOOM: Final = 1.8
 _IN_THE_BAND: Final = 0.8
 _FEWEST_LINES: Final = 20
 #: Where a ratio is marked: the largest of these that the picture reaches, and its reciprocal.
@@ -112,7 +112,7 @@ def hero_chart(name: str, panel: Panel, frame: Frame, said: Mapping[str, str]) -
             for model, rest in left_over.items()
         ),
         label(panel.x_name, 0.5 * (frame.left + frame.end), frame.height - 6.0, text_anchor="middle", class_="quiet"),
-        _upright(panel.y_name, upper), _upright("model/measured" if panel.logarithmic else "model − measured", lower),
+        _upright(panel.y_name, upper), _upright("model/measured" if panel.logarithmic else "difference", lower),
     )  # fmt: skip
 
 
@@ -203,7 +203,7 @@ def _grid(
         if with_x:
             drawn.append(label(tick(value), x, bottom + 15.0, text_anchor="middle", class_="quiet"))
     of_ratio = with_x and y_axis.logarithmic
-    for value in _ratios(y_axis) if of_ratio else y_axis.ticks(2 if with_x else 4):
+    for value in _ratios(y_axis) if of_ratio else y_axis.ticks(4):
         y = float(y_axis(value))
         words = f"{value:.2g}" if of_ratio else tick(value)
         drawn.append(element("line", x1=frame.left, y1=y, x2=frame.end, y2=y, class_="grid"))

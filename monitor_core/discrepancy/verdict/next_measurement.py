@@ -11,7 +11,7 @@ import numpy as np
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
-from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left
+from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left, plain
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.errors import OutsideValidityError
@@ -87,7 +87,8 @@ def _to_distinguish(found_class: EquivalenceClass[Physics], sizes: MachineSizes 
     if never:
         yield (
             f"no change of conditions distinguishes {key} from {' or '.join(other.effect.key for other in never)}: "
-            f"look at the parts themselves, {' or '.join(map(_size_of, (first, *never)))}"
+            f"look at the parts themselves, {' or '.join(map(_size_of, (first, *never)))}, or change one of them on "
+            f"purpose and measure {first.fitted.comparison.layout.settings[0].name} again"
         )
     if found_class.untested:
         yield (
@@ -139,25 +140,20 @@ def _by_how_much(axis: ConditionAxis, sizes: MachineSizes | None) -> str:
     if axis is ConditionAxis.LEVEL:
         return " to a third and to three times of what it is"
     if axis is ConditionAxis.PRELOAD and preload is not None:
-        return f" from {_plain(0.5 * preload)} to {_plain(preload)} N"
+        return f" from {plain(0.5 * preload, 2)} to {plain(preload, 2)} N"
     if axis is ConditionAxis.RECORD and speed is not None:
-        return f" with a second motion at {_plain(0.5 * speed)} m/s"
+        return f" with a second motion at {plain(0.5 * speed, 2)} m/s"
     return ""
 
 
 def _along_the_screw(sizes: MachineSizes | None) -> str:
     length = size_of(sizes, Reference.LENGTH)
-    return "" if length is None else f" along the {1e3 * length:.3g} mm of the screw"
+    return "" if length is None else f" along the {plain(1e3 * length)} mm of the screw"
 
 
 def _band(sizes: MachineSizes | None) -> str:
     frequency = size_of(sizes, Reference.FREQUENCY)
     if frequency is None:
         return ""
-    lowest, highest = (_plain(share * frequency) for share in _BAND_OF_RESPONSES)
+    lowest, highest = (plain(share * frequency, 2) for share in _BAND_OF_RESPONSES)
     return f" from {lowest} to {highest} Hz"
-
-
-def _plain(value: float) -> str:
-    """Return two digits, without a power of ten."""
-    return f"{float(f'{value:.2g}'):g}"

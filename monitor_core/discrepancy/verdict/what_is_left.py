@@ -33,6 +33,11 @@ def checks_of_what_is_left(fitted: Fitted[Physics], sizes: MachineSizes | None) 
     return tuple(_checks(fitted, sizes))
 
 
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits and without a power of ten, where one can read it so."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
 def _checks(fitted: Fitted[Physics], sizes: MachineSizes | None) -> Iterator[str]:
     layout = fitted.comparison.layout
     yield from _record_that_stands_out(fitted)
@@ -66,12 +71,13 @@ def _record_that_stands_out(fitted: Fitted[Physics]) -> Iterator[str]:
     if pulls[setting, kind] > _STANDS_OUT * max(1.0, others):
         yield (
             f"check the tag of {settings[setting].name}: its {_tag(names[kind])} would have to be "
-            f"{pulls[setting, kind]:.2g} of its standard deviations from what is stated, where others have {others:.1g}"
+            f"{plain(pulls[setting, kind], 2)} of its standard deviations from what is stated, where others have "
+            f"{plain(others, 1)}"
         )
     elif (spread := float(np.var(pulls[:, kind]))) > _DRIFTS:
         yield (
             f"read the {_tag(names[kind])} of every record again, first that of {settings[setting].name}: they "
-            f"scatter {math.sqrt(spread):.2g} times as much as is stated"
+            f"scatter {plain(math.sqrt(spread), 2)} times as much as is stated"
         )
 
 
@@ -94,8 +100,8 @@ def _constant_factor(fitted: Fitted[Physics]) -> Iterator[str]:
         if mean**2 * np.sum(weight) > _IN_THE_MEAN * np.sum(weight * fitted.misfit[at] ** 2) and abs(mean) > 0.0:
             low, high = np.min(layout.frequency[at]), np.max(layout.frequency[at])
             yield (
-                f"check unit and gain of {name}: it is {math.exp(-mean):.3g} times the model's from {low:.3g} to "
-                f"{high:.3g} Hz alike"
+                f"check unit and gain of {name}: it is {plain(math.exp(-mean))} times the model's from {plain(low)} to "
+                f"{plain(high)} Hz alike"
             )
 
 
@@ -110,8 +116,8 @@ def _closer_look(
             low, high = float(lowest), float(highest)
             yield (
                 "put a second accelerometer elsewhere, on the bed, the nut or a cover, and measure from "
-                f"{0.8 * low:.3g} to {1.2 * high:.3g} Hz with lines at most {_LINE_SPACING * low:.2g} Hz apart: a "
-                "peak that stays there at all positions is of what swings by itself, one that wanders is of the drive"
+                f"{plain(0.8 * low)} to {plain(1.2 * high)} Hz with lines at most {plain(_LINE_SPACING * low, 2)} Hz "
+                "apart: a peak that stays there at all positions is of what swings by itself, one that wanders of the drive"
             )
         case ConditionAxis.FREQUENCY:
             yield f"measure whole responses about {lowest} Hz: one frequency does not say what its mode moves"
@@ -141,8 +147,8 @@ def _finer_positions(layout: Layout, lowest: str, highest: str, sizes: MachineSi
     step = 0.5 * spacing or (25.0 * length if length else 10.0)
     where = f"about {lowest} mm" if lowest == highest else f"between {lowest} and {highest} mm"
     return (
-        f"measure {where} in steps of {step:.2g} mm, and at three positions within one turn of the screw: what comes "
-        "and goes with the turn is of the thread"
+        f"measure {where} in steps of {plain(step, 2)} mm, and at three positions within one turn of the screw: what "
+        "comes and goes with the turn is of the thread"
     )
 
 
@@ -152,8 +158,8 @@ def _another_motion(sizes: MachineSizes | None) -> Iterator[str]:
     speed, mass = values.get(Reference.VELOCITY), values.get(Reference.MOVING_MASS)
     if speed is not None:
         yield (
-            f"repeat the motion forward and backward at half and at twice the speed, {0.5 * speed:.2g} and "
-            f"{2.0 * speed:.2g} m/s: friction goes with speed and direction, a mass with the acceleration alone"
+            f"repeat the motion forward and backward at half and at twice the speed, {plain(0.5 * speed, 2)} and "
+            f"{plain(2.0 * speed, 2)} m/s: friction goes with speed and direction, a mass with the acceleration alone"
         )
     if mass is not None:
         yield f"measure it with a known mass of {known_mass(mass):g} kg on the table, too"
