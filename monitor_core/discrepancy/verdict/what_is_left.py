@@ -117,7 +117,8 @@ def _closer_look(
             yield (
                 "put a second accelerometer elsewhere, on the bed, the nut or a cover, and measure from "
                 f"{plain(0.8 * low)} to {plain(1.2 * high)} Hz with lines at most {plain(_LINE_SPACING * low, 2)} Hz "
-                "apart: a peak that stays there at all positions is of what swings by itself, one that wanders of the drive"
+                "apart: a peak that stays there at all positions is of what swings by itself, one that wanders is of "
+                "the drive"
             )
         case ConditionAxis.FREQUENCY:
             yield f"measure whole responses about {lowest} Hz: one frequency does not say what its mode moves"
