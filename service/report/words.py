@@ -20,7 +20,7 @@ _PLAIN: Final = {"ln_ratio": "size", "youngs": "Young's", "nut_stiffness": "nut 
 _PLACES: Final = (
     ("position_mm", "mm"),
     ("preload_n", "N"),
-    ("payload_kg", "kg on the table"),
+    ("payload_kg", "kg payload"),
     ("temperature_delta_c", "K warmer"),
 )
 _LEVELS: Final = r"(-?[\d.e+]+(?:\.\.-?[\d.e+]+)?)"
