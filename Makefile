@@ -60,6 +60,7 @@ bench: setup     ## side-by-side timings against peers, in one run
 	$(BIN)/python -m benchmarks
 
 replay-data: setup  ## write replay_data/ again from the independent plant
+	$(BIN)/python -m tests.hidden_effects.write_example
 	$(BIN)/python -m tests.plant.write_replay_data
 
 plots: setup     ## draw docs/figures again

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation, Outcome
-from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, EffectParameter, MachineSizes
+from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX, Effect, EffectParameter, MachineSizes, Reference
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.accelerometer import place_accelerometer
 from monitor_core.fitting.comparison import Comparison
@@ -110,7 +110,12 @@ def explain(
         progress("comparing with the model as stated")
     question = _question(axis, measured, options)
     found = explain_comparison(
-        question.comparison, question.described, question.candidates, progress=progress, time_is_up=time_is_up
+        question.comparison,
+        question.described,
+        question.candidates,
+        sizes=question.sizes,
+        progress=progress,
+        time_is_up=time_is_up,
     )
     exact = _held_exact(axis) if found.outcome is not Outcome.NONE else ()
     augmented = axis
@@ -159,7 +164,8 @@ def _motion_question(axis: AxisDescription, record: MotionRecord, options: Expla
     table = _with_own_effects(MOTION_EFFECTS, options)
     described: DescribedRigidAxis = axis.rigid_axis(table)
     comparison = MotionComparison.of(record, described.stated)
-    return _Question(comparison, described, table, sizes_of_motion(comparison))
+    of_motion = {**sizes_of_motion(comparison).values, Reference.MOVING_MASS: described.stated.moving_mass}
+    return _Question(comparison, described, table, MachineSizes(of_motion))
 
 
 def _drive_question(

@@ -36,17 +36,18 @@ from monitor_core.discrepancy.search.search import find_steps, judge_found, judg
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
+from monitor_core.discrepancy.verdict.next_measurement import next_measurement
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
     explained_share,
     hidden_in_remainder,
-    next_measurement,
     outcome_of,
     remainder_of,
 )
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
+from monitor_core.effects.sizes import MachineSizes
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, Panel
 from monitor_core.fitting.conditions.settings import varied_conditions
@@ -141,14 +142,16 @@ def explain_comparison(
     candidates: Sequence[Effect[Physics]],
     *,
     settings: ExplainSettings | None = None,
+    sizes: MachineSizes | None = None,
     progress: Callable[[str], None] | None = None,
     time_is_up: Callable[[], bool] | None = None,
 ) -> Explanation:
     """Find where measurements and a described axis differ, which candidates it lacks, and how far they close the gap.
 
-    ``progress`` is called with a few words on what is being done. Once ``time_is_up`` says so the search is left, and
-    the answer is what it had come to: *partial* or *unknown*, with a sentence on what was not tried. Raises
-    OutsideValidityError if the described axis itself has no answer under one of the conditions.
+    ``sizes`` of the machine are those in which the next measurement is proposed; ``progress`` is called with a few
+    words on what is being done. Once ``time_is_up`` says so the search is left, and the answer is what it had come to:
+    *partial* or *unknown*, with a sentence on what was not tried. Raises OutsideValidityError if the described axis
+    itself has no answer under one of the conditions.
     """
     records = cleared(comparison, axis, progress or (lambda _: None))
     while True:
@@ -224,7 +227,7 @@ def _explain_kept(
         candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
-        next_measurement=next_measurement(found, classes, outcome, candidates),
+        next_measurement=next_measurement(found, classes, outcome, candidates, sizes),
         ln_ratios=ratios,
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
         panels=_panels(found),

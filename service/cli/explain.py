@@ -223,12 +223,12 @@ def _print(content: ReportContent) -> None:
     if content.effects:
         print_table(
             content.found_heading,
-            ("effect", "ΔBIC", "parameter", "value", "95 % interval", "plausible"),
+            ("effect", "evidence (ΔBIC)", "parameter", "value", "95 % interval", "plausible"),
             [row for found in content.effects for row in _found_rows(found)],
         )
     for found in content.effects:
-        for remark in found.effect.remarks:
-            print_line(f"- {found.effect.key}: {remark}.")
+        for remark in found.remarks:
+            print_line(f"- {found.name}: {remark}.")
     print_table("Gap", ("", "fitted data", "held-out data", "noise floor"), [_texts(row) for row in content.gap])
     for number, step in enumerate(content.steps, start=1):
         print_line(f"{number}. {step}")
@@ -237,18 +237,20 @@ def _print(content: ReportContent) -> None:
     if candidates:
         print_table(
             content.candidates_heading,
-            ("effect", "ΔBIC", "tried", "detection limit"),
+            ("effect", "evidence (ΔBIC)", "tried", "detection limit"),
             [_texts((*row[:3], row[4])) for row in candidates],
         )
         print_line(content.threshold)
     if more:
         print_line(f"{more} more: --report DIR or --json lists them.")
-    if content.next_measurement:
-        print_line(f"Measure next: {content.next_measurement}")
+    if content.next_steps:
+        print_line("Measure next:")
+    for step in content.next_steps:
+        print_line(f"- {step}.")
 
 
 def _found_rows(found: EffectContent) -> Iterator[tuple[str, ...]]:
-    effect = " or ".join((found.effect.key, *found.effect.equivalent_to))
+    effect = " or ".join((found.name, *found.others))
     for row in found.parameters:
         yield effect, str(found.delta_bic), *_texts(row)
 

@@ -32,9 +32,9 @@ from service.report.svg import (
 #: Where the shade changes, in standard deviations; the style sheet holds one shade more.
 LEVELS: Final = (1.25, 2.0, 3.0, 5.0, 10.0, 20.0)
 
-_MAP_WIDTH = 600.0
-_LONGEST_ROW = 34  # characters
-_LONGEST_COLUMN = 16
+_MAP_WIDTH = 380.0  # of a phone
+_LONGEST_ROW = 16  # characters
+_LONGEST_COLUMN = 18
 _MAP_ROW = 22.0
 _NARROWEST_WITH_NUMBER = 27.0
 _NARROWEST_WITH_NAME = 17.0  # of a slanted one; in narrower columns some are left to pointing at a cell
@@ -46,7 +46,7 @@ def misfit_map_chart(name: str, title: str, shown: MisfitMap, misfit: FloatArray
     ``misfit`` is what the map has ``before`` or ``after``, shape (n_rows, n_columns); ``name`` is unique on the page.
     """
     left = 12.0 + CHARACTER * min(_LONGEST_ROW, max((len(row) for row in shown.rows), default=0))
-    cell = min((_MAP_WIDTH - left) / max(len(shown.columns), 1), 90.0)
+    cell = min((_MAP_WIDTH - left - 30.0) / max(len(shown.columns), 1), 60.0)
     longest = min(_LONGEST_COLUMN, max((len(column) for column in shown.columns), default=0))
     slanted = longest * CHARACTER > cell - 4.0
     top = 12.0 + (0.7 * CHARACTER * longest if slanted else 12.0)
@@ -118,10 +118,13 @@ def _description(shown: MisfitMap, misfit: FloatArray) -> str:
     return f"Root-mean-square misfit in standard deviations. The largest is {rounded(worst)}, at {where}."
 
 
-_GAP_WIDTH = 760.0
-_LONGEST_LABEL = 46  # characters of a label: those of the longest key of the catalogue
-_GAP_BAR = 16.0
-_GAP_TOP = 26.0  # holds the name of the reference line
+#: Bars are as wide as a phone, and their labels stand above them: nothing scrolls, nothing shrinks.
+_BARS_WIDTH = 380.0
+_LONGEST_LABEL = 50  # characters of a label, 370 units wide
+_BESIDE = 112.0  # room for the number beside the longest bar
+_BAR = 16.0
+_LABEL = 18.0
+_BARS_TOP = 26.0  # holds the name of the reference line
 
 
 def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_floor: float, unit: str) -> Markup:
@@ -129,44 +132,39 @@ def gap_chart(name: str, title: str, rows: Sequence[tuple[str, GapPair]], noise_
 
     A row is what the model then is, and its gap; ``name`` is unique on the page.
     """
-    left = _label_width([words for words, _ in rows])
     sizes = [size for _, pair in rows for size in (pair.fit, pair.held_out)]
-    axis = Axis(0.0, _largest([*sizes, noise_floor]), left, _GAP_WIDTH - 150.0)
-    height, bars, texts, described = _GAP_TOP, [], [], []
+    axis = Axis(0.0, _largest([*sizes, noise_floor]), 2.0, _BARS_WIDTH - _BESIDE)
+    height, bars, texts, described = _BARS_TOP, [], [], []
     for words, pair in rows:
         sizes_of = {"fitted": pair.fit, "held out": pair.held_out}
         shown = {kind: quantity(size, unit) for kind, size in sizes_of.items() if not math.isnan(size)}
         described.append(f"{words}: {', '.join(f'{size} {kind}' for kind, size in shown.items())}")
-        texts.append(_row_label(words, left, height + 0.5 * len(shown) * _GAP_BAR + 5.0))
+        texts.append(_row_label(words, height + 13.0))
+        height += _LABEL
         for kind, size in shown.items():
             bars.append(_bar(axis, height, sizes_of[kind], f"bar {kind.replace(' ', '-')}"))
             beside = _end(axis, sizes_of[kind]) + 6.0
             texts.append(label(f"{size} {kind}", beside, height + 12.5, class_="beside"))
-            height += _GAP_BAR + 2.0
-        height += 10.0
+            height += _BAR + 2.0
+        height += 8.0
     floor = f"noise floor {quantity(noise_floor, unit)}"
     reference = _reference(axis, noise_floor, height, floor)
-    return picture(_GAP_WIDTH, height, name, title, "; ".join([*described, floor]), *bars, reference, *texts)
+    return picture(_BARS_WIDTH, height, name, title, "; ".join([*described, floor]), *bars, reference, *texts)
 
 
 def pull_chart(name: str, pulls: Mapping[str, float]) -> Markup:
     """Draw a bar for each kind of error, and a line at 1, up to which what was stated holds."""
-    left = _label_width(list(pulls))
-    axis = Axis(0.0, _largest([1.5, *map(abs, pulls.values())]), left, _GAP_WIDTH - 150.0)
-    height, bars, texts = _GAP_TOP, [], []
+    axis = Axis(0.0, _largest([1.5, *map(abs, pulls.values())]), 2.0, _BARS_WIDTH - _BESIDE)
+    height, bars, texts = _BARS_TOP, [], []
     for words, pull in pulls.items():
-        bars.append(_bar(axis, height, abs(pull), "bar fitted"))
-        texts.append(_row_label(words, left, height + 12.5))
-        texts.append(label(rounded(pull, 2), _end(axis, abs(pull)) + 6.0, height + 12.5, class_="beside"))
-        height += _GAP_BAR + 6.0
+        texts.append(_row_label(words, height + 13.0))
+        bars.append(_bar(axis, height + _LABEL, abs(pull), "bar fitted"))
+        texts.append(label(rounded(pull, 2), _end(axis, abs(pull)) + 6.0, height + _LABEL + 12.5, class_="beside"))
+        height += _LABEL + _BAR + 6.0
     description = "; ".join(f"{words}: {rounded(pull, 2)}" for words, pull in pulls.items())
     return picture(
-        _GAP_WIDTH, height, name, "Pulls", description, *bars, _reference(axis, 1.0, height, "as stated"), *texts
+        _BARS_WIDTH, height, name, "Pulls", description, *bars, _reference(axis, 1.0, height, "as stated"), *texts
     )
-
-
-def _label_width(labels: Sequence[str]) -> float:
-    return 14.0 + CHARACTER * min(_LONGEST_LABEL, max(len(words) for words in labels))
 
 
 def _largest(sizes: Sequence[float]) -> float:
@@ -177,26 +175,28 @@ def _end(axis: Axis, size: float) -> float:
     return float(axis(size)) if math.isfinite(size) else axis.start
 
 
-def _row_label(words: str, left: float, y: float) -> Markup:
-    shown = label(shortened(words, _LONGEST_LABEL), left - 10.0, y, text_anchor="end")
+def _row_label(words: str, y: float) -> Markup:
+    shown = label(shortened(words, _LONGEST_LABEL), 2.0, y, class_="beside")
     return element("g", element("title", words), shown)
 
 
 def _bar(axis: Axis, top: float, size: float, kind: str) -> Markup:
     width = max(_end(axis, size) - axis.start, 0.0)
-    return element("rect", x=axis.start, y=top, width=width, height=_GAP_BAR, class_=kind)
+    return element("rect", x=axis.start, y=top, width=width, height=_BAR, class_=kind)
 
 
 def _reference(axis: Axis, value: float, bottom: float, words: str) -> Markup:
     if not math.isfinite(value):
         return Markup()
     place = float(axis(value))
-    line = element("line", x1=place, y1=_GAP_TOP - 6.0, x2=place, y2=bottom - 4.0, class_="reference")
-    return joined([line, label(words, place, _GAP_TOP - 11.0, class_="quiet")])
+    line = element("line", x1=place, y1=_BARS_TOP - 6.0, x2=place, y2=bottom - 4.0, class_="reference")
+    beyond = place + CHARACTER * len(words) > _BARS_WIDTH  # then it ends at the line
+    anchor = "end" if beyond else "start"
+    return joined([line, label(words, place, _BARS_TOP - 11.0, class_="quiet", text_anchor=anchor)])
 
 
 POINTS: Final = 400  # of a line
-_FEW: Final = 60  # up to so many measured points are drawn one by one
+FEW: Final = 60  # up to so many measured points are drawn one by one
 #: A logarithmic picture reaches so much beyond the measurement: a zero of a model would squeeze everything else.
 _BEYOND: Final = 10.0
 _STYLES: Final[Mapping[str, str]] = {"before": "model before", "after": "model after"}
@@ -209,8 +209,8 @@ def panel_chart(name: str, panel: Panel) -> Markup:
     """Draw a panel; ``name`` is unique on the page."""
     x_axis = axis_over(panel.x, 0.0, _RIGHT - _LEFT)
     y_axis = _y_axis(panel)
-    curves = [_measured(panel, x_axis, y_axis)]
-    curves += [_line(panel.x, y, x_axis, y_axis, style_of(model)) for model, y in panel.models.items()]
+    curves = [measured_curve(panel, x_axis, y_axis)]
+    curves += [curve(panel.x, y, x_axis, y_axis, style_of(model)) for model, y in panel.models.items()]
     inside = element("svg", *curves, x=_LEFT, y=_TOP, width=_RIGHT - _LEFT, height=_BOTTOM - _TOP, overflow="hidden")
     frame = element("rect", x=_LEFT, y=_TOP, width=_RIGHT - _LEFT, height=_BOTTOM - _TOP, class_="frame")
     description = (
@@ -239,16 +239,18 @@ def _y_axis(panel: Panel) -> Axis:
     return axis_over(values, _BOTTOM - _TOP, 0.0, logarithmic=panel.logarithmic)
 
 
-def _measured(panel: Panel, x_axis: Axis, y_axis: Axis) -> Markup:
-    if panel.x.size > _FEW:
-        return _line(panel.x, panel.measured, x_axis, y_axis, "measured")
+def measured_curve(panel: Panel, x_axis: Axis, y_axis: Axis) -> Markup:
+    """Draw a measurement: as a line, or point by point where there are few."""
+    if panel.x.size > FEW:
+        return curve(panel.x, panel.measured, x_axis, y_axis, "measured")
     places = zip(x_axis(panel.x).tolist(), y_axis(panel.measured).tolist(), strict=True)
     return joined([
         element("circle", cx=x, cy=y, r=3.5, class_="measured") for x, y in places if np.isfinite(x) and np.isfinite(y)
     ])  # fmt: skip
 
 
-def _line(x: FloatArray, y: FloatArray, x_axis: Axis, y_axis: Axis, style: str) -> Markup:
+def curve(x: FloatArray, y: FloatArray, x_axis: Axis, y_axis: Axis, style: str) -> Markup:
+    """Draw a line of at most so many points that none is lost to the eye."""
     kept = decimated(y, POINTS)
     return element("path", d=path_through(x_axis(x[kept]), y_axis(y[kept])), class_=style)
 

@@ -26,6 +26,15 @@ from service.report.rounding import (
     unit_shown,
     with_uncertainty,
 )
+from service.report.words import (
+    in_plain_words,
+    name_of,
+    parameter_words,
+    place_words,
+    ratio_interval,
+    ratio_with_uncertainty,
+    with_short_lists,
+)
 
 _TIMES = 1.5  # from this ratio on people say "times"
 
@@ -37,6 +46,7 @@ class Cell:
     text: str
     value: float = math.nan  # the number in full, for programs; NaN where there is none or it is not known
     note: str = ""  # after the number
+    key: str = ""  # what files and programs call it: small print of the page
 
     def __str__(self) -> str:
         return self.text + self.note
@@ -50,6 +60,9 @@ class EffectContent:
     """A found effect."""
 
     effect: FoundEffect
+    name: str
+    others: tuple[str, ...]  # names of what these data cannot distinguish from it
+    remarks: tuple[str, ...]
     parameters: tuple[Row, ...]  # name, value, 95 % interval, plausible
     delta_bic: Cell
     held_out_gain: Cell | None  # None: nothing was held out
@@ -74,7 +87,7 @@ class ReportContent:
     candidates: tuple[Row, ...]  # effect, ΔBIC, how it was tried, held-out gain, detection limit
     threshold: str
     pulls: tuple[Row, ...]  # error, pull
-    next_measurement: str
+    next_steps: tuple[str, ...]  # what to measure or check next
     model_heading: str
 
 
@@ -99,25 +112,27 @@ def report_content(explanation: Explanation) -> ReportContent:
             for words, pair in (("before", gap.before), ("after", gap.after))
         ),
         gap_by_channel=tuple((Cell(name), *(_quantity(size, gap.unit) for size in both)) for name, both in channels),
-        steps=tuple(_step_sentence(step.effect, step.gap, gap.unit) for step in explanation.steps),
+        steps=tuple(_step_sentence(added_words(step.effect), step.gap, gap.unit) for step in explanation.steps),
         candidates_heading="What could still hide" if none else "What else was considered",
         candidates=tuple(_candidate_row(candidate) for candidate in sorted(explanation.candidates, key=_order)),
         threshold=f"One more effect would need a ΔBIC of {evidence(explanation.least_delta_bic)}.",
-        pulls=tuple((Cell(name), Cell(rounded(pull, 2), pull)) for name, pull in explanation.pulls.items()),
-        next_measurement=explanation.next_measurement,
+        pulls=tuple(
+            (Cell(parameter_words(name), key=name), Cell(rounded(pull, 2), pull))
+            for name, pull in explanation.pulls.items()
+        ),
+        next_steps=tuple(_next_step(words) for words in explanation.next_measurement.rstrip(".").split("; ") if words),
         model_heading="The model, as it was: what helped most is not in it" if unknown else model,
     )
 
 
-def compared_with_stated(key: str, found: FoundParameter) -> str:
-    """Say how far a wrong parameter is from its stated value, for people who do not read logarithms; else nothing."""
-    if not key.startswith(PREFIX):
-        return ""
-    low, high = (math.exp(end) for end in found.interval_95)
-    if low > 1.0 / _TIMES and high < _TIMES:
-        low, high = 100.0 * (low - 1.0), 100.0 * (high - 1.0)
-        return f" ({rounded(low, 2)} to {rounded(high, 2)} % from what is stated)"
-    return f" ({rounded(low, 2)} to {rounded(high, 2)} times what is stated)"
+def _next_step(words: str) -> str:
+    plain = in_plain_words(with_short_lists(words))
+    return plain[:1].upper() + plain[1:]
+
+
+def added_words(keys: str) -> str:
+    """Return the names of the effects of a step, whose keys are joined by a plus."""
+    return " + ".join(name_of(key) for key in keys.split(" + "))
 
 
 def _quantity(value: float, unit: str) -> Cell:
@@ -126,7 +141,12 @@ def _quantity(value: float, unit: str) -> Cell:
 
 def _misfit_rows(misfits: Sequence[Misfit]) -> tuple[Row, ...]:
     return tuple(
-        (Cell(misfit.where), _quantity(misfit.size, "sigma"), Cell(str(misfit.kind)), Cell(probability(misfit.p_value)))
+        (
+            Cell(place_words(misfit.where)),
+            _quantity(misfit.size, "sigma"),
+            Cell(str(misfit.kind)),
+            Cell(probability(misfit.p_value)),
+        )
         for misfit in misfits
     )
 
@@ -135,6 +155,9 @@ def _effect_content(effect: FoundEffect, *, held_out: bool) -> EffectContent:
     gain = effect.held_out_log_likelihood_gain
     return EffectContent(
         effect,
+        name_of(effect.key) if effect.key.startswith(PREFIX) else effect.name,
+        tuple(name_of(key) for key in effect.equivalent_to),
+        tuple(in_plain_words(remark) for remark in effect.remarks),
         tuple(_parameter_row(effect.key, name, found) for name, found in effect.parameters.items()),
         Cell(evidence(effect.delta_bic), effect.delta_bic),
         Cell(evidence(gain), gain) if held_out else None,
@@ -143,11 +166,21 @@ def _effect_content(effect: FoundEffect, *, held_out: bool) -> EffectContent:
 
 def _parameter_row(key: str, name: str, found: FoundParameter) -> Row:
     value, uncertainty, unit = found.estimate.value, found.estimate.standard_uncertainty, unit_shown(found.unit)
+    plausible = Cell("yes" if found.plausible else "NO")
+    if key.startswith(PREFIX):  # known by the logarithm of the ratio to what is stated
+        parameter = key.removeprefix(PREFIX)
+        said = Cell(ratio_with_uncertainty(value, uncertainty), value)
+        return (
+            Cell(parameter_words(parameter), key=parameter),
+            said,
+            Cell(ratio_interval(*found.interval_95)),
+            plausible,
+        )
     return (
-        Cell(name),
-        Cell(with_uncertainty(value, uncertainty) + unit, value, compared_with_stated(key, found)),
+        Cell(parameter_words(name), key=name),
+        Cell(with_uncertainty(value, uncertainty) + unit, value),
         Cell(between(*found.interval_95, notation(value, uncertainty)) + unit),
-        Cell("yes" if found.plausible else "NO"),
+        plausible,
     )
 
 
@@ -167,9 +200,9 @@ def _candidate_row(candidate: Candidate) -> Row:
     if candidate.untestable_because is not None:
         tried, limit = UNKNOWN, Cell(f"untestable: {candidate.untestable_because}")
     elif candidate.substitution_for is not None:
-        tried = f"instead of {candidate.substitution_for}"
+        tried = f"instead of {name_of(candidate.substitution_for)}"
     delta_bic, held_out = (Cell(evidence(gain), gain) for gain in (candidate.delta_bic, candidate.held_out))
-    return (Cell(candidate.key), delta_bic, Cell(tried), held_out, limit)
+    return (Cell(name_of(candidate.key), key=candidate.key), delta_bic, Cell(tried), held_out, limit)
 
 
 def _detection_limit(candidate: Candidate) -> Cell:

@@ -14,13 +14,13 @@ def explanation_markdown(explanation: Explanation, model_text: str, subject: str
     sections = [
         [f"# {_text(subject)}", "", f"**{_text(content.headline)}**", "", content.meaning],
         *[[_text(aside)] for aside in content.asides],
+        ["## Measure next", "", *([f"* {_text(step)}." for step in content.next_steps] or ["Nothing is proposed."])],
         [f"## {content.misfits_heading}", "", *_misfits(content.misfits)],
         *([[f"## {content.found_heading}"]] if found else []),
         *[_effect(effect) for effect in found],
         ["## Gap", "", *_gap(content), "", *_steps(content.steps)],
         *([["## What stays unexplained", "", *_misfits(content.remainder)]] if found else []),
         [f"## {content.candidates_heading}", "", *_candidates(content)],
-        ["## Next measurement", "", _text(content.next_measurement) or "None is proposed."],
         ["## What was set and declared", "", *_pulls(content.pulls)],
         [f"## {content.model_heading}", "", *_fenced(model_text)],
     ]
@@ -35,18 +35,19 @@ def _misfits(misfits: Sequence[Row]) -> list[str]:
 
 def _effect(found: EffectContent) -> list[str]:
     effect = found.effect
-    lines = [f"### {_text(effect.name)} (`{_code(effect.key)}`)", "", _text(effect.physics), ""]
+    lines = [f"### {_text(found.name)} (`{_code(effect.key)}`)", "", _text(effect.physics), ""]
     lines += _table(["parameter", "value ± standard uncertainty", "95 % interval", "plausible"], found.parameters)
     gained = "nothing was held out"
     if found.held_out_gain is not None:
         gained = f"log-likelihood of held-out data {found.held_out_gain} better with it than without"
     lines += ["", f"Evidence: ΔBIC {found.delta_bic}; {gained}."]
     if effect.equivalent_to:
-        keys = ", ".join(f"`{_code(key)}`" for key in effect.equivalent_to)
-        lines += ["", f"These data cannot distinguish it from: {keys}."]
+        pairs = zip(found.others, effect.equivalent_to, strict=True)
+        names = ", ".join(f"{_text(name)} (`{_code(key)}`)" for name, key in pairs)
+        lines += ["", f"These data cannot distinguish it from: {names}."]
     if not effect.plausible:
         lines += ["", "**A stand-in: a value lies outside its plausible range, so the cause is something else.**"]
-    return lines + [line for remark in effect.remarks for line in ("", f"**Note: {_text(remark)}**")]
+    return lines + [line for remark in found.remarks for line in ("", f"**Note: {_text(remark)}**")]
 
 
 def _gap(content: ReportContent) -> list[str]:
@@ -63,7 +64,7 @@ def _steps(steps: Sequence[str]) -> list[str]:
 def _candidates(content: ReportContent) -> list[str]:
     if not content.candidates:
         return ["Nothing else was considered."]
-    table = _table(["effect", "ΔBIC", "tried", "held-out gain", "detection limit"], content.candidates)
+    table = _table(["effect", "evidence (ΔBIC)", "tried", "held-out gain", "detection limit"], content.candidates)
     return [*table, "", content.threshold]
 
 

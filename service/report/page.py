@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from monitor_core.discrepancy import Explanation
+from monitor_core.discrepancy import Explanation, MisfitMap, Outcome
 from monitor_core.fitting.comparison import Panel
 from service.report.charts import gap_chart, misfit_map_chart, panel_chart, pull_chart, shade_names, style_of
-from service.report.content import Cell, report_content
+from service.report.content import Cell, added_words, report_content
+from service.report.hero import NARROW, WIDE, hero_chart, largest_gap, miss, zoomed
 from service.report.verdict import nothing_held_out
+from service.report.words import parameter_words, place_words
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 #: The look of the dashboard, which the report takes over into itself.
@@ -32,7 +34,11 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
     """Return the page, with the augmented model as TOML; its title says what was compared with what, the subject."""
     gap = explanation.gap
     both = [("before", gap.before), ("after", gap.after)]
-    ladder = [("nothing added", gap.before), *((f"+ {step.effect}", step.gap) for step in explanation.steps)]
+    ladder = [
+        ("nothing added", gap.before),
+        *((f"+ {added_words(step.effect)}", step.gap) for step in explanation.steps),
+    ]
+    first = largest_gap(explanation.panels)
     return _ENVIRONMENT.get_template("explanation.html").render(
         explanation=explanation,
         content=report_content(explanation),
@@ -40,34 +46,49 @@ def explanation_page(explanation: Explanation, model_text: str, subject: str) ->
         model_text=model_text,
         shades=shade_names(),
         models=_models(explanation),
+        first=first,
+        heroes=_heroes(explanation, first),
         nothing_held_out=nothing_held_out(explanation),
         number=_number,
         gap_picture=gap_chart("gap", "Gap before and after", both, gap.noise_floor, gap.unit),
         ladder=gap_chart("ladder", "Gap after each step", ladder, gap.noise_floor, gap.unit),
-        maps=[
-            (
-                shown.title,
-                misfit_map_chart(f"map-{i}-before", f"{shown.title}, before", shown, shown.before),
-                misfit_map_chart(f"map-{i}-after", f"{shown.title}, after", shown, shown.after),
-            )
-            for i, shown in enumerate(explanation.maps)
-        ],
+        maps=[_maps(i, shown) for i, shown in enumerate(explanation.maps)],
         panels=[(panel, panel_chart(f"panel-{i}", panel)) for i, panel in enumerate(_worst_first(explanation.panels))],
-        pull_picture=pull_chart("pulls", explanation.pulls) if explanation.pulls else None,
+        pull_picture=pull_chart("pulls", {parameter_words(name): pull for name, pull in explanation.pulls.items()})
+        if explanation.pulls
+        else None,
     )
+
+
+def _heroes(explanation: Explanation, first: Panel | None) -> list[tuple[str, Markup]]:
+    """Return the picture that the page begins with, for wide pages and for phones."""
+    if first is None:
+        return []
+    said = {"before": "model"}
+    if explanation.steps:
+        helps = explanation.outcome is Outcome.UNKNOWN
+        said = {"before": "model before", "after": "with what helps most" if helps else "with what was found"}
+    frames = {"wide": WIDE, "narrow": NARROW}
+    return [(size, hero_chart(f"hero-{size}", zoomed(first), frame, said)) for size, frame in frames.items()]
+
+
+def _maps(number: int, shown: MisfitMap) -> tuple[str, Markup, Markup]:
+    """Return the title of a map and both of its pictures, by plain words."""
+    plain = replace(
+        shown,
+        rows=tuple(place_words(row) for row in shown.rows),
+        columns=tuple(place_words(column) for column in shown.columns),
+    )
+    before, after = (
+        misfit_map_chart(f"map-{number}-{when}", f"{shown.title}, {when}", plain, values)
+        for when, values in (("before", shown.before), ("after", shown.after))
+    )
+    return shown.title, before, after
 
 
 def _worst_first(panels: Sequence[Panel]) -> list[Panel]:
     """Return responses with those first that the model before misses most; other panels as they come."""
-    return sorted(panels, key=lambda panel: -_relative_error(panel) if panel.logarithmic else 0.0)
-
-
-def _relative_error(panel: Panel) -> float:
-    """Return the rms of ln(model/measured) of the first model, 0 where no model has an answer."""
-    first = next(iter(panel.models.values()), panel.measured)
-    squares = np.log(first / panel.measured) ** 2
-    known = squares[np.isfinite(squares)]
-    return float(np.sqrt(np.mean(known))) if known.size else 0.0
+    return sorted(panels, key=lambda panel: -miss(panel) if panel.logarithmic else 0.0)
 
 
 def _models(explanation: Explanation) -> list[tuple[str, str]]:

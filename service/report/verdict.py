@@ -5,8 +5,10 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from monitor_core.discrepancy import Explanation, FoundEffect, GapPair, Outcome
+from monitor_core.effects import PREFIX
 from service.report.records import record_sentences
 from service.report.rounding import rounded, unit_shown
+from service.report.words import compared_with_stated, in_plain_words, name_of, parameter_words
 
 _MEANING: Final = {
     Outcome.NAMED: (
@@ -51,11 +53,11 @@ def headline(explanation: Explanation) -> str:
     several = len(explanation.effects) > 1
     match explanation.outcome:
         case Outcome.NAMED:
-            return f"The model lacks {names}: with {'them' if several else 'it'} {_gap_sentence(explanation)}."
+            return f"{_missing(explanation)}: with {'them' if several else 'it'} {_gap_sentence(explanation)}."
         case Outcome.EQUIVALENT:
             first = "the first of each" if several else "the first of them"
             gap = _gap_sentence(explanation)
-            return f"The model lacks {names}, and these data cannot tell which: with {first} {gap}."
+            return f"{_missing(explanation)}, and these data cannot tell which: with {first} {gap}."
         case Outcome.PARTIAL | Outcome.UNKNOWN if explanation.unfinished:
             found = "nothing has been found so far: " + _gap_as_it_is(explanation)
             if explanation.effects:
@@ -63,9 +65,9 @@ def headline(explanation: Explanation) -> str:
             return f"Time was up; {found}."
         case Outcome.PARTIAL:
             gap = _gap_sentence(explanation)
-            return f"The model lacks {names}, and more that nothing in the catalogue explains: {gap}."
+            return f"{_missing(explanation)}, and there is more that nothing in the catalogue explains: {gap}."
         case Outcome.NONE:
-            moved = list(_moved(explanation))
+            moved = [parameter_words(name) for name in _moved(explanation)]
             once = f", once {listed(moved)} {'is' if len(moved) == 1 else 'are'} as refitted" if moved else ""
             return f"Nothing is missing that these data would show{once}: {_gap_as_it_is(explanation)}."
         case Outcome.UNKNOWN:
@@ -88,7 +90,7 @@ def meaning(explanation: Explanation) -> str:
 def asides(explanation: Explanation) -> tuple[str, ...]:
     """Return what goes with the verdict: assumptions, effects that help but are not named, parameters pulled far."""
     return (
-        *([explanation.unfinished] if explanation.unfinished else []),
+        *([in_plain_words(explanation.unfinished)] if explanation.unfinished else []),
         *record_sentences(explanation),
         *explanation.assumptions,
         *_hidden_in_remainder(explanation),
@@ -107,20 +109,43 @@ def listed(parts: Sequence[str]) -> str:
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
+def _missing(explanation: Explanation) -> str:
+    """Say what is missing, and which parameters are other than stated."""
+    wrong = [effect for effect in explanation.effects if _is_wrong(effect) and not effect.equivalent_to]
+    lacking = listed([_named(effect) for effect in explanation.effects if effect not in wrong])
+    stated = listed([f"the {_of_parameter(effect, ' is ')}" for effect in wrong])
+    parts = ([f"The model lacks {lacking}"] if lacking else []) + ([stated] if stated else [])
+    sentence = ", and ".join(parts)
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _is_wrong(effect: FoundEffect) -> bool:
+    return effect.key.startswith(PREFIX)
+
+
+def _of_parameter(effect: FoundEffect, verb: str) -> str:
+    """Say how far a parameter is from what is stated."""
+    (found,) = effect.parameters.values()
+    words = f"{parameter_words(effect.key.removeprefix(PREFIX))}{verb}{compared_with_stated(found.estimate.value)}"
+    return words if effect.plausible else f"{words} (a stand-in: that is not plausible)"
+
+
 def _named(effect: FoundEffect) -> str:
     """Return the name of an effect with one that the data cannot distinguish, and a note if it is not plausible."""
+    own = f"“{_of_parameter(effect, ' ')}”" if _is_wrong(effect) else f"“{effect.name}”"
     others = f" or {len(effect.equivalent_to) - 1} more" if len(effect.equivalent_to) > 1 else ""
-    name = " or ".join([f"“{effect.name}”", *effect.equivalent_to[:1]]) + others
-    return name if effect.plausible else f"{name} (a stand-in: its value is not plausible)"
+    name = " or ".join([own, *(f"“{name_of(key)}”" for key in effect.equivalent_to[:1])]) + others
+    return name if effect.plausible or _is_wrong(effect) else f"{name} (a stand-in: its value is not plausible)"
 
 
 def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
     hidden = explanation.hidden_in_remainder
     if hidden:
         verb, they, are = ("helps", "it", "is") if len(hidden) == 1 else ("help", "they", "are")
+        names = listed([f"“{name_of(key)}”" for key in hidden])
         yield (
-            f"{listed(hidden)} {verb}, too, but by little compared with what is left: whatever is missing may look "
-            f"like that, so {they} {are} neither named nor in the model."
+            f"{names} {verb}, too, but by little compared with what is left: whatever is missing may look so, and "
+            f"{they} {are} neither named nor in the model."
         )
 
 
@@ -129,8 +154,8 @@ def _pulled(explanation: Explanation) -> Iterator[str]:
     moved = _moved(explanation)
     if moved:
         each = [
-            f"{name} at {rounded(math.exp(explanation.ln_ratios[name]), 3)} times what is stated "
-            f"({rounded(pull, 2)} standard deviations)"
+            f"{parameter_words(name)} {compared_with_stated(explanation.ln_ratios[name])} "
+            f"({rounded(abs(pull), 2)} standard deviations)"
             for name, pull in moved.items()
         ]
         yield (
@@ -149,7 +174,7 @@ def _strained_before(explanation: Explanation) -> Iterator[str]:
     """Say that the model before had to move its parameters far to come near the data."""
     strained = _eased(explanation, _FAR)
     if strained:
-        each = [f"{name} {rounded(abs(pull), 2)}" for name, pull in strained.items()]
+        each = [f"{parameter_words(name)} {rounded(abs(pull), 2)}" for name, pull in strained.items()]
         yield (
             "The gap before is that of a model whose parameters were moved far to fit the data, in standard "
             f"deviations: {listed(each)}."
@@ -163,8 +188,9 @@ def _gap_sentence(explanation: Explanation) -> str:
     eased = _eased(explanation, _STRAINED)
     if after > _HARDLY_LESS * before and eased:
         name = max(eased, key=lambda parameter: abs(eased[parameter]))
+        words = parameter_words(name)
         return (
-            f"the gap stays at {rounded(after)}{unit}, {on} {floor}, but without, {name} would have to be "
+            f"the gap stays at {rounded(after)}{unit}, {on} {floor}, but without, the {words} would have to be "
             f"{rounded(abs(eased[name]), 2)} standard deviations from what is stated"
         )
     verb = "falls" if after < before else "does not fall"

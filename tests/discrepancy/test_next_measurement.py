@@ -1,0 +1,144 @@
+"""What is open is followed by what to do, in quantities of this machine: a record, a band, kilograms."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor_core.discrepancy import Outcome
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.effects.sizes import MachineSizes, Reference
+from monitor_core.fitting.comparison import Setting
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
+from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
+
+QUANTITY = re.compile(r"\d[\d.]* (mm|m|N|kg|K|Hz|s|m/s)\b")
+OPEN = (Outcome.UNKNOWN, Outcome.PARTIAL, Outcome.EQUIVALENT)
+N_SETTINGS, N_LINES = 8, 20
+FREQUENCY = np.geomspace(50.0, 1000.0, N_LINES)
+SIZES = MachineSizes(
+    {Reference.MOVING_MASS: 400.0, Reference.LENGTH: 2.5, Reference.PRELOAD: 3000.0, Reference.FREQUENCY: 80.0}
+)
+
+
+def left(data, *, lines=True, pulled=False, effects=()):
+    """Return the fit of a model that has the effects asked for and nothing else; the settings are 100 mm apart."""
+    frequency = np.tile(FREQUENCY, N_SETTINGS) if lines else np.nan
+    layout = layout_of([N_LINES] * N_SETTINGS, 1.0, frequency=frequency)
+    positions = [0.1 * (index + 1) for index in range(N_SETTINGS)]
+    named = tuple(
+        Setting(f"{1e3 * x:g} mm, 250 N", {ConditionAxis.POSITION: x, ConditionAxis.PRELOAD: 250.0}) for x in positions
+    )
+    n = N_SETTINGS * N_LINES
+    directions = 3.0 * np.ones((1, n)) if pulled else np.zeros((0, n))
+    design = np.zeros((n, 3))
+    design[0, 0] = design[0, 1] = 1.0  # two quantities that do the same
+    comparison = LinearComparison(replace(layout, settings=named), design, -np.asarray(data, dtype=float), directions)
+    hypothesis = Hypothesis(LinearAxis({}, 3), tuple(quantity(index) for index in effects))
+    return fit(comparison, hypothesis, hypothesis.null)
+
+
+def advice(outcome, fitted, sizes=None, classes=()):
+    return next_measurement(SimpleNamespace(final=fitted), classes, outcome, (), sizes)
+
+
+def misfit_at(chosen, size=20.0):
+    """Return noise of one standard deviation, with a misfit that changes its sign at the chosen values."""
+    noise = np.random.default_rng(7).standard_normal(N_SETTINGS * N_LINES)
+    return noise + np.where(chosen, size * (-1.0) ** np.arange(noise.size), 0.0)
+
+
+SETTING, LINE = np.divmod(np.arange(N_SETTINGS * N_LINES), N_LINES)
+
+
+@given(
+    outcome=st.sampled_from(OPEN[:2]),
+    seed=st.integers(0, 10_000),
+    size=st.floats(0.0, 1e3),
+    first=st.integers(0, N_SETTINGS - 1),
+    lowest=st.integers(0, N_LINES - 1),
+    constant=st.floats(-50.0, 50.0),
+    lines=st.booleans(),
+    pulled=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_what_is_left_is_followed_by_a_step_with_a_quantity(
+    *, outcome, seed, size, first, lowest, constant, lines, pulled
+) -> None:
+    data = np.random.default_rng(seed).standard_normal(N_SETTINGS * N_LINES) + constant
+    data[(first <= SETTING) & (lowest <= LINE)] += size
+    fitted = left(data, lines=lines, pulled=pulled)
+    for sizes in (None, SIZES):
+        text = advice(outcome, fitted, sizes)
+        assert text
+        assert all(QUANTITY.search(step) for step in text.split("; ")), text
+        assert "nan" not in text
+        assert "inf" not in text
+
+
+def test_effects_that_nothing_distinguishes_are_to_be_looked_at() -> None:
+    fitted = left(misfit_at(SETTING < 0), effects=(0,))
+    members = (
+        Member(quantity(0), fitted, 100.0, plausible=True),
+        Member(quantity(1), left(misfit_at(SETTING < 0), effects=(1,)), 99.0, plausible=True),
+    )
+    text = advice(Outcome.EQUIVALENT, fitted, classes=(EquivalenceClass(members, (), 5.0),))
+    assert text.startswith("no change of conditions distinguishes quantity-0 from quantity-1: look at the parts")
+    assert text.endswith("change one of them on purpose and measure 100 mm, 250 N again")
+    assert QUANTITY.search(text)
+
+
+def test_the_record_that_stands_out_is_named() -> None:
+    """Its error, of 15 values' worth of standard deviations, is taken out by the tag."""
+    data = misfit_at(SETTING < 0) + np.where(SETTING == 4, 60.0, 0.0)
+    first, *_ = checks_of_what_is_left(left(data, pulled=True), None)
+    assert first.startswith("check the tag of 500 mm, 250 N: its error 1 would have to be ")
+
+
+def test_a_channel_that_is_off_by_a_factor_is_to_be_calibrated() -> None:
+    """ln(model/measured) of −0.7 at all lines: measured is 2.01 times the model."""
+    first, *_ = checks_of_what_is_left(left(np.full(N_SETTINGS * N_LINES, -0.7)), None)
+    assert first == "check unit and gain of misfit: it is 2.01 times the model's from 50 to 1000 Hz alike"
+
+
+def test_a_band_is_measured_with_lines_that_show_a_peak() -> None:
+    steps = checks_of_what_is_left(left(misfit_at((LINE >= 9) & (LINE <= 11))), None)
+    (band,) = (step for step in steps if "second accelerometer" in step)
+    low, high, spacing = (float(number) for number in re.findall(r"([\d.]+)(?= to| Hz)", band))
+    assert low < FREQUENCY[9] < FREQUENCY[11] < high
+    assert spacing == pytest.approx(0.01 * FREQUENCY[9], rel=0.05)
+
+
+def test_positions_are_measured_between_those_that_are_missed() -> None:
+    steps = checks_of_what_is_left(left(misfit_at((SETTING >= 2) & (SETTING <= 3))), None)
+    assert any(step.startswith("measure between 300 and 400 mm in steps of 50 mm") for step in steps)
+
+
+def test_nothing_is_advised_where_nothing_is_open() -> None:
+    assert advice(Outcome.NAMED, left(misfit_at(SETTING < 0)), SIZES) == ""
+
+
+def test_sizes_are_those_of_the_machine() -> None:
+    """Of 400 kg a quarter is 100; five positions along 2.5 m; half of a preload of 3 kN."""
+    fitted = left(misfit_at(SETTING < 0), lines=False)
+    layout = fitted.comparison.layout
+    few = tuple(
+        replace(setting, values={**setting.values, ConditionAxis.POSITION: 0.1, ConditionAxis.PAYLOAD: 0.0})
+        for setting in layout.settings
+    )
+    fitted = replace(fitted, comparison=replace(fitted.comparison, layout=replace(layout, settings=few)))
+    needs = frozenset({ConditionAxis.PRELOAD, ConditionAxis.FREQUENCY})
+    unseen = replace(quantity(0, "unseen"), needs=needs)
+    text = next_measurement(SimpleNamespace(final=fitted), (), Outcome.NONE, (unseen,), SIZES)
+    assert "measure at 5 positions or more along the 2500 mm of the screw" in text
+    assert "a known added mass of 100 kg" in text
+    assert "vary the preload from 1500 to 3000 N, without which unseen cannot be seen" in text
+    assert "measure whole frequency responses from 8 to 400 Hz, without which unseen cannot be seen" in text
