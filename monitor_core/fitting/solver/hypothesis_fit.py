@@ -229,12 +229,12 @@ def fit(
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance))
+        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
         at = _least_squares(tempered, hypothesis, at, chosen, _Pace(_MOST_TEMPERED_EVALUATIONS))
         errors = tempered(at).errors
     around = likely_from(errors, layout.standard_deviation, at)
     if not tolerance and hypothesis.n_coordinates:
-        likely = partial(likely_from, around.errors, layout.standard_deviation)
+        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation))
         try:
             at = _least_squares(likely, hypothesis, at, chosen, _Pace(_MOST_EVALUATIONS, to_beat))
         except _GivenUpError as creeping:
@@ -304,6 +304,12 @@ class _Pace:
                 raise _GivenUpError(self._at)
 
 
+def _remembered(around: Callable[[FloatArray], Linearised[Physics]]) -> Callable[[FloatArray], Linearised[Physics]]:
+    """Return the same, computed once where a search has taken its last step, or one that was too long."""
+    known = lru_cache(maxsize=2)(lambda key: around(np.frombuffer(key)))
+    return lambda coordinates: known(coordinates.tobytes())
+
+
 class _Steps(Generic[Physics]):
     """Residuals and their derivatives along a search, linearised anew at each step."""
 
@@ -314,8 +320,7 @@ class _Steps(Generic[Physics]):
         chosen: BoolArray,
         pace: _Pace,
     ) -> None:
-        self._around_last = lru_cache(maxsize=1)(lambda key: around(np.frombuffer(key)))
-        self._hypothesis, self._chosen, self._pace = hypothesis, chosen, pace
+        self._around, self._hypothesis, self._chosen, self._pace = around, hypothesis, chosen, pace
         self._of_prior = prior_jacobian(hypothesis.priors)
         self._n_asked = -1  # the start is looked at before the search
         self._last = self._square = math.inf  # of the residuals: at the last step, where the derivatives were taken
@@ -326,7 +331,7 @@ class _Steps(Generic[Physics]):
         self._n_asked += 1
         nowhere = np.full(np.count_nonzero(self._chosen) + len(self._of_prior), np.inf)
         try:
-            around = self._around_last(coordinates.tobytes())
+            around = self._around(coordinates)
         except OutsideValidityError:
             return nowhere  # the search shortens its step
         whitened = around.whitened_by(around.here)[self._chosen]
@@ -341,7 +346,7 @@ class _Steps(Generic[Physics]):
         """Return the derivatives of the residuals; those of the step before where a search ends, and asks in vain."""
         ends = self._n_asked >= self._pace.most_evaluations or self._square - self._last < _FLAT * self._square
         if self._derivatives is None or not ends:
-            of_values = residual_jacobian(self._around_last(coordinates.tobytes()), self._hypothesis, coordinates)
+            of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
             self._derivatives, self._square = np.vstack([of_values[self._chosen], self._of_prior]), self._last
         return self._derivatives
 
