@@ -30,7 +30,7 @@ class _Known(Generic[Answer]):
     answer: Answer
 
     @classmethod
-    def of(cls, reads: dict[str, Any], arguments: tuple[Any, ...], answer: Answer) -> "_Known[Answer]":
+    def of(cls, reads: dict[str, object], arguments: tuple[Any, ...], answer: Answer) -> "_Known[Answer]":
         arrays = tuple((attrgetter(name), value) for name, value in reads.items() if isinstance(value, np.ndarray))
         names = [name for name, value in reads.items() if not isinstance(value, np.ndarray)]
         numbers = attrgetter(*names) if names else None
@@ -49,7 +49,7 @@ class _Known(Generic[Answer]):
 class _Watched:
     """A record whose fields are noted as they are read."""
 
-    def __init__(self, record: object, reads: dict[str, Any], before: str = "") -> None:
+    def __init__(self, record: object, reads: dict[str, object], before: str = "") -> None:
         self._record, self._reads, self._before = record, reads, before
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 whatever the record has
@@ -86,7 +86,7 @@ class Memory:
                 if entry is not known[0]:
                     self._keep(function, entry, tuple(other for other in known if other is not entry))
                 return cast(Answer, entry.answer)
-        reads: dict[str, Any] = {}
+        reads: dict[str, object] = {}
         answer = function(*arguments) if record is None else function(_Watched(record, reads), *arguments)
         self._keep(function, _Known.of(reads, arguments, answer), known)
         return answer
