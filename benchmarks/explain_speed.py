@@ -17,6 +17,7 @@ from benchmarks.hidden_effects import PLANTS, composition, learnt_form
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
@@ -48,7 +49,7 @@ def main() -> None:
         answer = explain_comparison(
             comparison,
             drive,
-            drive.candidates(),
+            drive.candidates(sizes_of_drive(drive.physics({}), observations)),
             progress=lambda _sentence: signs.append(time.process_time()),  # noqa: B023
         )
         taken.append(time.process_time() - began)

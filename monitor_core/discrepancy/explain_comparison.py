@@ -156,7 +156,7 @@ def explain_comparison(
     records = cleared(comparison, axis, progress or (lambda _: None))
     while True:
         explanation, final = _explain_kept(
-            records.kept, axis, candidates, settings=settings, progress=progress, time_is_up=time_is_up
+            records.kept, axis, candidates, settings=settings, sizes=sizes, progress=progress, time_is_up=time_is_up
         )
         worst = None if explanation.unfinished else records.worst(final)
         if worst is None:
@@ -172,6 +172,7 @@ def _explain_kept(
     candidates: Sequence[Effect[Physics]],
     *,
     settings: ExplainSettings | None,
+    sizes: MachineSizes | None,
     progress: Callable[[str], None] | None,
     time_is_up: Callable[[], bool] | None,
 ) -> tuple[Explanation, Fitted[Physics]]:

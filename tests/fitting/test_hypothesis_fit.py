@@ -12,6 +12,7 @@ from monitor_core.effects import wrong_parameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver import hypothesis_fit
 from monitor_core.fitting.solver.hypothesis_fit import _GivenUpError, _Pace, fit
 from monitor_core.fitting.solver.linearised import linearise
 from monitor_core.models.extended import physics_of
@@ -98,6 +99,40 @@ def test_a_far_start_comes_to_the_same_end() -> None:
     hypothesis = Hypothesis(subject_, (quantity(2), quantity(3)))
     near, far = (fit(comparison, hypothesis, np.array(start)) for start in ([0.0] * 4, [5.0, -5.0, 40.0, -40.0]))
     np.testing.assert_allclose(near.coordinates, far.coordinates, atol=1e-3)
+
+
+def test_no_step_is_linearised_twice(monkeypatch) -> None:
+    """From a far start, through a tolerance."""
+    comparison, subject_ = linear()
+    hypothesis = Hypothesis(subject_, (quantity(2), quantity(3)))
+    linearised, linearise_at = [], hypothesis_fit.linearise_at_likely_errors
+
+    def watched(comparison, hypothesis, errors, deviation, coordinates):
+        linearised.append((errors.tobytes(), deviation.tobytes(), coordinates.tobytes()))
+        return linearise_at(comparison, hypothesis, errors, deviation, coordinates)
+
+    monkeypatch.setattr(hypothesis_fit, "linearise_at_likely_errors", watched)
+    fit(comparison, hypothesis, np.array([5.0, -5.0, 40.0, -40.0]))
+    assert len({deviation for _, deviation, _ in linearised}) > 1
+    assert len(linearised) == len(set(linearised))
+
+
+@pytest.mark.parametrize(("most", "move", "anew"), [(3, 1.0, True), (2, 1.0, False), (3, 1e-9, False)])
+def test_a_search_at_its_end_takes_no_more_derivatives(most, move, anew) -> None:
+    """At its last evaluation, or where a step has changed next to nothing, it asks for what it does not use."""
+    comparison, subject_ = linear()
+    hypothesis = Hypothesis(subject_, (quantity(2), quantity(3)))
+    best = fit(comparison, hypothesis, hypothesis.null).coordinates
+    around = partial(
+        hypothesis_fit.linearise_at_likely_errors,
+        comparison, hypothesis, np.zeros((len(SIZES), 2)), comparison.layout.standard_deviation,
+    )  # fmt: skip
+    steps = hypothesis_fit._Steps(around, hypothesis, np.ones(sum(SIZES), dtype=np.bool_), _Pace(most))
+    steps.residuals(best + move)
+    steps.residuals(best + move)
+    first = steps.jacobian(best + move)
+    steps.residuals(best)
+    assert (steps.jacobian(best) is not first) is anew
 
 
 def test_bounds_hold() -> None:

@@ -167,6 +167,9 @@ def _screen_effect(
     return _EffectTrials(fitted, projection, effect).best()
 
 
+_MOST_WORSE = 2  # sizes one after the other that are worse than none, and than the one before
+
+
 class _EffectTrials(Generic[Physics]):
     """An effect, tried at several sizes and shapes."""
 
@@ -196,9 +199,13 @@ class _EffectTrials(Generic[Physics]):
         for shape, index, slope in slopes:
             linear, gain = self._linear(slope, index)
             score = max(score, gain)
-            others = signed_sizes(self.effect, self.effect.parameters[index], has_lines=lines)
-            sizes_tried = dict.fromkeys((linear, *others)) if np.any(slope) else ()
-            tried += [self._tried(shape, index, size) for size in sizes_tried]
+            if not np.any(slope):
+                continue
+            tried.append(self._tried(shape, index, linear))
+            others = {*signed_sizes(self.effect, self.effect.parameters[index], has_lines=lines)} - {linear}
+            for sign in (1.0, -1.0):
+                outwards = sorted((size for size in others if sign * size > 0.0), key=abs)
+                tried += self._outwards(shape, index, outwards, may_return=not lines)
         tried.sort(key=lambda trial: trial[0], reverse=True)
         starts = [coordinates for decrease, coordinates in tried[:N_STARTS] if np.isfinite(decrease)]
         best_shape, largest = tried[0][1][self.tail :], self._range(sizes[0])[1]
@@ -207,6 +214,22 @@ class _EffectTrials(Generic[Physics]):
         seen = [information for shape, information in first if self._resonates_in_band(shape)]
         information = min(seen, default=max((information for _, information in first), default=0.0))
         return Screened(self.effect, tuple(starts), tried[0][0], score, information)
+
+    def _outwards(
+        self, shape: FloatArray, index: int, sizes: Sequence[float], *, may_return: bool
+    ) -> Iterator[tuple[float, FloatArray]]:
+        """Yield trials of rising sizes, until one after the other has only taken the model further from the data.
+
+        A natural frequency that has left its measured one ``may_return`` to the next: then all are tried.
+        """
+        before, worse = 0.0, 0
+        for size in sizes:
+            trial = self._tried(shape, index, size)
+            yield trial
+            worse = worse + 1 if trial[0] <= min(before, 0.0) else 0
+            before = trial[0]
+            if worse == _MOST_WORSE and not may_return:
+                return
 
     def _sized(self, shape: FloatArray, index: int, size: float | None = None) -> FloatArray:
         """Return the coordinates of the fit with the effect of a shape, and at a size where one is given."""
@@ -252,8 +275,9 @@ class _EffectTrials(Generic[Physics]):
         """Return the derivative by a size that is null, as far as nothing else can take it up."""
         trial, around = self._sized(shape, index), self.fitted.around
         try:
-            misfit = around.misfit(self.hypothesis.physics(trial))
-            slope = derivative(around, self.hypothesis, trial, misfit, self.tail + index)
+            self.hypothesis.physics(trial)
+            # without a size the misfit is that of the fit, whatever the shape
+            slope = derivative(around, self.hypothesis, trial, self.fitted.misfit, self.tail + index)
         except OutsideValidityError:
             return None
         return self.projection.direction(around.whitened_by(slope))

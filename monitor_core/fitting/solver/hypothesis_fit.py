@@ -100,6 +100,7 @@ _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around t
 _MOST_EVALUATIONS = 60
 _PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
 _MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
+_FLAT = 1e-5  # fall of χ² by a step, relatively, with which a search ends
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
 _LARGEST = 1e6
 
@@ -228,12 +229,12 @@ def fit(
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance))
+        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
         at = _least_squares(tempered, hypothesis, at, chosen, _Pace(_MOST_TEMPERED_EVALUATIONS))
         errors = tempered(at).errors
     around = likely_from(errors, layout.standard_deviation, at)
     if not tolerance and hypothesis.n_coordinates:
-        likely = partial(likely_from, around.errors, layout.standard_deviation)
+        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation))
         try:
             at = _least_squares(likely, hypothesis, at, chosen, _Pace(_MOST_EVALUATIONS, to_beat))
         except _GivenUpError as creeping:
@@ -303,6 +304,53 @@ class _Pace:
                 raise _GivenUpError(self._at)
 
 
+def _remembered(around: Callable[[FloatArray], Linearised[Physics]]) -> Callable[[FloatArray], Linearised[Physics]]:
+    """Return the same, computed once where a search has taken its last step, or one that was too long."""
+    known = lru_cache(maxsize=2)(lambda key: around(np.frombuffer(key)))
+    return lambda coordinates: known(coordinates.tobytes())
+
+
+class _Steps(Generic[Physics]):
+    """Residuals and their derivatives along a search, linearised anew at each step."""
+
+    def __init__(
+        self,
+        around: Callable[[FloatArray], Linearised[Physics]],
+        hypothesis: Hypothesis[Physics],
+        chosen: BoolArray,
+        pace: _Pace,
+    ) -> None:
+        self._around, self._hypothesis, self._chosen, self._pace = around, hypothesis, chosen, pace
+        self._of_prior = prior_jacobian(hypothesis.priors)
+        self._n_asked = -1  # the start is looked at before the search
+        self._last = self._square = math.inf  # of the residuals: at the last step, where the derivatives were taken
+        self._derivatives: FloatArray | None = None
+
+    def residuals(self, coordinates: FloatArray) -> FloatArray:
+        """Return the residuals of the chosen values and the priors, infinite where the search must not go."""
+        self._n_asked += 1
+        nowhere = np.full(np.count_nonzero(self._chosen) + len(self._of_prior), np.inf)
+        try:
+            around = self._around(coordinates)
+        except OutsideValidityError:
+            return nowhere  # the search shortens its step
+        whitened = around.whitened_by(around.here)[self._chosen]
+        if not np.max(np.abs(whitened)) < _LARGEST:
+            return nowhere
+        found = np.concatenate([whitened, prior_residuals(self._hypothesis.priors, coordinates)])
+        self._last = float(found @ found)
+        self._pace.require(lambda: self._last + around.whitened_by.log_determinant(self._chosen), coordinates)
+        return found
+
+    def jacobian(self, coordinates: FloatArray) -> FloatArray:
+        """Return the derivatives of the residuals; those of the step before where a search ends, and asks in vain."""
+        ends = self._n_asked >= self._pace.most_evaluations or self._square - self._last < _FLAT * self._square
+        if self._derivatives is None or not ends:
+            of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
+            self._derivatives, self._square = np.vstack([of_values[self._chosen], self._of_prior]), self._last
+        return self._derivatives
+
+
 def _least_squares(
     around: Callable[[FloatArray], Linearised[Physics]],
     hypothesis: Hypothesis[Physics],
@@ -310,40 +358,21 @@ def _least_squares(
     chosen: BoolArray,
     pace: _Pace,
 ) -> FloatArray:
-    """Return the coordinates of the minimum next to a start, of residuals linearised anew at each step.
+    """Return the coordinates of the minimum next to a start.
 
     Raises _GivenUpError on the way to a minimum that is no better than what is ``to_beat``.
     """
-    of_prior = prior_jacobian(hypothesis.priors)
-    n_residuals = int(np.count_nonzero(chosen)) + len(of_prior)
-    at_last = lru_cache(maxsize=1)(lambda key: around(np.frombuffer(key)))
-
-    def residuals(coordinates: FloatArray) -> FloatArray:
-        try:
-            around_here = at_last(coordinates.tobytes())
-        except OutsideValidityError:
-            return np.full(n_residuals, np.inf)  # the search shortens its step
-        whitened = around_here.whitened_by(around_here.here)[chosen]
-        if not np.max(np.abs(whitened)) < _LARGEST:
-            return np.full(n_residuals, np.inf)
-        found = np.concatenate([whitened, prior_residuals(hypothesis.priors, coordinates)])
-        pace.require(lambda: float(found @ found) + around_here.whitened_by.log_determinant(chosen), coordinates)
-        return found
-
-    def jacobian(coordinates: FloatArray) -> FloatArray:
-        around_here = at_last(coordinates.tobytes())
-        return np.vstack([residual_jacobian(around_here, hypothesis, coordinates)[chosen], of_prior])
-
-    if not np.all(np.isfinite(residuals(start))):  # too far from the data for a slope to mean anything
-        return start
+    steps = _Steps(around, hypothesis, chosen, pace)
+    if not np.all(np.isfinite(steps.residuals(start))):
+        return start  # too far from the data for a slope to mean anything
     found = least_squares(
-        residuals,
+        steps.residuals,
         start,
-        jac=jacobian,
+        jac=steps.jacobian,
         bounds=hypothesis.bounds,
         method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
         x_scale="jac",
-        ftol=1e-5,
+        ftol=_FLAT,
         xtol=1e-6,
         gtol=1e-8,
         max_nfev=pace.most_evaluations,

@@ -63,10 +63,10 @@ class Whitening:
         """Return residuals of misfits, shape (..., n_values)."""
         scaled = misfits / self.deviation
         if self.directions.shape[0]:
-            along = np.stack([np.add.reduceat(scaled * row, self.starts, axis=-1) for row in self.directions], axis=-1)
-            taken = np.einsum("skl,...sl->...sk", self.shrink, along)
-            for k, row in enumerate(self.directions):
-                scaled -= taken[..., k][..., self.setting] * row
+            along = np.array([np.add.reduceat(scaled * row, self.starts, axis=-1) for row in self.directions])
+            sizes = np.diff(self.starts, append=scaled.shape[-1])  # of the settings, whose values stand side by side
+            for row, taken in zip(self.directions, np.einsum("skl,l...s->k...s", self.shrink, along), strict=True):
+                scaled -= np.repeat(taken, sizes, axis=-1) * row
         return scaled if self.common is None else self.common(scaled)
 
     def log_determinant(self, chosen: BoolArray) -> float:

@@ -223,7 +223,7 @@ def _steel(physics: AxisPhysics, omega: NumberArray) -> NumberArray | float:
 
 def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
     """Return jωc, a plain number where nothing damps."""
-    return 1j * omega * damping if damping else 0.0
+    return (1j * damping) * omega if damping else 0.0
 
 
 def _waves_of_both(
