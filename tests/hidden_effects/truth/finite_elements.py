@@ -57,6 +57,9 @@ def respond(
         hidden.cubic_nut_stiffness,
         hidden.nut_softening,
         hidden.nut_softening_deflection,
+        hidden.nut_backlash,
+        hidden.nut_contact_loss,
+        hidden.nut_contact_deflection,
     )
     if fed_back.acts:
         motion = stepped_motion(plants, torque, sample_rate, hidden.torque_delay, fed_back)
@@ -108,15 +111,8 @@ def assemble(axis: Axis, setting: Setting, element_length: float | None = None) 
     n = nodes.size
     has_base = hidden.base_compliance > 0.0
     on_nut = max(hidden.nut_mass_before_bracket, LEAST_NUT_MASS * hidden.nut_absorber_mass)
-    bodies = {"table": _moving_mass(axis, setting) - on_nut, "rotor": parts.motor_inertia + parts.coupling_inertia}
-    if has_base:
-        bodies["base"] = 1.0 / hidden.base_compliance / (2.0 * math.pi * hidden.base_frequency) ** 2
-    if on_nut:
-        bodies["nut_body"] = on_nut
-    if hidden.absorber_mass:
-        bodies["absorber"] = hidden.absorber_mass
-    if hidden.nut_absorber_mass:
-        bodies["nut_absorber"] = hidden.nut_absorber_mass
+    bending = axis.bending(x)
+    bodies = _bodies(axis, setting, on_nut) | {f"bending_{number}": mode.mass for number, mode in enumerate(bending)}
     size = 2 * n + len(bodies)
 
     def along(**factors: float) -> np.ndarray:
@@ -147,6 +143,10 @@ def assemble(axis: Axis, setting: Setting, element_length: float | None = None) 
             stretch = along(**{name: 1.0, place: -1.0})
             grounded.append((stretch, mass_of * omega**2, 2.0 * ratio * mass_of * omega))
 
+    for number, mode in enumerate(bending):
+        damper = 2.0 * mode.damping_ratio * mode.mass * mode.omega
+        grounded.append((along(**{f"bending_{number}": 1.0}), mode.mass * mode.omega**2, damper))
+
     on_base = {"base": -1.0} if has_base else {}
     far_bearing = parts.far_bearing_stiffness + hidden.far_bearing_stiffness
     held = [
@@ -174,7 +174,10 @@ def assemble(axis: Axis, setting: Setting, element_length: float | None = None) 
         damping,
         tuple(Joint(direction, spring) for direction, spring, _ in held if spring),
         NutPath(
-            along(**{carrier: 1.0, "nut": -1.0, "nut_turn": -transmission(parts)}),
+            along(
+                **{carrier: 1.0, "nut": -1.0, "nut_turn": -transmission(parts)},
+                **{f"bending_{number}": -mode.at_nut for number, mode in enumerate(bending)},
+            ),
             bracket,
             nut_stiffness(axis, setting),
             parts.nut_damping,
@@ -182,6 +185,21 @@ def assemble(axis: Axis, setting: Setting, element_length: float | None = None) 
         along(table=1.0),
         along(rotor=1.0),
     )
+
+
+def _bodies(axis: Axis, setting: Setting, on_nut: float) -> dict[str, float]:
+    """Return masses and inertia beside the screw."""
+    parts, hidden = axis.parts, axis.hidden
+    bodies = {"table": _moving_mass(axis, setting) - on_nut, "rotor": parts.motor_inertia + parts.coupling_inertia}
+    if hidden.base_compliance:
+        bodies["base"] = 1.0 / hidden.base_compliance / (2.0 * math.pi * hidden.base_frequency) ** 2
+    if on_nut:
+        bodies["nut_body"] = on_nut
+    if hidden.absorber_mass:
+        bodies["absorber"] = hidden.absorber_mass
+    if hidden.nut_absorber_mass:
+        bodies["nut_absorber"] = hidden.nut_absorber_mass
+    return bodies
 
 
 def _moving_mass(axis: Axis, setting: Setting) -> float:
