@@ -221,14 +221,14 @@ def _drawn_mechanism(kind: Kind, size: str, rng: np.random.Generator) -> Mechani
 
 def _with_wrong_part(drawn: Parts, kind: str, size: int, rng: np.random.Generator) -> Parts:
     """Return the parts with one of them far from what is declared, to either side."""
-    part = _part_of(kind)
+    part = part_of(kind)
     ln_ratio = WRONG_PARTS[part][size] * math.exp(rng.uniform(-0.15, 0.15)) * rng.choice((-1.0, 1.0))
     return replace(drawn, **{part: getattr(drawn, part) * math.exp(ln_ratio)})
 
 
 def _ln_ratio(drawn: Parts, declared: Parts, kind: str) -> float:
     """Return ln of the true over the declared value of a wrong part, its tolerance included."""
-    part = _part_of(kind)
+    part = part_of(kind)
     return math.log(getattr(drawn, part) / getattr(declared, part))
 
 
@@ -236,5 +236,6 @@ def _wrong(part: str) -> str:
     return f"wrong-parameter:{_NAMES[part]}"
 
 
-def _part_of(kind: str) -> str:
+def part_of(kind: str) -> str:
+    """Return the field of parts that a wrong parameter is."""
     return next(part for part in WRONG_PARTS if _wrong(part) == kind)

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from benchmarks.score_card import Job, Scored, score_card
+from benchmarks.blind_cases import Job
+from benchmarks.score_card import Scored, score_card
 
 
 def scored(number, kind, truth, *, outcome="none", found=None, limits=None, d_prime=math.nan):
@@ -13,14 +14,16 @@ def scored(number, kind, truth, *, outcome="none", found=None, limits=None, d_pr
     if found is not None:
         effects = [{"key": kind, "equivalent_to": [], "same_as": [], "parameters": found, "delta_bic": 100.0}]
     gap = {"before": {"fit": 2.0, "held_out": 2.0}, "after": {"fit": 1.0, "held_out": 1.0}, "noise_floor": 1.0}
-    answer = {"outcome": outcome, "effects": effects, "gap": gap, "detection_limits": limits or {}, "seconds": 1.0}
+    candidates = {key: [limit, 0.0, None] for key, limit in (limits or {}).items()}
+    answer = {"outcome": outcome, "effects": effects, "gap": gap, "candidates": candidates, "seconds": 1.0,
+              "pulls": {}, "records": [], "described": [], "contradictions": []}  # fmt: skip
     return Scored(Job(number, kind, "large", 0.003, "receptance", "finite elements"), truth, answer, d_prime)
 
 
 def card(*cases):
     healthy = [scored(900 + k, "none", {}) for k in range(2)]
     noisier = Scored(Job(902, "none", "medium", 0.01, "receptance", "finite elements"), {}, healthy[0].answer, math.nan)
-    return score_card([*cases, *healthy, noisier], "0" * 64)
+    return score_card([*cases, *healthy, noisier], "0" * 64, 1)
 
 
 def row(text, what):
@@ -50,7 +53,7 @@ def test_the_size_is_judged_and_not_what_stands_first_in_the_file() -> None:
         "damping_ratio": [0.5, 0.4, 0.6],
     }
     text = card(scored(1, "second-mode", truth, outcome="named", found=found, d_prime=50.0))
-    assert "| 1 of 1 (100.0 %) |" in row(text, "95 % intervals of the parameter")
+    assert "| 1 of 1 (100.0 %) |" in row(text, "95 % intervals that cover")
     assert "| 1 of 1 (100.0 %) |" in row(text, "error of the parameter at d' ≥ 30")
     assert "| 5.0, 5.0, 5.0 % |" in row(text, "the same: median, 90 %, largest")
     assert "| 1 | 5.0 % | 10.2 % |" in row(text, "second-mode")
