@@ -15,7 +15,7 @@ from monitor_core.fitting.hypothesis import is_size
 
 Case = TypeVar("Case")
 #: d′ at which an effect is large, medium, and below which nothing can be asked.
-LARGE, CLEAR, FAINT = 50.0, 12.0, 3.0
+LARGE, CLEAR, FAINT = 30.0, 12.0, 3.0
 #: Where a stranger sits, and the parameters that say it; a frequency within 5 % says it as well.
 _STRANGERS = {
     "wandering-absorber": ({"table"}, set[str]()),

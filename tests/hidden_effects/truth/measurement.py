@@ -17,7 +17,7 @@ _N_SEGMENTS, _N_LEAD_IN = 20, 2  # of what is kept, and before it, while motion 
 _EXCITED = (21.5, 1560.0)  # band of the torque
 _FIRST, _LAST, _GROWTH = 24, 1500, 1.0362  # lines that are kept, nearly a hundred
 #: Hann windows spread a line over its neighbours: lines that are further apart scatter nearly independently.
-_APART = 3
+APART = 3
 _FULL_SCALE = 6.0  # of the converter over the rms of the channel
 _BITS = 16
 
@@ -164,7 +164,7 @@ def measured_lines(recorder: Recorder = Recorder()) -> np.ndarray:
 
 def _bins() -> np.ndarray:
     lines = [_FIRST]
-    while (following := max(lines[-1] + _APART, round(lines[-1] * _GROWTH))) <= _LAST:
+    while (following := max(lines[-1] + APART, round(lines[-1] * _GROWTH))) <= _LAST:
         lines.append(following)
     return np.array(lines)
 
