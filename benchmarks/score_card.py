@@ -123,6 +123,14 @@ def score_card(scored: Sequence[Scored], digest: str, seed: int, *, learnt: bool
     seen = [case for case in records if case.gap_before >= 1.15 * floors[case.job.name]]
     seconds = [case.answer["seconds"] for case in scored]
     lines = [
+        "# Score card of the blind benchmark",
+        "",
+        f"    python -m benchmarks.hidden_effects --seed {seed} --out FOLDER --workers 2"
+        + " --learnt" * learnt,
+        "",
+        "What it prints (`FOLDER/score-card.md`). How machines are drawn and what d' and the other figures mean is in "
+        "`docs/explanation/hidden-effects.md`.",
+        "",
         f"{len(scored)} cases, {sum(case.job.plant == 'transmission line' for case in scored)} of them of the "
         f"transmission-line plant; seed {seed}, SHA-256 of the sealed truth `{digest}`. Form error of the models: "
         f"{'learnt from healthy benchtop axes' if learnt else 'the default'}.",
