@@ -83,7 +83,10 @@ def _left(axis: Axis, case: Case, weight: np.ndarray, trace: np.ndarray, others:
         return np.array([_flat(column) for column in columns] + others).T
 
     def left(taken: np.ndarray) -> np.ndarray:
-        taken_up = np.log(_responses(*refitted(taken), frequency) / here)
+        try:
+            taken_up = np.log(_responses(*refitted(taken), frequency) / here)
+        except ValueError:  # off the screw, or no preload left: a step too far
+            return np.full(2 * here.size, 1e6)
         taken_up = taken_up + assumed.gain_share * taken[: 4 * n].reshape(n, 4)[:, 2:, None]
         return _flat(weight * (trace - taken_up)) - sum(
             (by * other for by, other in zip(taken[free:], others, strict=True)), 0.0
