@@ -49,14 +49,19 @@ def detectability(case: Case, recorder: Recorder, form: ModelFormError) -> float
     found = []
     for index, (key, trace) in enumerate(zip(keys, traces, strict=True)):
         others = [_flat(_FREE * weight * other) for number, other in enumerate(traces) if number != index]
-        found.append(_left(_without(linear, key, case), case, weight, trace, others))
+        # a wrong part may simply be that wrong, at the price of its tolerance
+        at_first = {part_of(key): case.truth[key]["ln_ratio"]} if key.startswith("wrong-parameter:") else {}
+        found.append(_left(_without(linear, key, case), case, weight, trace, others, at_first))
     return min(found)
 
 
-def _left(axis: Axis, case: Case, weight: np.ndarray, trace: np.ndarray, others: list[np.ndarray]) -> float:
+def _left(  # noqa: PLR0917
+    axis: Axis, case: Case, weight: np.ndarray, trace: np.ndarray, others: list[np.ndarray], at_first: dict[str, float]
+) -> float:
     """Return the size of a trace when an axis without it, refitted as far as its tolerances let it, took up its share.
 
-    Gauss and Newton, tempered: first as if noise were many times as large, so that no resonance stands in the way.
+    From ln ratios of parts ``at_first``; Gauss and Newton, tempered: as if noise were first many times as large, so
+    that no resonance stands in the way.
     """
     frequency, settings = case.measured[0].frequency, case.settings
     here, n = _responses(axis, settings, frequency), len(settings)
@@ -93,6 +98,8 @@ def _left(axis: Axis, case: Case, weight: np.ndarray, trace: np.ndarray, others:
         )
 
     taken = np.zeros(free + len(others))
+    for part, by in at_first.items():
+        taken[4 * n + list(TOLERANCES).index(part)] = by / TOLERANCES[part]
     for temper in _TEMPERS:
         steep, identity = slopes(taken) / temper, np.eye(taken.size)
         for _ in range(_ROUNDS):

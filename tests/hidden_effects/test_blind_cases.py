@@ -150,3 +150,10 @@ def test_a_job_is_drawn_as_it_says() -> None:
     assert case.wrong_setting is not None
     assert case.measured[0].resolution == GANTRY.recorder.sample_rate / 4096.0
     assert not job.healthy
+
+
+def test_d_prime_of_a_wrong_part_is_at_most_how_many_tolerances_it_is_off() -> None:
+    key = "wrong-parameter:bearing_stiffness_n_per_m"
+    case = draw_case(key, "large", seed=8, respond=transmission_line.respond, situation=Situation(design="poor"))
+    off = abs(case.truth[key]["ln_ratio"]) / 0.2
+    assert 3.0 < detectability(case, BENCH.recorder, FORM) <= 1.001 * off
