@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hidden_effects import PLANTS, composition, learnt_form
+from benchmarks.blind_cases import PLANTS, composition
+from benchmarks.hidden_effects import learnt_form
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tests.hidden_effects.kinds import KINDS, PAIRS, SIZES, WRONG_PARTS, Kind, Mechanism
+from tests.hidden_effects.situations import Situation, disturbed, wrongly_recorded, wrongly_set
 from tests.hidden_effects.truth import finite_elements
 from tests.hidden_effects.truth.axis import Axis, Hidden, Parts, Setting
-from tests.hidden_effects.truth.measurement import MeasuredFrf, Respond, Scatter, measure, set_truly
+from tests.hidden_effects.truth.measurement import MeasuredFrf, Respond, measure, set_truly
 
 FAMILIES = ("receptance", "lumped")
 
@@ -79,6 +80,7 @@ class Case:
     truth: Mapping[str, Mapping[str, float]]  # by key of the effect, values as a model file has them; outside:… too
     axis: Axis
     settings: tuple[Setting, ...]  # how the axis really was set
+    wrong_setting: int | None = None  # of which a record is wrong
 
 
 def all_kinds() -> tuple[str, ...]:
@@ -94,6 +96,7 @@ def draw_case(
     family: str = "receptance",
     *,
     respond: Respond = finite_elements.respond,
+    situation: Situation | None = None,
 ) -> Case:
     """Draw a machine about its description, hide something in it and measure it.
 
@@ -106,6 +109,8 @@ def draw_case(
         kind has one.
     noise : float
         Of every sensor over the rms of its channel. [-]
+    situation : Situation, optional
+        Machine, design and whatever else a case is measured under; the benchtop axis at 31 fixed settings otherwise.
     seed : int
         Cases of different seeds, kinds, sizes and noise are different machines.
     family : str
@@ -115,7 +120,8 @@ def draw_case(
         The plant.
     """
     rng = np.random.default_rng([seed, zlib.crc32(f"{kind}/{size}/{noise}/{family}".encode())])
-    declared = Parts() if family == "receptance" else _LUMPED_PARTS
+    under = situation or Situation()
+    declared = under.machine.parts if family == "receptance" else _LUMPED_PARTS
     drawn = _drawn_parts(declared, rng)
     hidden: dict[str, float] = {}
     unstated: tuple[str, ...] = ()
@@ -128,7 +134,7 @@ def draw_case(
             drawn = _with_wrong_part(drawn, key, SIZES.index(size), rng)
             truth[key] = {"ln_ratio": _ln_ratio(drawn, declared, key)}
         else:
-            mechanism, stated = _drawn_mechanism(KINDS[key], size, rng)
+            mechanism, stated = map(under.sized, _drawn_mechanism(KINDS[key], size, rng))
             if "loss_factor" in hidden and "loss_factor" in mechanism:  # beside the one that is declared
                 mechanism["loss_factor"] += hidden["loss_factor"]
             hidden |= mechanism
@@ -136,12 +142,18 @@ def draw_case(
             truth[key] = truth.get(key, {}) | stated
     drawn, declared = (replace(parts, **dict.fromkeys(unstated, 0.0)) for parts in (drawn, declared))
     axis = Axis(parts=drawn, hidden=Hidden(**hidden))
-    stated_settings = design(rng)
-    scatter = Scatter(sensor_noise=noise)
+    stated_settings = under.settings(rng) if situation else design(rng)
+    scatter, which = replace(under.scatter, sensor_noise=noise), None
     true_settings = set_truly(stated_settings, scatter, rng)
-    measured = measure(axis, stated_settings, true_settings, scatter, rng, respond=respond)
+    if under.wrong:
+        true_settings, which = wrongly_set(under.wrong, stated_settings, true_settings, drawn.screw_length, rng)
+    measured = measure(
+        axis, stated_settings, true_settings, scatter, rng, respond=respond, recorder=disturbed(under).recorder
+    )
+    if under.wrong and which is not None:
+        measured = wrongly_recorded(under.wrong, which, measured, rng)
     baseline = baseline_text(declared, family)
-    return Case(kind, size, noise, seed, family, measured, baseline, truth, axis, true_settings)
+    return Case(kind, size, noise, seed, family, measured, baseline, truth, axis, true_settings, which)
 
 
 def design(rng: np.random.Generator) -> tuple[Setting, ...]:
@@ -209,14 +221,14 @@ def _drawn_mechanism(kind: Kind, size: str, rng: np.random.Generator) -> Mechani
 
 def _with_wrong_part(drawn: Parts, kind: str, size: int, rng: np.random.Generator) -> Parts:
     """Return the parts with one of them far from what is declared, to either side."""
-    part = _part_of(kind)
+    part = part_of(kind)
     ln_ratio = WRONG_PARTS[part][size] * math.exp(rng.uniform(-0.15, 0.15)) * rng.choice((-1.0, 1.0))
     return replace(drawn, **{part: getattr(drawn, part) * math.exp(ln_ratio)})
 
 
 def _ln_ratio(drawn: Parts, declared: Parts, kind: str) -> float:
     """Return ln of the true over the declared value of a wrong part, its tolerance included."""
-    part = _part_of(kind)
+    part = part_of(kind)
     return math.log(getattr(drawn, part) / getattr(declared, part))
 
 
@@ -224,5 +236,6 @@ def _wrong(part: str) -> str:
     return f"wrong-parameter:{_NAMES[part]}"
 
 
-def _part_of(kind: str) -> str:
+def part_of(kind: str) -> str:
+    """Return the field of parts that a wrong parameter is."""
     return next(part for part in WRONG_PARTS if _wrong(part) == kind)

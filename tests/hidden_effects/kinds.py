@@ -81,6 +81,14 @@ def _softening(value: float, _rng: np.random.Generator) -> Mechanism:
     return {"nut_softening": value, "nut_softening_deflection": 1.5e-7}, {"share": value}
 
 
+def _contact_loss(value: float, _rng: np.random.Generator) -> Mechanism:
+    return {"nut_contact_loss": 0.5, "nut_contact_deflection": 1.0 / value}, {"inverse_deflection_per_m": value}
+
+
+def _cracked(value: float, rng: np.random.Generator) -> Mechanism:
+    return {"coupling_crack": value, "coupling_crack_phase": rng.uniform(-math.pi, math.pi)}, {"share": value}
+
+
 #: By the keys of effects.
 KINDS: dict[str, Kind] = {
     "added-mass": Kind((0.5, 1.0, 2.5), _plain("added_mass", "mass_kg")),
@@ -120,6 +128,10 @@ KINDS: dict[str, Kind] = {
     "outside:wandering-absorber": Kind((0.03, 0.1, 0.4), _wandering),
     "outside:nut-softening": Kind((0.1, 0.25, 0.5), _softening),
     "outside:preload-drift": Kind((0.08, 0.2, 0.4), _plain("preload_drift", "share")),
+    "outside:backlash": Kind((3e-9, 1e-8, 4e-8), _plain("nut_backlash", "half_width_m")),
+    "outside:contact-loss": Kind((3e6, 6e6, 2e7), _contact_loss),
+    "outside:screw-bending": Kind((2e-3, 6e-3, 2e-2), _plain("bend_eccentricity", "eccentricity_m")),
+    "outside:cracked-coupling": Kind((3.0, 10.0, 30.0), _cracked),
 }
 #: A declared part that is not within its tolerance: ln of true over declared.
 WRONG_PARTS: dict[str, tuple[float, float, float]] = {

@@ -5,7 +5,7 @@ One large effect of each kind that the benchmark draws with others; the form err
 
 import pytest
 
-from benchmarks.hidden_effects import ON_LINES
+from benchmarks.blind_cases import ON_LINES
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.effects.damping_friction import SCREW_LOSS
 from monitor_core.fitting.conditions.settings import default_folds

@@ -192,7 +192,9 @@ FELT = {
     "nut_absorber_frequency": {"nut_absorber_mass": 0.3, "nut_absorber_frequency": 400.0},
     "nut_absorber_damping_ratio": {"nut_absorber_mass": 0.3, "nut_absorber_damping_ratio": 0.1},
     "nut_mass_before_bracket": {"nut_mass_before_bracket": 2.0}, "screw_loss_factor": {"screw_loss_factor": 0.02},
-    "motor_damping": {"motor_damping": 0.01},
+    "motor_damping": {"motor_damping": 0.01}, "bend_eccentricity": {"bend_eccentricity": 0.02},
+    "coupling_crack": {"coupling_crack": 5.0},
+    "coupling_crack_phase": {"coupling_crack": 5.0, "coupling_crack_phase": 1.0},
 }  # fmt: skip
 #: No motion in time has it.
 ON_LINES = {"constant_loss_factor"}
@@ -204,6 +206,9 @@ IN_TIME = {
     "cubic_nut_stiffness",
     "nut_softening",
     "nut_softening_deflection",
+    "nut_backlash",
+    "nut_contact_loss",
+    "nut_contact_deflection",
 }
 
 
@@ -336,6 +341,8 @@ def test_what_the_torque_puts_in_friction_and_dampers_take_out():
         (Hidden(guide_friction=1.0), Hidden(guide_friction=3.0)),
         (Hidden(cubic_nut_stiffness=9e12), Hidden(cubic_nut_stiffness=1e12)),
         (Hidden(nut_softening=0.4), Hidden(nut_softening=0.4, nut_softening_deflection=3e-7)),
+        (Hidden(nut_backlash=1e-8), Hidden(nut_backlash=3e-8)),
+        (Hidden(nut_contact_loss=0.5), Hidden(nut_contact_loss=0.5, nut_contact_deflection=3e-7)),
     ],
 )
 def test_forces_fed_back_scale_with_the_motion(hidden, louder):

@@ -35,6 +35,7 @@ class Parts:
     motor_damping: float = 2e-3
 
 
+_N_BENDING, _BENDING_RATIO = 4, 0.01
 #: What becomes softer in a warm machine.
 _OF_WARMTH = (
     "youngs_modulus", "shear_modulus", "bearing_stiffness", "far_bearing_stiffness", "bracket_stiffness",
@@ -91,6 +92,13 @@ class Hidden:
     nut_softening: float = 0.0  # the nut loses this share of its stiffness where it is deflected much, solved in time
     nut_softening_deflection: float = 1e-7  # rms deflection scale at which half of it is lost [m]
     preload_drift: float = 0.0  # share of the preload lost from the first setting to the last [-]
+    nut_backlash: float = 0.0  # half of the way over which the nut has no force, solved in time [m]
+    nut_contact_loss: float = 0.0  # the nut loses this share of its stiffness where one side lifts off [-]
+    nut_contact_deflection: float = 1e-7  # at which it does [m]
+    #: The force of the nut acts so far beside the screw, which bends between supports that let it turn. [m]
+    bend_eccentricity: float = 0.0
+    coupling_crack: float = 0.0  # the coupling yields more, by so many times, where a crack opens, once a turn [-]
+    coupling_crack_phase: float = 0.0  # [rad]: compliance (1 + crack (1 + cos(2πx/lead − phase))/2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +113,16 @@ class Setting:
     order: float = 0.0  # 0 for the first measurement of the test, 1 for the last
 
 
+@dataclass(frozen=True, slots=True)
+class Bending:
+    """A mode in which the screw bends."""
+
+    mass: float  # [kg]
+    omega: float  # [rad/s]
+    damping_ratio: float  # [-]
+    at_nut: float  # travel of the nut along the screw per deflection of the mode [-]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
     """A machine: the parts it really has and what is hidden in it."""
@@ -115,4 +133,26 @@ class Axis:
     def parts_at(self, setting: Setting) -> Parts:
         """Return the parts as warm as they are at a setting."""
         factor = 1.0 + self.hidden.thermal_stiffness * setting.temperature_deviation
-        return replace(self.parts, **{name: factor * getattr(self.parts, name) for name in _OF_WARMTH})
+        warm = replace(self.parts, **{name: factor * getattr(self.parts, name) for name in _OF_WARMTH})
+        turn = 2.0 * math.pi * setting.position / warm.screw_lead - self.hidden.coupling_crack_phase
+        opened = 0.5 * self.hidden.coupling_crack * (1.0 + math.cos(turn))
+        return replace(warm, coupling_stiffness=warm.coupling_stiffness / (1.0 + opened))
+
+    def bending(self, position: float) -> tuple[Bending, ...]:
+        r"""Return the modes in which the screw bends under a nut that pulls beside it; none without eccentricity.
+
+        A beam on two supports that let it turn: :math:`\omega_n = (n\pi/L)^2 \sqrt{EI/\rho S}`, modal mass half of that
+        of the screw, slope at the nut :math:`(n\pi/L) \cos(n\pi x/L)`.
+        """
+        if not self.hidden.bend_eccentricity:
+            return ()
+        parts = self.parts
+        area, second = math.pi / 4.0 * parts.screw_diameter**2, math.pi / 64.0 * parts.screw_diameter**4
+        of_length = math.sqrt(parts.youngs_modulus * second / (parts.density * area))
+        mass = 0.5 * parts.density * area * parts.screw_length
+        waves = [number * math.pi / parts.screw_length for number in range(1, _N_BENDING + 1)]
+        eccentricity = self.hidden.bend_eccentricity
+        return tuple(
+            Bending(mass, wave**2 * of_length, _BENDING_RATIO, eccentricity * wave * math.cos(wave * position))
+            for wave in waves
+        )

@@ -6,9 +6,9 @@ import numpy as np
 import scipy.optimize
 
 #: Where the loss is flat, and where the stiffness is the stated one. [Hz]
-_BAND = (20.0, 1500.0)
+_BAND = (7.0, 3000.0)
 _REFERENCE = 100.0
-_RELAXATION = np.geomspace(4.0, 7500.0, 6)  # [Hz]
+_RELAXATION = np.geomspace(1.4, 15e3, 8)  # [Hz]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

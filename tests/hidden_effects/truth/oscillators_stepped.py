@@ -39,11 +39,14 @@ class FedBack:
     cubic: float = 0.0  # β: the force in the nut is k (1 + β δ²) δ [1/m²]
     softening: float = 0.0  # share of the stiffness lost where the deflection is large [-]
     softening_deflection: float = 1.0  # where half of that is lost [m]
+    backlash: float = 0.0  # half of the way without force [m]
+    contact_loss: float = 0.0  # share of the stiffness lost beyond a deflection [-]
+    contact_deflection: float = 1.0  # [m]
 
     @property
     def acts(self) -> bool:
         """Whether there is any."""
-        return bool(self.friction or self.cubic or self.softening)
+        return bool(self.friction or self.cubic or self.softening or self.backlash or self.contact_loss)
 
 
 def stepped_motion(
@@ -65,7 +68,10 @@ def stepped_motion(
     step = 1.0 / (sample_rate * steps_per_sample)
     acting = _between_samples(torque, sample_rate, delay, steps_per_sample)
     taps = scipy.signal.firwin(40 * steps_per_sample + 1, 1.0 / steps_per_sample, window=("kaiser", 8.0))
-    law = (fed_back.friction, fed_back.cubic, fed_back.softening, fed_back.softening_deflection)
+    law = (
+        fed_back.friction, fed_back.cubic, fed_back.softening, fed_back.softening_deflection,
+        fed_back.backlash, fed_back.contact_loss, fed_back.contact_deflection,
+    )  # fmt: skip
     outputs = []
     for index, plant in enumerate(plants):
         decay, constant, rising = _integrals(plant.pole * step)
@@ -85,7 +91,8 @@ def _march(decay, start, end, observation, feedthrough, torque, stiffness, law):
     ``start`` and ``end``, shape (3, n_poles), are the changes of the state by inputs that fall to zero over a step and
     that rise from zero.
     """
-    friction, cubic, softening, scale = law
+    friction = law[0]
+    bends_nut = law[1] != 0.0 or law[2] != 0.0 or law[4] != 0.0 or law[5] != 0.0
     n_poles, n_outputs = decay.size, observation.shape[0] - 2
     turns, bends = observation[n_outputs], observation[n_outputs + 1]
     velocity_per_force, deflection_per_force = 0.0, 0.0
@@ -102,8 +109,8 @@ def _march(decay, start, end, observation, feedthrough, torque, stiffness, law):
             z = decay[p] * state[p] + start[0, p] * torque[k - 1] + end[0, p] * torque[k] + start[2, p] * before
             state[p] = z
             deflection += bends[p].real * z.real - bends[p].imag * z.imag
-        if cubic != 0.0 or softening != 0.0:
-            nut_force = _nut_force(deflection, deflection_per_force, stiffness, cubic, softening, scale)
+        if bends_nut:
+            nut_force = _nut_force(deflection, deflection_per_force, stiffness, law)
             for p in range(n_poles):
                 state[p] += end[2, p] * nut_force
         if friction > 0.0:
@@ -139,14 +146,22 @@ def _friction(velocity, free, per_force, friction):
 
 
 @njit(cache=True)
-def _nut_force(unloaded, per_force, stiffness, cubic, softening, scale):  # noqa: PLR0917 compiled
+def _nut_force(unloaded, per_force, stiffness, law):
     """Return what the force in the nut exceeds k δ by, at the deflection that this force leaves of ``unloaded``."""
+    _, cubic, softening, scale, backlash, lost, beyond = law
     deflection = unloaded
-    for _ in range(4):
+    for _ in range(5):
         square = deflection * deflection
         reached = square / (square + scale * scale)
         force = stiffness * (cubic * square - softening * reached) * deflection
         slope = stiffness * (3.0 * cubic * square - softening * reached * (3.0 - 2.0 * reached))
+        side, size = math.copysign(stiffness, deflection), abs(deflection)
+        force -= side * min(size, backlash)
+        if size < backlash:
+            slope -= stiffness
+        if size > beyond:
+            force -= side * lost * (size - beyond)
+            slope -= stiffness * lost
         deflection -= (deflection - unloaded - per_force * force) / (1.0 - per_force * slope)
     return (deflection - unloaded) / per_force
 

@@ -57,6 +57,8 @@ def respond(
     """
     if torque.ndim != 2 or torque.shape[0] != len(settings):
         raise ValueError(f"torque must have a row for each of {len(settings)} settings; got shape {torque.shape}")
+    if axis.hidden.nut_backlash or axis.hidden.nut_contact_loss:
+        raise ValueError("a nut that loses contact is solved in steps; take the finite elements")
     record = Record(torque.shape[1], sample_rate)
     spectra = scipy.fft.rfft(torque)[:, record.inside]
     forces = nonlinear_forces(axis, settings, spectra, record)

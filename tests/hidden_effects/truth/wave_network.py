@@ -140,6 +140,9 @@ def network_of(axis: Axis, setting: Setting, lines: Lines) -> Network:
     lever, turning, torsion = _torsion(axis, setting, lines)
     nut = nut_stiffness(axis, setting) * lines.joints + s * p.nut_damping
     series = (1.0 / p.bracket_stiffness + h.series_compliance) / lines.joints
+    bent: Spectrum = 0.0
+    for mode in axis.bending(position_of(axis, setting)):
+        bent = bent + mode.at_nut**2 / _on_spring(s, mode.mass, mode.omega / (2.0 * math.pi), mode.damping_ratio)
     structure: Spectrum = 0.0
     if h.structure_residue:
         structure = 1.0 / (
@@ -158,7 +161,7 @@ def network_of(axis: Axis, setting: Setting, lines: Lines) -> Network:
         s=s,
         lever=lever,
         turning=turning,
-        compliance=1.0 / nut + series + 1.0 / _tension(axis, setting, lines) + lead_ratio**2 / torsion,
+        compliance=1.0 / nut + series + 1.0 / _tension(axis, setting, lines) + lead_ratio**2 / torsion + bent,
         nut=nut,
         table=_table(axis, setting, s),
         nut_body=nut_body,
