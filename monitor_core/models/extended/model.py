@@ -134,6 +134,9 @@ class ExtendedModel:
             raise OutsideValidityError(
                 f"normal modes cannot include {excluded[0]}; use the frequency response, or leave that effect out"
             )
+        if self.physics.by_setting:
+            here = axis_at(self.physics, condition_arrays([conditions]).setting(0))
+            return replace(self, physics=here).normal_modes(conditions, motor_end)
         end = motor_end or paper_motor_end(self.parameters)
         modes = drive_modes(self.physics, [conditions], [end], self.highest_frequency)
         table, motor, across = self._residues(modes.undamped_omega, conditions, end)
