@@ -129,7 +129,9 @@ class _Varying:
 
     def __call__(self, axis: AxisPhysics, setting: AxisSetting) -> AxisPhysics:
         factor = self.law.factor(self.law.variable.of(setting), self.coefficients)
-        return changed(axis, self.record, **{self.quantity: factor * getattr(getattr(axis, self.record), self.quantity)})
+        return changed(
+            axis, self.record, **{self.quantity: factor * getattr(getattr(axis, self.record), self.quantity)}
+        )
 
 
 @dataclass(frozen=True, slots=True)
