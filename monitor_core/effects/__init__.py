@@ -3,7 +3,7 @@
 from monitor_core.effects.catalogue import DRIVE_EFFECTS, MOTION_EFFECTS, applicable_effects, with_effects
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, sized_for
 from monitor_core.effects.sizes import MachineSizes, Reference
-from monitor_core.effects.variation import Form, Law, Variable, varying
+from monitor_core.effects.variation import Form, Law, Variable, Variation, varying
 from monitor_core.effects.wrong_parameter import (
     PREFIX,
     stated_names,
@@ -25,6 +25,7 @@ __all__ = [
     "MachineSizes",
     "Reference",
     "Variable",
+    "Variation",
     "applicable_effects",
     "sized_for",
     "stated_names",

@@ -15,7 +15,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 from monitor_core.effects.effect import Effect, EffectParameter, changed
 from monitor_core.errors import OutsideValidityError
@@ -61,14 +60,17 @@ class Form(StrEnum):
     SATURATING = "saturating"
 
 
-_CHANGE = {"unit": "-", "lower": -4.0, "upper": 4.0, "scale": 0.1, "beyond": False}
+def _change(name: str) -> EffectParameter:
+    return EffectParameter(name, "-", lower=-4.0, upper=4.0, scale=0.1, beyond=False)
+
+
 _PARAMETERS: Mapping[Form, tuple[EffectParameter, ...]] = {
-    Form.LINEAR: (EffectParameter("change", **_CHANGE),),
-    Form.QUADRATIC: (EffectParameter("change", **_CHANGE), EffectParameter("curvature", **_CHANGE)),
-    Form.PERIODIC: (EffectParameter("cosine", **_CHANGE), EffectParameter("sine", **_CHANGE)),
-    Form.POWER: (EffectParameter("exponent", **_CHANGE),),
+    Form.LINEAR: (_change("change"),),
+    Form.QUADRATIC: (_change("change"), _change("curvature")),
+    Form.PERIODIC: (_change("cosine"), _change("sine")),
+    Form.POWER: (_change("exponent"),),
     Form.SATURATING: (
-        EffectParameter("change", **_CHANGE),
+        _change("change"),
         EffectParameter("half_at", "-", lower=0.02, upper=20.0, scale=0.1, null=1.0, beyond=False),
     ),
 }
@@ -119,48 +121,41 @@ class Law:
 
 
 @dataclass(frozen=True, slots=True)
-class _Varying:
-    """A change of the axis with the setting."""
-
-    record: str
-    quantity: str
-    law: Law
-    coefficients: tuple[float, ...]
-
-    def __call__(self, axis: AxisPhysics, setting: AxisSetting) -> AxisPhysics:
-        factor = self.law.factor(self.law.variable.of(setting), self.coefficients)
-        return changed(
-            axis, self.record, **{self.quantity: factor * getattr(getattr(axis, self.record), self.quantity)}
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Add:
-    """The ``add`` of such an effect; it can be pickled."""
+class Variation:
+    """The ``add`` of such an effect: which quantity of which record of a drive follows which law."""
 
     record: str
     quantity: str
     law: Law
 
     def __call__(self, axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
-        coefficients = tuple(values[parameter.name] for parameter in self.law.parameters)
-        if not any(coefficients[index] for index, item in enumerate(self.law.parameters) if item.null == 0.0):
+        """Return the axis with the quantity following the law; at null values it is the same axis."""
+        items = self.law.parameters
+        if not any(values[item.name] for item in items if item.null == 0.0):
             return axis
-        varying = _Varying(self.record, self.quantity, self.law, coefficients)
-        return replace(axis, by_setting=(*axis.by_setting, varying))
+        varied = _Varied(self, tuple(values[item.name] for item in items))
+        return replace(axis, by_setting=(*axis.by_setting, varied))
 
-
-@dataclass(frozen=True, slots=True)
-class _Has:
-    record: str
-    quantity: str
-
-    def __call__(self, axis: AxisPhysics) -> bool:
+    def is_of(self, axis: AxisPhysics) -> bool:
+        """Return whether the axis has such a quantity, and neither zero nor infinite."""
         value = getattr(getattr(axis, self.record), self.quantity)
         return bool(value) and math.isfinite(value)
 
 
-def varying(record: str, quantity: str, law: Law, *, key: str = "", name: str = "") -> Effect[Any]:
+@dataclass(frozen=True, slots=True)
+class _Varied:
+    """An axis as it is at a setting, by a law and its coefficients."""
+
+    variation: Variation
+    coefficients: tuple[float, ...]
+
+    def __call__(self, axis: AxisPhysics, setting: AxisSetting) -> AxisPhysics:
+        record, quantity, law = self.variation.record, self.variation.quantity, self.variation.law
+        value = getattr(getattr(axis, record), quantity)
+        return changed(axis, record, **{quantity: law.factor(law.variable.of(setting), self.coefficients) * value})
+
+
+def varying(record: str, quantity: str, law: Law, *, key: str = "", name: str = "") -> Effect[AxisPhysics]:
     """Return the effect by which a quantity of one of the records of a drive follows a law.
 
     >>> from monitor_core.effects import Form, Law, Variable, varying
@@ -168,13 +163,13 @@ def varying(record: str, quantity: str, law: Law, *, key: str = "", name: str = 
     >>> softer.key
     'varying:joints_nut_stiffness_excitation_linear'
     """
-    words = quantity.replace("_", " ")
+    words, variation = quantity.replace("_", " "), Variation(record, quantity, law)
     return Effect(
         key=key or f"varying:{record}_{quantity}_{law.variable}_{law.form}",
         name=name or f"The {words} varies with the {law.variable}",
         physics=f"The {words} is another one at each {law.variable}, by a law of the form {law.form}.",
         source="no source: a law that describes what was measured",
         parameters=law.parameters,
-        add=_Add(record, quantity, law),
-        applies=_Has(record, quantity),
+        add=variation,
+        applies=variation.is_of,
     )

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from monitor_core.discrepancy.description.bases import bases
 from monitor_core.discrepancy.description.free_variation import fitted_settings, vary_freely
@@ -18,7 +19,6 @@ from monitor_core.discrepancy.search.time_limit import TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, varying
-from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.hold_out import gain
@@ -37,7 +37,7 @@ class Description:
     """A fit with the law, and what it says."""
 
     described: Described
-    fitted: Fitted[AxisPhysics]
+    fitted: Fitted[Any]
     keeps_found: bool  # whether it stands beside the effects that had been found, and not in their place
 
 
@@ -59,9 +59,9 @@ class _Refitted:
 
 
 def describe(
-    baseline: Fitted[Physics],
-    final: Fitted[Physics],
-    candidates: Sequence[Effect[Physics]],
+    baseline: Fitted[Any],
+    final: Fitted[Any],
+    candidates: Sequence[Effect[Any]],
     progress: Callable[[str], None],
 ) -> Description | None:
     """Return what can be said of a misfit without a name; None where no law holds, of a rigid axis, or of few settings.

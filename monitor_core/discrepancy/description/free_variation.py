@@ -1,4 +1,4 @@
-r"""Let one quantity vary freely from setting to setting: what would each setting have, and what would that leave?
+r"""Let one quantity vary freely from setting to setting: what each setting would have, and what that would leave.
 
 A model with the quantity multiplied by :math:`e^\theta` is evaluated at a few θ for all settings at once. Of each
 setting this gives the misfit, whitened by its condition errors, as a function of its own θ: settings do not share
