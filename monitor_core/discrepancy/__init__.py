@@ -7,6 +7,7 @@ judges what was found, and answers with an :class:`Explanation`.
 from monitor_core.discrepancy.explain_axis import ExplainOptions, Measured, explain, require_explainable
 from monitor_core.discrepancy.explanation import (
     Candidate,
+    Described,
     Explanation,
     FoundEffect,
     FoundParameter,
@@ -18,6 +19,7 @@ from monitor_core.discrepancy.explanation import (
 
 __all__ = [
     "Candidate",
+    "Described",
     "ExplainOptions",
     "Explanation",
     "FoundEffect",
