@@ -27,6 +27,8 @@ from monitor_core.models.extended import AxisPhysics
 
 _FEWEST_SETTINGS = 6
 _QUANTITIES, _LAWS_OF_EACH, _REFITS = 3, 2, 4
+#: Of what the best law takes away, how much less another one may at first sight: everything else was not refitted yet.
+_WORTH_A_REFIT = 0.15
 #: Of the misfit, what a description must explain; and of what the quantity would explain if it varied freely, what its
 #: law must. Less is no law, but one of many that point the same way.
 _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
@@ -84,7 +86,8 @@ def _described(
 ) -> Description | None:
     hints = [(base, tried) for base in bases(baseline, final, candidates) for tried in _hints(base)]
     hints.sort(key=lambda hint: hint[1].cost)
-    refitted = [answer for base, tried in hints[:_REFITS] if (answer := _refit(base, tried, progress)) is not None]
+    promising = [hint for hint in hints[:_REFITS] if _is_near(hint[1], hints[0][1])]
+    refitted = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
     if not refitted:
         return None
     scale = evidence_scale(min((answer.fitted for answer in refitted), key=lambda fitted: fitted.cost))
@@ -110,6 +113,11 @@ def _hints(base: Fitted[AxisPhysics]) -> Iterator[TriedLaw]:
     variations = sorted((variation for variation in free if variation is not None), key=lambda each: each.free)
     for variation in variations[:_QUANTITIES]:
         yield from tried_laws(variation, settings, physics.screw.lead)[:_LAWS_OF_EACH]
+
+
+def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
+    """Return whether a refit might make a law as good as the best, given what that takes away."""
+    return tried.cost <= best.cost + _WORTH_A_REFIT * (best.variation.alike - best.cost)
 
 
 def _refit(base: Fitted[AxisPhysics], tried: TriedLaw, progress: Callable[[str], None]) -> _Refitted | None:
