@@ -23,6 +23,8 @@
         ),
     )
 
+The file is run: it can do whatever its owner's account may do.
+
 An effect may make an axis another one at each setting: ``replace(axis, by_setting=(*axis.by_setting, change))`` with
 ``change(axis, setting)``, where a setting has position, preload, payload_mass, temperature_deviation, excitation_level
 and order; ``varying`` makes such effects of plain laws. What ``explain`` has described is written as one of these:
@@ -34,8 +36,6 @@ and order; ``varying`` makes such effects of plain laws. What ``explain`` has de
     EFFECTS = (
         varying("joints", "nut_stiffness", Law(Variable.EXCITATION, Form.LINEAR, reference=0.15, scale=0.405)),
     )
-
-The file is run: it can do whatever its owner's account may do.
 """
 
 from collections.abc import Iterable
