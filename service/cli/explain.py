@@ -78,7 +78,7 @@ _USUALLY = "some seconds to two minutes"
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MODEL",
     help="Write the augmented model: what was refitted, and the effects that were found. Where something was described "
-    "that has no name, its law goes into a file .effects.py beside it, for --effects.",
+    "that has no name, its law goes into a file of the same name with .effects.py, for --effects.",
 )  # fmt: skip
 @click.option(
     "--time-limit", "time_limit_s", type=click.FloatRange(min=0.0, min_open=True), metavar="SECONDS",
