@@ -7,6 +7,7 @@ judges what was found, and answers with an :class:`Explanation`.
 from monitor_core.discrepancy.explain_axis import ExplainOptions, Measured, explain, require_explainable
 from monitor_core.discrepancy.explanation import (
     Candidate,
+    Described,
     Explanation,
     FoundEffect,
     FoundParameter,
@@ -21,6 +22,7 @@ from monitor_core.fitting.conditions.settings import SettingTolerances
 
 __all__ = [
     "Candidate",
+    "Described",
     "ExplainOptions",
     "Explanation",
     "FoundEffect",

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from monitor_core.discrepancy.description.describe import describe
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -210,6 +211,16 @@ def _explain_kept(
     outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
     if unfinished:
         outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
+    description = None
+    if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
+        description = describe(found.baseline, final, candidates, report)
+    if description is not None:
+        outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
+        steps = (*found.steps, final) if description.keeps_found else (final,)
+        classes = classes if description.keeps_found else ()
+        found = replace(found, final=final, steps=steps, accepted=found.accepted if classes else ())
+        gap = replace(gap, after=_gap_pair(final))
+        left = remainder.is_left(settings.outcome)
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
     scale = found.evidence_scale
@@ -238,6 +249,7 @@ def _explain_kept(
         # an effect that would do in the place of another is reported there
         hidden_in_remainder=tuple(key for key in hidden if key not in reported and left),
         unfinished=unfinished,
+        described=() if description is None else (description.described,),
     )
     return explanation, final
 

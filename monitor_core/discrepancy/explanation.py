@@ -4,8 +4,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from monitor_core.arrays import FloatArray, read_only
+from monitor_core.effects import Effect, Law
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Panel
 from monitor_core.fitting.description import AxisDescription
@@ -19,6 +21,7 @@ class Outcome(StrEnum):
     EQUIVALENT = "equivalent"  # the data cannot distinguish two or more effects
     PARTIAL = "partial"  # named, with a remainder that nothing explains
     NONE = "none"  # the baseline already agrees to the noise
+    DESCRIBED = "described"  # nothing in the catalogue, but where it sits and how it behaves holds on held-out data
     UNKNOWN = "unknown"  # there is a gap, and nothing in the catalogue explains it
 
 
@@ -94,6 +97,23 @@ class FoundEffect:
     def plausible(self) -> bool:
         """Whether every parameter lies within its plausible range."""
         return all(parameter.plausible for parameter in self.parameters.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """Something that no effect of the catalogue is: where it sits, what varies there, and by which law."""
+
+    place: str  # table | nut | screw | bearing | motor | base | sensor
+    parameter: str  # which varies, by its name in files
+    law: Law  # what it is multiplied by
+    parameters: Mapping[str, FoundParameter]  # coefficients of the law
+    effect: Effect[Any]  # that says the same, to be kept as an effect of the user's own
+    alternatives: tuple[str, ...]  # parameters that the data do not distinguish from it, with what they vary with
+    share: float  # of what a free variation of the parameter would explain, the law explains [-]
+    delta_bic: float  # BIC without it less BIC with it
+    held_out_log_likelihood_gain: float
+    frequency_hz: float | None = None  # of a mass on a spring that hangs there, at the reference of the law
+    mass_kg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,5 +215,7 @@ class Explanation:
     assumptions: tuple[str, ...] = ()
     #: Where time was up before the search had come to its end: what was being done and what was not tried, a sentence.
     unfinished: str = ""
+    #: What was found of a cause that has no name.
+    described: tuple[Described, ...] = ()
     #: The description with what was found; None where a comparison was explained, of which there is no description.
     augmented: AxisDescription | None = None

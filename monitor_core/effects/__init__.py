@@ -3,6 +3,7 @@
 from monitor_core.effects.catalogue import DRIVE_EFFECTS, MOTION_EFFECTS, applicable_effects, with_effects
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, sized_for
 from monitor_core.effects.sizes import MachineSizes, Reference
+from monitor_core.effects.variation import Form, Law, Variable, Variation, varying
 from monitor_core.effects.wrong_parameter import (
     PREFIX,
     stated_names,
@@ -19,11 +20,16 @@ __all__ = [
     "ConditionAxis",
     "Effect",
     "EffectParameter",
+    "Form",
+    "Law",
     "MachineSizes",
     "Reference",
+    "Variable",
+    "Variation",
     "applicable_effects",
     "sized_for",
     "stated_names",
+    "varying",
     "with_effects",
     "wrong_motion_parameter",
     "wrong_motion_parameters",

@@ -24,12 +24,25 @@
     )
 
 The file is run: it can do whatever its owner's account may do.
+
+An effect may make an axis another one at each setting: ``replace(axis, by_setting=(*axis.by_setting, change))`` with
+``change(axis, setting)``, where a setting has position, preload, payload_mass, temperature_deviation, excitation_level
+and order; ``varying`` makes such effects of plain laws. What ``explain`` has described is written as one of these:
+
+.. code-block:: python
+
+    from monitor_core.effects import Form, Law, Variable, varying
+
+    EFFECTS = (
+        varying("joints", "nut_stiffness", Law(Variable.EXCITATION, Form.LINEAR, reference=0.15, scale=0.405)),
+    )
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from monitor_core.effects.effect import Effect
+from monitor_core.effects import Effect, Variation
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.files import naming, read_text, refusing
 
@@ -59,3 +72,27 @@ def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
     if len(set(keys)) < len(keys):
         raise RecordingFormatError(f"{path.name}: expected effects with different keys; got {', '.join(keys)}")
     return effects
+
+
+def effect_file_text(effects: Iterable[Effect[Any]]) -> str:
+    """Return effects made by :func:`monitor_core.effects.varying` as a file that :func:`read_effect_file` reads.
+
+    ``RecordingFormatError`` if one of them was made otherwise: what it does is known to its own file alone.
+    """
+    lines = ["from monitor_core.effects import Form, Law, Variable, varying", "", "EFFECTS = ("]
+    for effect in effects:
+        variation = effect.add
+        if not isinstance(variation, Variation):
+            raise RecordingFormatError(f"effects: expected such as vary by a law; got {effect.key}")
+        law = variation.law
+        stated = f"reference={law.reference!r}, scale={law.scale!r}"
+        lines += [
+            "    varying(",
+            f'        "{variation.record}",',
+            f'        "{variation.quantity}",',
+            f"        Law(Variable.{law.variable.name}, Form.{law.form.name}, {stated}),",
+            f'        key="{effect.key}",',
+            f'        name="{effect.name}",',
+            "    ),",
+        ]
+    return "\n".join([*lines, ")"]) + "\n"

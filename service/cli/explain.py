@@ -16,7 +16,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.fitting.description import AxisDescription
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.recording import MotionRecord
-from monitor_core.recordings.effect_file import read_effect_file
+from monitor_core.recordings.effect_file import effect_file_text, read_effect_file
 from monitor_core.recordings.elements.units import metres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import model_file_text, read_model_file
@@ -78,7 +78,8 @@ _USUALLY = "some seconds to two minutes"
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MODEL",
-    help="Write the augmented model: what was refitted, and the effects that were found.",
+    help="Write the augmented model: what was refitted, and the effects that were found. Where something was described "
+    "that has no name, its law goes into a file of the same name with .effects.py, for --effects.",
 )  # fmt: skip
 @click.option(
     "--time-limit", "time_limit_s", type=click.FloatRange(min=0.0, min_open=True), metavar="SECONDS",
@@ -143,11 +144,14 @@ def explain(
         write_report(report_dir, explanation, model_text, _subject(data, baseline_path, len(options.healthy)))
     if out is not None:
         out.write_text(model_text, encoding="utf-8")
+        if explanation.described:
+            effects_text = effect_file_text(found.effect for found in explanation.described)
+            _effects_beside(out).write_text(effects_text, encoding="utf-8")
     if as_json:
         print_json(explanation_document(explanation, model_text))
     else:
         _print(report_content(explanation))
-        for path in _written(report_dir, out):
+        for path in _written(report_dir, out, described=bool(explanation.described)):
             print_line(f"Written: {path}")
 
 
@@ -162,11 +166,18 @@ def _subject(data: Data, baseline: Path, n_healthy: int) -> str:
     return f"{data.name} against {baseline.name}{learnt}"
 
 
-def _written(report_dir: Path | None, out: Path | None) -> Iterator[Path]:
+def _effects_beside(model: Path) -> Path:
+    """Return where the effects go that a model states and the product does not know; ``--effects`` takes the file."""
+    return model.with_suffix(".effects.py")
+
+
+def _written(report_dir: Path | None, out: Path | None, *, described: bool) -> Iterator[Path]:
     if report_dir is not None:
         yield report_dir / "explanation.html"
     if out is not None:
         yield out
+        if described:
+            yield _effects_beside(out)
 
 
 def _measured(

@@ -6,7 +6,7 @@ import click
 
 from monitor_core.models import DriveConditions, MotorEnd, NaturalFrequency
 from monitor_core.recordings.elements.units import metres
-from service.cli.inputs.model import NumbersCommand, built_model
+from service.cli.inputs.model import NumbersCommand, built_model, effects_option
 from service.cli.output import json_option, print_json, print_table
 from service.json_types import JsonObject
 
@@ -25,6 +25,7 @@ from service.json_types import JsonObject
     help="What holds the motor end of the screw: clamped by its servo, free to turn, or under a prescribed (measured) "
     "torque, which hides the motor. Without it as in the family's paper.",
 )
+@effects_option
 @json_option
 def modes(
     model: Path,
@@ -32,10 +33,11 @@ def modes(
     preload_n: float | None,
     payload_kg: float,
     motor_end: str | None,
+    effects_path: Path | None,
     as_json: bool,
 ) -> None:
     """List the modes of a drive model; the motion of the rigid drive (0 Hz) is left out."""
-    drive = built_model(model)
+    drive = built_model(model, effects_path)
     end = None if motor_end is None else MotorEnd(motor_end)
     found = [
         (x, drive.natural_frequencies(DriveConditions(metres(x), preload_n, payload_kg), motor_end=end))

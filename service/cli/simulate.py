@@ -17,7 +17,7 @@ from monitor_core.models.generator import (
 from monitor_core.recording import ExcitationSource, Session, Window
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.session_hdf5 import write_session
-from service.cli.inputs.model import NumbersCommand, built_model
+from service.cli.inputs.model import NumbersCommand, built_model, effects_option
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target
 from service.json_types import JsonObject
@@ -69,6 +69,7 @@ DEFAULTS = SimulationSettings()
     "--viscous-friction-ns-per-m", type=float, default=DEFAULTS.friction.viscous, show_default=True,
     help="Viscous friction of the guides.",
 )  # fmt: skip
+@effects_option
 @json_option
 def simulate(
     model: Path,
@@ -86,13 +87,14 @@ def simulate(
     acceleration_noise_m_s2: float,
     friction_n: float,
     viscous_friction_ns_per_m: float,
+    effects_path: Path | None,
     as_json: bool,
 ) -> None:
     """Record a session of a drive model: short ramps to and fro, in windows as a machine would record them."""
     require_target(out, "session file", inputs=[model], ending_needed=True)
     if out.exists() and not force:
         raise click.UsageError(f"{out} already exists; --force replaces it")
-    drive = built_model(model)
+    drive = built_model(model, effects_path)
     settings = SimulationSettings(
         windows_per_measurement=windows,
         window_duration=seconds,

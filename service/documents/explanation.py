@@ -2,6 +2,7 @@
 
 from monitor_core.discrepancy import (
     Candidate,
+    Described,
     Explanation,
     FoundEffect,
     FoundParameter,
@@ -44,6 +45,7 @@ def explanation_document(explanation: Explanation, model_text: str) -> JsonObjec
         "pulls": {name: float(pull) for name, pull in explanation.pulls.items()},
         "pulls_before": {name: float(pull) for name, pull in explanation.pulls_before.items()},
         "maps": [_map(shown) for shown in explanation.maps],
+        "described": [_described(found) for found in explanation.described],
         "hidden_in_remainder": list(explanation.hidden_in_remainder),
         "records": [_record(record) for record in explanation.records],
         "taken_as": list(explanation.assumptions),
@@ -66,6 +68,30 @@ def _effect(effect: FoundEffect) -> JsonObject:
             "held_out_log_likelihood_gain": float(effect.held_out_log_likelihood_gain),
         },
         "remarks": list(effect.remarks),
+    }
+
+
+def _described(found: Described) -> JsonObject:
+    """Return a described law; ``varies_with`` and ``form`` say what the parameter is multiplied by."""
+    return {
+        "place": found.place,
+        "parameter": found.parameter,
+        "varies_with": str(found.law.variable),
+        "law": {
+            "form": str(found.law.form),
+            "parameters": {name: _parameter(value) for name, value in found.parameters.items()},
+            "reference": float(found.law.reference),
+            "scale": float(found.law.scale),
+        },
+        "frequency_hz": found.frequency_hz,
+        "mass_kg": found.mass_kg,
+        "not_distinguished_from": list(found.alternatives),
+        "share_of_free_variation": float(found.share),
+        "effect": found.effect.key,
+        "evidence": {
+            "delta_bic": float(found.delta_bic),
+            "held_out_log_likelihood_gain": float(found.held_out_log_likelihood_gain),
+        },
     }
 
 

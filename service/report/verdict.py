@@ -6,6 +6,7 @@ from typing import Final
 
 from monitor_core.discrepancy import Explanation, FoundEffect, GapPair, Outcome
 from monitor_core.effects import PREFIX
+from service.report.description import described_sentence
 from service.report.records import record_sentences
 from service.report.rounding import rounded, unit_shown
 from service.report.words import compared_with_stated, in_plain_words, name_of, parameter_words
@@ -29,6 +30,10 @@ _MEANING: Final = {
         "that the axis has no other effect: an effect that is smaller than its detection limit below could still hide, "
         "and so could an effect that these data cannot test."
     ),
+    Outcome.DESCRIBED: (
+        "Described: no effect of the catalogue explains the gap, but where it sits and how it behaves holds{judged}. "
+        "It is no name: several causes may behave like that."
+    ),
     Outcome.UNKNOWN: (
         "Unknown: model and measurement disagree by more than noise, and no effect of the catalogue, alone or with "
         "others, explains that to the noise floor. The cause may lie outside of the catalogue, in the measurement, or "
@@ -47,7 +52,7 @@ _HARDLY_LESS = 0.95  # of a gap
 _MOVED, _STRAINED, _FAR = 2.5, 3.0, 5.0
 
 
-def headline(explanation: Explanation) -> str:
+def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for each outcome
     """Return the verdict in one sentence."""
     names = listed([_named(effect) for effect in explanation.effects])
     several = len(explanation.effects) > 1
@@ -70,11 +75,19 @@ def headline(explanation: Explanation) -> str:
             moved = [parameter_words(name) for name in _moved(explanation)]
             once = f", once {listed(moved)} {'is' if len(moved) == 1 else 'are'} as refitted" if moved else ""
             return f"Nothing is missing that these data would show{once}: {_gap_as_it_is(explanation)}."
+        case Outcome.DESCRIBED:
+            return _described(explanation, names)
         case Outcome.UNKNOWN:
             gap = _gap_as_it_is(explanation)
             if explanation.effects:
                 gap = f"with {names}, the best that was found, {_gap_sentence(explanation)}"
             return f"Something is missing that nothing in the catalogue explains: {gap}."
+
+
+def _described(explanation: Explanation, names: str) -> str:
+    found = listed([described_sentence(described) for described in explanation.described])
+    besides = f"The model lacks {names}, and besides:" if explanation.effects else "No name fits, but this holds:"
+    return f"{besides} {found}; with it {_gap_sentence(explanation)}."
 
 
 def meaning(explanation: Explanation) -> str:

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from monitor_core.effects import Form, Law, Variable, varying
 from monitor_core.models.protocol import MotorEnd
+from monitor_core.recordings.effect_file import effect_file_text
 from monitor_core.recordings.model_file import read_model_file
 from monitor_core.recordings.session_hdf5 import read_session
 from tests.conftest import PROJECT_ROOT
@@ -45,6 +47,25 @@ def test_modes_of_every_family(preload: Any, name: str) -> None:
     table = preload("modes", model, "--position-mm", 200, *stated).out
     assert "200.0 mm" in table
     assert f"{document['positions'][0]['modes'][0]['frequency_hz']:.3f} Hz" in table
+
+
+def test_modes_of_a_model_with_an_effect_of_ones_own(preload: Any, tmp_path: Path) -> None:
+    """A bearing that is half as stiff at 400 mm as at 200 mm, as a law in a file, lowers the modes there alone."""
+    law = varying("joints", "bearing_stiffness", Law(Variable.POSITION, Form.LINEAR, 0.2, 0.2), key="bearing-along")
+    (tmp_path / "mine.py").write_text(effect_file_text([law]), encoding="utf-8")
+    stated = (MODELS / "hybrid.toml").read_text(encoding="utf-8") + "\n[effects.bearing-along]\nchange = -0.5\n"
+    (tmp_path / "mine.toml").write_text(stated, encoding="utf-8")
+    words = ("--position-mm", 200, 400, "--motor-end", "free", "--json")
+    assert_refused(preload("modes", tmp_path / "mine.toml", *words), "got 'bearing-along'")
+    own = preload("modes", tmp_path / "mine.toml", "--effects", tmp_path / "mine.py", *words).json()["positions"]
+    (tmp_path / "mine.toml").write_text(stated.replace("-0.5", "0.0"), encoding="utf-8")
+    plain = preload("modes", tmp_path / "mine.toml", "--effects", tmp_path / "mine.py", *words).json()["positions"]
+    first, elsewhere = [
+        mine["modes"][0]["frequency_hz"] / theirs["modes"][0]["frequency_hz"]
+        for mine, theirs in zip(own, plain, strict=True)
+    ]
+    assert first == pytest.approx(1.0, rel=1e-12)
+    assert elsewhere < 0.95
 
 
 def test_modes_of_suns_axis_fall_along_the_screw(preload: Any) -> None:

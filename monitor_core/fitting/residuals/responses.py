@@ -249,6 +249,10 @@ def compare_responses(
     observed = [response.observation for response in kept]
     cases = [case_of(response.observation, response.clear, otherwise_held) for response in kept]
     lines = prepare_lines(cases)
+    distinct = sorted({response.setting for response in kept})
+    setting_of_response = np.array([distinct.index(response.setting) for response in kept])
+    order = setting_of_response / max(len(distinct) - 1, 1)  # settings are numbered as they were measured
+    lines = replace(lines, conditions=replace(lines.conditions, order=order))
     sizes = [case.frequency.size for case in cases]
     starts = np.r_[0, np.cumsum(sizes)[:-1]]
     line_of_value = np.concatenate(
@@ -265,14 +269,13 @@ def compare_responses(
     unlearnt = np.repeat([not spectrum.learnt for spectrum in spectra], sizes)
     points = list(dict.fromkeys(observation.response_point for observation in observed))
     point_of_line = np.repeat([points.index(observation.response_point) for observation in observed], sizes)
-    distinct = sorted({response.setting for response in kept})
-    setting_of_response = np.array([distinct.index(response.setting) for response in kept])
     setting = np.repeat(setting_of_response, sizes)[line_of_value]
     conditions = list({response.setting: response.observation.conditions for response in kept}.values())
     in_fold = [np.array([stated in fold for stated in conditions])[setting] for fold in held_out]
     channel = 2 * point_of_line[line_of_value] + imaginary
     held = np.any(in_fold, axis=0) if in_fold else np.zeros(setting.size, dtype=np.bool_)
     group = np.unique(np.column_stack([channel, frequency, held]), axis=0, return_inverse=True)[1].reshape(-1)
+    smeared = smearing(cases, [response.spread() for response in kept])
     return ResponsesComparison(
         layout=Layout(
             settings=tuple(setting_of(stated) for stated in conditions),
@@ -286,7 +289,7 @@ def compare_responses(
             held_out=tuple(in_fold),
         ),
         lines=lines,
-        smearing=smearing(cases, [response.spread() for response in kept]),
+        smearing=None if smeared is None else smeared.under(lines.conditions),
         measured=np.log(np.concatenate([response.response for response in kept])),
         line_of_value=line_of_value,
         imaginary=imaginary,

@@ -6,6 +6,7 @@ from monitor_core.models.extended.modes import natural_frequencies
 from monitor_core.models.extended.physics import (
     AddedPhysics,
     AxisPhysics,
+    AxisSetting,
     BodyPhysics,
     JointPhysics,
     ScrewPhysics,
@@ -16,6 +17,7 @@ from monitor_core.models.extended.responses import responses
 __all__ = [
     "AddedPhysics",
     "AxisPhysics",
+    "AxisSetting",
     "BodyPhysics",
     "ExtendedModel",
     "JointPhysics",

@@ -1,14 +1,14 @@
 """Compute the state of an axis under many conditions: position, moving mass, rigidity of the nut."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.physics import AxisPhysics
+from monitor_core.models.extended.physics import AxisPhysics, AxisSetting
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: The true preload may exceed a stated 10 % of the rating; it is searched up to this factor of it. [-]
@@ -25,6 +25,15 @@ class ConditionArrays:
     payload_mass: FloatArray  # [kg]
     temperature_deviation: FloatArray  # [K]
     excitation_level: FloatArray  # [N·m or N]
+    order: FloatArray  # share of the measurements that came before; 0 where nothing is known of it [-]
+
+    def at(self, cases: npt.NDArray[np.intp]) -> "ConditionArrays":
+        """Return the conditions of some cases."""
+        return ConditionArrays(*(getattr(self, item.name)[cases] for item in fields(self)))
+
+    def setting(self, case: int) -> AxisSetting:
+        """Return how the axis is set in one case."""
+        return AxisSetting(**{item.name: float(getattr(self, item.name)[case]) for item in fields(AxisSetting)})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +73,7 @@ def condition_arrays(conditions: Sequence[DriveConditions]) -> ConditionArrays:
         payload_mass=np.array([stated.payload_mass for stated in conditions]),
         temperature_deviation=np.array([stated.temperature_deviation for stated in conditions]),
         excitation_level=np.array([stated.excitation_level for stated in conditions]),
+        order=np.zeros(len(conditions)),
     )
 
 

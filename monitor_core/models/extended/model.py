@@ -1,7 +1,7 @@
 """Answer as a drive model: a published family, its parameters as physics of the drive, and the effects."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.ball_screw import BallScrew
+from monitor_core.models.extended.by_setting import axis_at
 from monitor_core.models.extended.closed_form import entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states, condition_arrays, end_masks
 from monitor_core.models.extended.lines import ResponseCase, prepare_lines
@@ -134,6 +135,9 @@ class ExtendedModel:
             raise OutsideValidityError(
                 f"normal modes cannot include {excluded[0]}; use the frequency response, or leave that effect out"
             )
+        if self.physics.by_setting:
+            here = axis_at(self.physics, condition_arrays([conditions]).setting(0))
+            return replace(self, physics=here).normal_modes(conditions, motor_end)
         end = motor_end or paper_motor_end(self.parameters)
         modes = drive_modes(self.physics, [conditions], [end], self.highest_frequency)
         table, motor, across = self._residues(modes.undamped_omega, conditions, end)

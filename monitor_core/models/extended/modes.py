@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended.by_setting import axis_at
 from monitor_core.models.extended.carried import own_frequencies
 from monitor_core.models.extended.closed_form import (
     EntireParts,
@@ -144,6 +145,8 @@ def drive_modes(
     """Return undamped natural frequencies and poles of all elastic modes; arguments as ``natural_frequencies``."""
     if not (math.isfinite(highest_frequency) and highest_frequency > 0.0):
         raise OutsideValidityError(f"highest_frequency must be positive and finite; got {highest_frequency} Hz")
+    if physics.by_setting:
+        return _modes_by_setting(physics, conditions, motor_ends, highest_frequency)
     states, ends = axis_states(physics, condition_arrays(conditions)), end_masks(motor_ends)
     undamped = Drives(with_damping(physics, 0.0), states, ends)
     omega, condition = _undamped(undamped, 2.0 * math.pi * highest_frequency)
@@ -151,6 +154,25 @@ def drive_modes(
     if omega.size and with_damping(physics, 0.0) != physics:
         pole = follow_damping(lambda share: Drives(with_damping(physics, share), states, ends), pole, condition)
     return DriveModes(condition, omega, 1j * pole)
+
+
+def _modes_by_setting(
+    physics: AxisPhysics,
+    conditions: Sequence[DriveConditions],
+    motor_ends: Sequence[MotorEnd],
+    highest_frequency: float,
+) -> DriveModes:
+    """Return the modes of an axis that is another one at each setting."""
+    settings = condition_arrays(conditions)
+    found = [
+        drive_modes(axis_at(physics, settings.setting(number)), [stated], [end], highest_frequency)
+        for number, (stated, end) in enumerate(zip(conditions, motor_ends, strict=True))
+    ]
+    return DriveModes(
+        np.concatenate([modes.condition + number for number, modes in enumerate(found)]),
+        np.concatenate([modes.undamped_omega for modes in found]),
+        np.concatenate([modes.pole for modes in found]),
+    )
 
 
 def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:

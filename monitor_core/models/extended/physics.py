@@ -5,6 +5,7 @@ its torsion gives. What none of them has stands in :class:`AddedPhysics` and is 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from monitor_core.errors import OutsideValidityError
@@ -154,6 +155,18 @@ class AddedPhysics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AxisSetting:
+    """How an axis is set while it is measured, as far as its physics may depend on it."""
+
+    position: float  # of the table from the fixed bearing [m]
+    preload: float = 0.0  # 0 where none is stated [N]
+    payload_mass: float = 0.0  # [kg]
+    temperature_deviation: float = 0.0  # [K]
+    excitation_level: float = 0.0  # [N·m or N]
+    order: float = 0.0  # share of the measurements that came before, 0 for the first to 1 for the last [-]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AxisPhysics:
     """An axis: its screw, its joints, its bodies, and what is added to them."""
 
@@ -161,6 +174,8 @@ class AxisPhysics:
     joints: JointPhysics
     bodies: BodyPhysics
     added: AddedPhysics = field(default_factory=AddedPhysics)
+    #: What depends on how the axis is set, in order: each returns the axis as it is there.
+    by_setting: "tuple[Callable[[AxisPhysics, AxisSetting], AxisPhysics], ...]" = ()
 
 
 def moving_mass(axis: AxisPhysics) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 
 from monitor_core.arrays import ComplexArray
 from monitor_core.models.extended.amplitude import linearise
+from monitor_core.models.extended.by_setting import axis_at, lines_by_setting
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states
 from monitor_core.models.extended.lines import PreparedLines
@@ -16,6 +17,8 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     ``OutsideValidityError`` if the physics does not go with a condition (position off the screw, preload and load
     rating, no mass left), or friction holds the table.
     """
+    if physics.by_setting:
+        return _by_setting(physics, lines)
     states = axis_states(physics, lines.conditions)
     drive = lines.drive
     path = path_of(entire_parts(physics, drive.omega, states.at(drive.case), drive.ends, drive.memory))
@@ -25,6 +28,15 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     _add_second_mode(values, physics, lines)
     values[lines.acceleration] *= -(lines.omega[lines.acceleration] ** 2)
     _through_the_channels(values, physics, lines)
+    return values
+
+
+def _by_setting(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
+    """Return the responses of an axis that is another one at each setting."""
+    values = np.empty(lines.omega.size, dtype=np.complex128)
+    for part in lines_by_setting(lines):
+        here = axis_at(physics, lines.conditions.setting(int(part.cases[0])))
+        values[part.place] = responses(here, part.under(lines.conditions))
     return values
 
 

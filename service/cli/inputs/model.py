@@ -5,7 +5,9 @@ from pathlib import Path
 
 import click
 
+from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.models import DriveModel
+from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.files import naming
 from monitor_core.recordings.model_file import read_model_file
 from service.cli.inputs.formats import model_at
@@ -25,10 +27,18 @@ class NumbersCommand(click.Command):
         return super().parse_args(ctx, list(_repeated(args, repeatable)))
 
 
-def built_model(path: Path) -> DriveModel:
+effects_option = click.option(
+    "--effects", "effects_path", type=click.Path(path_type=Path), metavar="FILE",
+    help="Python file that defines EFFECTS, of your own, which the model may state besides those of the product. It is "
+    "run.",
+)  # fmt: skip
+
+
+def built_model(path: Path, effects_path: Path | None = None) -> DriveModel:
     """Read a model file and build the model; what keeps it from being built is a fault of the file."""
+    own = () if effects_path is None else read_effect_file(effects_path)
     with naming(path.name):
-        return read_model_file(model_at(path)).build()
+        return read_model_file(model_at(path)).build((*DRIVE_EFFECTS, *own))
 
 
 def _repeated(args: list[str], repeatable: set[str]) -> Iterator[str]:

@@ -1,0 +1,109 @@
+r"""Let one quantity vary freely from setting to setting: what each setting would have, and what that would leave.
+
+A model with the quantity multiplied by :math:`e^\theta` is evaluated at a few θ for all settings at once. Of each
+setting this gives the misfit, whitened by its condition errors, as a function of its own θ: settings do not share
+anything else here. The quantity whose variation takes most of the misfit away says where something is missing; the
+values that it would need say how that behaves. (A random effect of the setting; the pulls of position, preload and
+gains are the special cases that every fit has.)
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import FloatArray, read_only
+from monitor_core.discrepancy.description.quantities import Quantity
+from monitor_core.effects import ConditionAxis
+from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import Setting
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+from monitor_core.models.extended import AxisPhysics, AxisSetting
+
+_COARSE = np.array([0.03, 0.07, 0.12, 0.2, 0.3, 0.45, 0.7, 1.1])
+#: A resonance of its own is narrow: of a damping ratio of a few per cent no step may lie far from the next.
+_FINE = np.concatenate([np.arange(0.015, 0.3, 0.015), [0.36, 0.44, 0.54]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeVariation:
+    """The misfit of each setting as a function of the quantity there."""
+
+    quantity: Quantity
+    ln_factor: FloatArray  # θ, rising, shape (n_values,)
+    cost: FloatArray  # χ² of each fitted setting at each θ, shape (n_settings, n_values)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ln_factor", read_only(self.ln_factor))
+        object.__setattr__(self, "cost", read_only(self.cost))
+
+    @property
+    def alike(self) -> float:
+        """χ² with the quantity as it is best for all settings alike."""
+        return float(np.min(np.sum(self.cost, axis=0)))
+
+    @property
+    def free(self) -> float:
+        """χ² with the quantity as it is best for each setting."""
+        return float(np.sum(np.min(self.cost, axis=1)))
+
+    def at(self, theta: FloatArray) -> FloatArray:
+        """Return χ² of all settings at values of each, of shape (…, n_settings); what lies beyond is as at the end."""
+        place = np.clip(np.searchsorted(self.ln_factor, theta) - 1, 0, self.ln_factor.size - 2)
+        low, high = self.ln_factor[place], self.ln_factor[place + 1]
+        share = np.clip((theta - low) / (high - low), 0.0, 1.0)
+        settings = np.arange(self.cost.shape[0])
+        cost = (1.0 - share) * self.cost[settings, place] + share * self.cost[settings, place + 1]
+        return np.asarray(np.sum(cost, axis=-1))
+
+
+def vary_freely(fitted: Fitted[AxisPhysics], quantity: Quantity) -> FreeVariation | None:
+    """Return what the settings that were fitted leave with a quantity of their own; None where there is no answer."""
+    steps = _FINE if quantity.is_frequency else _COARSE
+    grid, costs = np.concatenate([-steps[::-1], [0.0], steps]), []
+    here = fitted.physics()
+    for theta in grid:
+        costs.append((theta, _costs(fitted, quantity, here, theta)))
+    answered = [(theta, cost) for theta, cost in costs if cost is not None]
+    if len(answered) < 3:
+        return None
+    return FreeVariation(
+        quantity, np.array([theta for theta, _ in answered]), np.array([cost for _, cost in answered]).T
+    )
+
+
+def fitted_settings(fitted: Fitted[AxisPhysics]) -> tuple[AxisSetting, ...]:
+    """Return how the axis was set in each of the settings that were fitted, as stated."""
+    layout = fitted.comparison.layout
+    last = max(len(layout.settings) - 1, 1)
+    return tuple(_setting(layout.settings[number], number / last) for number in _numbers(fitted).tolist())
+
+
+def _setting(stated: Setting, order: float) -> AxisSetting:
+    values = stated.values
+    return AxisSetting(
+        position=values.get(ConditionAxis.POSITION, 0.0),
+        preload=values.get(ConditionAxis.PRELOAD, 0.0),
+        payload_mass=values.get(ConditionAxis.PAYLOAD, 0.0),
+        temperature_deviation=values.get(ConditionAxis.TEMPERATURE, 0.0),
+        excitation_level=values.get(ConditionAxis.LEVEL, 0.0),
+        order=order,
+    )
+
+
+def _numbers(fitted: Fitted[AxisPhysics]) -> npt.NDArray[np.intp]:
+    """Return which settings were fitted."""
+    return np.flatnonzero(np.logical_or.reduceat(fitted.fitted, fitted.around.whitened_by.starts))
+
+
+def _costs(fitted: Fitted[AxisPhysics], quantity: Quantity, here: AxisPhysics, theta: float) -> FloatArray | None:
+    record = getattr(here, quantity.record)
+    try:
+        moved = replace(record, **{quantity.field: np.exp(theta) * quantity.of(here)})
+        misfit = fitted.around.misfit(replace(here, **{quantity.record: moved}))
+    except OutsideValidityError:
+        return None
+    whitened_by = fitted.around.whitened_by
+    whitened = replace(whitened_by, common=None)(misfit)
+    of_settings = np.add.reduceat(np.where(fitted.fitted, whitened**2, 0.0), whitened_by.starts)
+    return np.asarray(of_settings[_numbers(fitted)])

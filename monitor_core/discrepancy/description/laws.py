@@ -1,0 +1,98 @@
+"""Find the law by which a quantity that varies from setting to setting follows how the axis is set."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor_core.arrays import FloatArray
+from monitor_core.discrepancy.description.free_variation import FreeVariation
+from monitor_core.effects.variation import Form, Law, Variable
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended import AxisSetting
+
+#: Levels of a variable that a form of one coefficient, and one of two, needs.
+_FEWEST_LEVELS = {Form.LINEAR: 2, Form.POWER: 3, Form.SATURATING: 3, Form.QUADRATIC: 4, Form.PERIODIC: 5}
+#: Coefficients that are tried; a refit finds what lies between them.
+_CHANGES = np.concatenate([-np.geomspace(0.02, 1.2, 14)[::-1], np.geomspace(0.02, 4.0, 16)])
+_EXPONENTS = np.concatenate([-np.geomspace(0.02, 1.5, 12)[::-1], np.geomspace(0.02, 1.5, 12)])
+_SECOND = np.concatenate([-np.geomspace(0.03, 1.0, 7)[::-1], [0.0], np.geomspace(0.03, 1.0, 7)])
+_HALF_AT = np.geomspace(0.1, 6.0, 7)
+_LEAST_FACTOR = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriedLaw:
+    """A law of a quantity, at the coefficients that leave least."""
+
+    variation: FreeVariation
+    law: Law
+    coefficients: tuple[float, ...]
+    cost: float  # χ² over the settings that were fitted
+
+
+def tried_laws(variation: FreeVariation, settings: tuple[AxisSetting, ...], lead: float) -> tuple[TriedLaw, ...]:
+    """Return every law that the settings could show, at its best coefficients, least χ² with its penalty first."""
+    found = [_best(variation, law, settings) for law in _laws(settings, lead)]
+    laws = [law for law in found if law is not None]
+    penalty = np.log(max(variation.cost.shape[0], 2))
+    return tuple(sorted(laws, key=lambda tried: tried.cost + penalty * len(tried.coefficients)))
+
+
+def _laws(settings: tuple[AxisSetting, ...], lead: float) -> Iterator[Law]:
+    for variable in Variable:
+        x = np.array([variable.of(setting) for setting in settings])
+        levels, span = np.unique(np.round(x, 9)).size, float(np.ptp(x))
+        if span <= 1e-6 * max(float(np.max(np.abs(x))), 1e-30):
+            continue
+        middle = float(np.median(x)) if variable is not Variable.ORDER else 0.0
+        for form, fewest in _FEWEST_LEVELS.items():
+            if levels < fewest:
+                continue
+            if form is Form.PERIODIC:
+                if variable is Variable.POSITION:
+                    yield Law(variable, form, 0.0, lead)
+            elif form in (Form.POWER, Form.SATURATING):
+                if variable in (Variable.EXCITATION, Variable.PRELOAD) and float(np.min(x)) > 0.0:
+                    yield Law(variable, form, middle, middle)
+            else:
+                yield Law(variable, form, middle, span)
+
+
+def _best(variation: FreeVariation, law: Law, settings: tuple[AxisSetting, ...]) -> TriedLaw | None:
+    """Return a law at the best of the coefficients that are tried, beside the best level of the quantity."""
+    x = np.array([law.variable.of(setting) for setting in settings])
+    combinations, factors = [], []
+    for coefficients in itertools.product(*_grids(law.form)):
+        factor = _factors(law, x, coefficients)
+        if factor is not None:
+            combinations.append(coefficients)
+            factors.append(factor)
+    if not factors:
+        return None
+    ln_factor = np.log(np.array(factors))
+    theta = variation.ln_factor[:, None, None] + ln_factor - np.mean(ln_factor, axis=1, keepdims=True)
+    cost = variation.at(theta)
+    best = int(np.argmin(np.min(cost, axis=0)))
+    return TriedLaw(variation, law, tuple(map(float, combinations[best])), float(np.min(cost)))
+
+
+def _factors(law: Law, x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray | None:
+    try:
+        factor = np.array([law.factor(value, coefficients) for value in x.tolist()])
+    except OutsideValidityError:
+        return None
+    return factor if float(np.min(factor)) > _LEAST_FACTOR else None
+
+
+def _grids(form: Form) -> tuple[FloatArray, ...]:
+    match form:
+        case Form.LINEAR:
+            return (_CHANGES,)
+        case Form.POWER:
+            return (_EXPONENTS,)
+        case Form.SATURATING:
+            return (_CHANGES, _HALF_AT)
+        case Form.QUADRATIC | Form.PERIODIC:
+            return (_SECOND, _SECOND)

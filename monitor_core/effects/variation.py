@@ -1,0 +1,175 @@
+r"""Effects by which one quantity of a drive follows how the axis is set, by a law of few coefficients.
+
+With x the variable, c the coefficients, and x̄ and X a reference and a scale that are part of the law, the quantity is
+multiplied by
+
+.. math::
+
+    1 + c_1 u,\quad 1 + c_1 u + c_2 u^2, \quad 1 + c_1 \cos 2\pi\frac{x}{X} + c_2 \sin 2\pi\frac{x}{X}, \quad
+    \left(\frac{x}{\bar x}\right)^{c_1}, \quad 1 + c_1 \frac{x}{x + c_2 X}, \qquad u = \frac{x - \bar x}{X}
+
+No physics stands behind such a law: it says what one would see, for an effect that no catalogue has.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from monitor_core.effects.effect import Effect, EffectParameter, changed
+from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended import AxisPhysics
+from monitor_core.models.extended.physics import AxisSetting
+
+#: What is left of a quantity at the least: less is no such axis. [-]
+_LEAST_FACTOR = 0.02
+
+
+class Variable(StrEnum):
+    """What a quantity may vary with, by its name in files."""
+
+    EXCITATION = "excitation"
+    POSITION = "position"
+    PRELOAD = "preload"
+    PAYLOAD = "payload"
+    TEMPERATURE = "temperature"
+    ORDER = "order"  # of the measurements
+
+    def of(self, setting: AxisSetting) -> float:
+        """Return its value at a setting, in SI units."""
+        return float(getattr(setting, _FIELDS[self]))
+
+
+_FIELDS = {
+    Variable.EXCITATION: "excitation_level",
+    Variable.POSITION: "position",
+    Variable.PRELOAD: "preload",
+    Variable.PAYLOAD: "payload_mass",
+    Variable.TEMPERATURE: "temperature_deviation",
+    Variable.ORDER: "order",
+}
+
+
+class Form(StrEnum):
+    """The forms of a law, in the order of the module's equation."""
+
+    LINEAR = "linear"
+    QUADRATIC = "quadratic"
+    PERIODIC = "periodic"
+    POWER = "power"
+    SATURATING = "saturating"
+
+
+def _change(name: str) -> EffectParameter:
+    return EffectParameter(name, "-", lower=-4.0, upper=4.0, scale=0.1, beyond=False)
+
+
+_PARAMETERS: Mapping[Form, tuple[EffectParameter, ...]] = {
+    Form.LINEAR: (_change("change"),),
+    Form.QUADRATIC: (_change("change"), _change("curvature")),
+    Form.PERIODIC: (_change("cosine"), _change("sine")),
+    Form.POWER: (_change("exponent"),),
+    Form.SATURATING: (
+        _change("change"),
+        EffectParameter("half_at", "-", lower=0.02, upper=20.0, scale=0.1, null=1.0, beyond=False),
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """What a quantity varies with, and by which form; coefficients are those of an effect."""
+
+    variable: Variable
+    form: Form
+    reference: float  # x̄, in SI units of the variable
+    scale: float  # X, likewise
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.reference) and math.isfinite(self.scale) and self.scale > 0.0):
+            raise OutsideValidityError(
+                f"a law needs a finite reference and a positive scale; got {self.reference} and {self.scale}"
+            )
+        if self.form is Form.POWER and not self.reference > 0.0:
+            raise OutsideValidityError(f"a power needs a positive reference; got {self.reference}")
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """The coefficients of the form."""
+        return _PARAMETERS[self.form]
+
+    def factor(self, x: float, coefficients: tuple[float, ...]) -> float:
+        """Return what the quantity is multiplied by; ``OutsideValidityError`` where hardly anything would be left."""
+        u = (x - self.reference) / self.scale
+        match self.form:
+            case Form.LINEAR:
+                factor = 1.0 + coefficients[0] * u
+            case Form.QUADRATIC:
+                factor = 1.0 + coefficients[0] * u + coefficients[1] * u * u
+            case Form.PERIODIC:
+                turn = 2.0 * math.pi * x / self.scale
+                factor = 1.0 + coefficients[0] * math.cos(turn) + coefficients[1] * math.sin(turn)
+            case Form.POWER:
+                factor = (x / self.reference) ** coefficients[0] if x > 0.0 else 1.0
+            case Form.SATURATING:
+                factor = 1.0 + coefficients[0] * x / (x + coefficients[1] * self.scale)
+        if not factor >= _LEAST_FACTOR:
+            raise OutsideValidityError(
+                f"a quantity must keep {_LEAST_FACTOR} of itself; got {factor:.3g} at a {self.variable} of {x:g}"
+            )
+        return factor
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """The ``add`` of such an effect: which quantity of which record of a drive follows which law."""
+
+    record: str
+    quantity: str
+    law: Law
+
+    def __call__(self, axis: AxisPhysics, values: Mapping[str, float]) -> AxisPhysics:
+        """Return the axis with the quantity following the law; at null values it is the same axis."""
+        items = self.law.parameters
+        if not any(values[item.name] for item in items if item.null == 0.0):
+            return axis
+        varied = _Varied(self, tuple(values[item.name] for item in items))
+        return replace(axis, by_setting=(*axis.by_setting, varied))
+
+    def is_of(self, axis: AxisPhysics) -> bool:
+        """Return whether the axis has such a quantity, and neither zero nor infinite."""
+        value = getattr(getattr(axis, self.record), self.quantity)
+        return bool(value) and math.isfinite(value)
+
+
+@dataclass(frozen=True, slots=True)
+class _Varied:
+    """An axis as it is at a setting, by a law and its coefficients."""
+
+    variation: Variation
+    coefficients: tuple[float, ...]
+
+    def __call__(self, axis: AxisPhysics, setting: AxisSetting) -> AxisPhysics:
+        record, quantity, law = self.variation.record, self.variation.quantity, self.variation.law
+        value = getattr(getattr(axis, record), quantity)
+        return changed(axis, record, **{quantity: law.factor(law.variable.of(setting), self.coefficients) * value})
+
+
+def varying(record: str, quantity: str, law: Law, *, key: str = "", name: str = "") -> Effect[AxisPhysics]:
+    """Return the effect by which a quantity of one of the records of a drive follows a law.
+
+    >>> from monitor_core.effects import Form, Law, Variable, varying
+    >>> softer = varying("joints", "nut_stiffness", Law(Variable.EXCITATION, Form.LINEAR, reference=0.15, scale=0.45))
+    >>> softer.key
+    'varying:joints_nut_stiffness_excitation_linear'
+    """
+    words, variation = quantity.replace("_", " "), Variation(record, quantity, law)
+    return Effect(
+        key=key or f"varying:{record}_{quantity}_{law.variable}_{law.form}",
+        name=name or f"The {words} varies with the {law.variable}",
+        physics=f"The {words} is another one at each {law.variable}, by a law of the form {law.form}.",
+        source="no source: a law that describes what was measured",
+        parameters=law.parameters,
+        add=variation,
+        applies=variation.is_of,
+    )

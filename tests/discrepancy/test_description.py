@@ -1,0 +1,71 @@
+"""What no catalogue names is described: by plants that share no formula with the models."""
+
+import pytest
+
+from monitor_core.discrepancy.description.describe import describe
+from monitor_core.effects import Variable
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.hold_out import fitted_values, gap_of
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.fitting.residuals.responses import compare_responses
+from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.models.families import build_model
+from monitor_core.recordings.effect_file import effect_file_text, read_effect_file
+from monitor_core.recordings.model_file import parse_model
+from tests.hidden_effects import cases, frf_file
+from tests.hidden_effects.truth import transmission_line
+
+
+def described(kind, size, seed):
+    """Return the case, what was said of it from the model as stated, and the fit before."""
+    case = cases.draw_case(kind, size, seed=seed, respond=transmission_line.respond)
+    measured = frf_file.observations(case)
+    file = parse_model(case.baseline, kind)
+    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
+    comparison = compare_responses(measured, held_out=default_folds(each.conditions for each in measured))
+    plain = Hypothesis(drive)
+    baseline = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
+    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
+    return case, describe(baseline, baseline, candidates, lambda _sentence: None), baseline
+
+
+@pytest.mark.slow
+def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_path):
+    """0.3 per metre about the middle of the screw; the law is written as an effect file and read back as it was."""
+    case, answer, before = described("outside:wandering-absorber", "large", 41)
+    found, truth = answer.described, case.truth["outside:wandering-absorber"]
+    assert (found.place, found.parameter, found.law.variable) == ("table", "frequency_hz", Variable.POSITION)
+    assert found.frequency_hz == pytest.approx(truth["frequency_hz"], rel=0.02)
+    assert found.mass_kg == pytest.approx(truth["mass_kg"], rel=0.05)
+    assert found.parameters["change"].estimate.value / found.law.scale == pytest.approx(0.3, rel=0.05)
+    held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
+    assert next(held_out) > 5.0 * before.comparison.noise_floor > 5.0 * next(held_out) / 1.2
+    (tmp_path / "mine.py").write_text(effect_file_text([found.effect]), encoding="utf-8")
+    (again,) = read_effect_file(tmp_path / "mine.py")
+    assert (again.key, again.name, again.add) == (found.effect.key, found.effect.name, found.effect.add)
+
+
+@pytest.mark.slow
+def test_a_nut_that_softens_is_described_at_the_nut():
+    _, answer, _ = described("outside:nut-softening", "large", 42)
+    found = answer.described
+    assert (found.place, found.law.variable) == ("nut", Variable.EXCITATION)
+    assert found.parameters[found.law.parameters[0].name].interval_95[1] < 0.0
+
+
+@pytest.mark.slow
+def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
+    """The rigidity of the nut goes with the cube root of its preload."""
+    case, answer, _ = described("outside:preload-drift", "large", 42)
+    found, lost = answer.described, case.truth["outside:preload-drift"]["share"]
+    assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.ORDER)
+    low, high = found.parameters["change"].interval_95
+    assert low < (1.0 - lost) ** (1.0 / 3.0) - 1.0 < high
+
+
+def test_a_healthy_axis_has_nothing_to_describe():
+    """Its settings differ by no more than their tolerances."""
+    _, answer, _ = described("none", "medium", 7)
+    assert answer is None
