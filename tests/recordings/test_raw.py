@@ -116,7 +116,7 @@ def test_a_truncated_archive_and_a_flipped_byte_are_refused(tmp_path):
     assert "expected a NumPy archive" in refusal(npz.read_channels, path)
     content[content.index(SAMPLES.tobytes())] ^= 1  # the archive's checksum sees it
     path.write_bytes(content)
-    assert "Bad CRC-32" in refusal(npz.read_channels, path)
+    assert "it is damaged or cut off" in refusal(npz.read_channels, path)
 
 
 # ---- MAT -----------------------------------------------------------------------------------------------------------

@@ -4,7 +4,11 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
+import numpy as np
+
+from monitor_core.arrays import SampleArray
 from monitor_core.errors import MonitorCoreError, RecordingFormatError
 
 #: Longest channel that is read: over an hour at 16 kHz. A header that promises more is refused before memory is given.
@@ -77,5 +81,29 @@ def refusing(where: str, expected: str) -> Iterator[None]:
     except MonitorCoreError:
         raise
     except Exception as error:  # see above: pyuff raises bare Exception, h5py half a dozen classes
-        reason = " ".join(str(error).split())[:200] or "no reason given"
-        raise RecordingFormatError(f"{where}: expected {expected}; got {type(error).__name__}: {reason}") from error
+        raise RecordingFormatError(f"{where}: expected {expected}; {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Say what keeps a file from being read: what a library calls it says nothing to whoever has the file."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return f"it cannot be read: {error.strerror}"
+    if isinstance(error, MemoryError):
+        return "it takes more memory than this machine has"
+    return "it is damaged or cut off: export it anew, or copy it again"
+
+
+def samples_at(file: BinaryIO, start: int, size: int, dtype: "np.dtype[np.generic]", where: str) -> SampleArray:
+    """Read so many samples from a byte on, in the byte order of this machine; the array cannot be written to.
+
+    ``where`` names file and place for the message. ``RecordingFormatError`` if the file ends before.
+    """
+    file.seek(start)
+    content = file.read(size * dtype.itemsize)
+    if len(content) != size * dtype.itemsize:
+        raise RecordingFormatError(f"{where}: expected {size} samples; the file ends before")
+    values: SampleArray = np.frombuffer(content, dtype)
+    if not dtype.isnative:
+        values = values.astype(dtype.newbyteorder("="))
+        values.setflags(write=False)
+    return values
