@@ -75,6 +75,27 @@ def propose_for_blanks(path: Path) -> TextLayout | None:
     return found.layout
 
 
+def propose_for_cells(rows: Sequence[Sequence[str]]) -> TextLayout | None:
+    """Propose where names, units and numbers stand in rows of cells, as of a sheet; ``None`` where none are numbers.
+
+    A row that fills less than half of the columns is a title.
+    """
+    width = max((len(row) for row in rows), default=0)
+    lines = [
+        "\t".join([*row, *[""] * (width - len(row))] if 2 * sum(map(bool, row)) >= width else [" ".join(row)])
+        for row in rows
+    ]
+    reading = _reading(lines, "tab", "point")
+    if reading is None:
+        return None
+    header, units = _heads(lines, reading)
+    return TextLayout(
+        header_row=0 if header is None else header + 1,
+        unit_row=None if units is None else units + 1,
+        first_row=reading.begin + 1,
+    )
+
+
 def _proposal(path: Path) -> Proposal | None:
     """Return a layout and in what it is not plain, which may be nothing; ``None`` for exports of known programs."""
     head = _head(path)
