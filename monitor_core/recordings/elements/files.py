@@ -1,5 +1,6 @@
 """Check a file before it is read, and turn errors of file libraries into one sentence."""
 
+import codecs
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,8 @@ from monitor_core.errors import MonitorCoreError, RecordingFormatError
 
 #: Longest channel that is read: over an hour at 16 kHz. A header that promises more is refused before memory is given.
 MAX_SAMPLES = 2**26
+#: At least one letter of so many bytes of a table in UTF-16 has a zero half: digits, signs and separators have.
+_LETTERS_WITHOUT = 3
 
 
 def require_file(path: Path) -> Path:
@@ -40,6 +43,20 @@ def read_text(path: Path) -> str:
         raise RecordingFormatError(
             f"{path.name}: expected UTF-8 text; byte {error.start} is {error.object[error.start]:#04x}"
         ) from error
+
+
+def utf16_codec(head: bytes) -> str | None:
+    """Return by which codec the beginning of a text in UTF-16 is read; None for anything else.
+
+    Without a byte order mark it shows in the zero bytes: those of one half of the letters, and none of the other.
+    """
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    halves = head[: len(head) // 2 * 2]
+    first, second = halves[0::2].count(0), halves[1::2].count(0)
+    if not halves or max(first, second) * _LETTERS_WITHOUT < len(halves) or min(first, second) > 0:
+        return None
+    return "utf-16-le" if second else "utf-16-be"
 
 
 def parse_toml(text: str, where: str, expected: str) -> dict[str, object]:

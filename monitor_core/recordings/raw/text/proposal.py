@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.files import require_file
+from monitor_core.recordings.elements.files import require_file, utf16_codec
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw.text import csv_samples, lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.text.layout import SEPARATORS, TextLayout
@@ -20,7 +20,6 @@ _MOST_ROWS = 400
 _MOST_CELLS = 20_000  # looked at for each way to write a table
 _FEWEST_ROWS = 2
 _BOM_8 = b"\xef\xbb\xbf"
-_BOMS_16 = (b"\xff\xfe", b"\xfe\xff")
 #: The errors of a spreadsheet (#NV, #N/A, #DIV/0!, #WERT!) begin no comment: they stand for a missing number.
 _COMMENT = re.compile(r"#+(?!N/?[AV]\b|(?:NUM|DIV/0|REF|VALUE|NAME|WERT|ZAHL|BEZUG)[!?])|%+|//|!|\*+|;(?=\s*\D)")
 _WORD = re.compile(r"[^\W\d_][^\s;,\t]{0,19}")
@@ -166,7 +165,7 @@ def _head(path: Path) -> bytes:
 
 
 def _encoding(path: Path, head: bytes) -> str:
-    if head.startswith(_BOMS_16) or (len(head) > 3 and head[1::2].count(0) > len(head) // 3):
+    if utf16_codec(head) is not None:
         return "utf-16"
     if head.count(0):
         raise RecordingFormatError(f"{path.name}: expected text; byte {head.index(0)} is 0x00")
