@@ -1,7 +1,7 @@
 """Find peaks that stand out of their surroundings.
 
 ``scipy.signal.find_peaks`` answers the same, but it takes half a second to import, half the start of a command, and
-nothing else in measuring modes needs it. ``tests/modal/test_peaks.py`` compares the two.
+nothing else in measuring modes needs it. ``tests/modal/test_prominence.py`` compares the two.
 """
 
 from collections.abc import Sequence

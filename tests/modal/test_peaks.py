@@ -1,32 +1,56 @@
-"""Peaks and their prominences are those of SciPy, whatever the values are."""
+"""Candidates: what is a peak, and what is chance."""
 
 import numpy as np
 import pytest
 import scipy.signal
 
-from monitor_core.arrays import FloatArray
-from monitor_core.modal.peaks import prominent_peaks
+from monitor_core.errors import OutsideValidityError
+from monitor_core.modal import candidate_peaks
+from monitor_core.response import FrequencyResponse
+from monitor_core.spectral import band_spectra, cross_spectra, estimate_frf
 
-_RNG = np.random.default_rng(7)
-_CASES = {
-    "noise": _RNG.standard_normal(801),
-    "walk": np.cumsum(_RNG.standard_normal(801)),
-    "levels, so that many neighbours and many peaks are equal": np.round(_RNG.standard_normal(801)),
-    "rising": np.arange(9.0),
-    "flat": np.zeros(9),
-    "flat top of two": np.array([0.0, 1.0, 1.0, 0.5, 1.0, 0.0]),
-    "flat to the end": np.array([0.0, 1.0, 1.0]),
-    "a line without response": np.array([-np.inf, 1.0, 0.0, 2.0, -np.inf]),
-    "two values": np.array([1.0, 0.0]),
-    "one value": np.array([1.0]),
-    "none": np.empty(0),
-}
+RATE, N_SAMPLES = 1000.0, 1000
+BAND = (100.0, 300.0)
 
 
-@pytest.mark.parametrize("values", list(_CASES.values()), ids=list(_CASES))
-@pytest.mark.parametrize("least", [0.0, 0.1, 2.5])
-def test_peaks_and_prominences_are_those_of_scipy(values: FloatArray, least: float) -> None:
-    expected, properties = scipy.signal.find_peaks(values, prominence=least)
-    peaks, prominences = prominent_peaks(values, least)
-    np.testing.assert_array_equal(peaks, expected)
-    np.testing.assert_array_equal(prominences, properties["prominences"])
+def measured(rng, modes, n_windows, noise):
+    x = rng.standard_normal(N_SAMPLES * (n_windows + 1))
+    y = np.zeros_like(x)
+    for frequency, damping in modes:
+        w = 2 * np.pi * frequency
+        b, a, _ = scipy.signal.cont2discrete(([1.0, 0, 0], [1, 2 * damping * w, w * w]), 1.0 / RATE)
+        y += scipy.signal.lfilter(b.ravel(), a, x)
+    y += noise * rng.standard_normal(x.size)
+    shape = (n_windows, N_SAMPLES)
+    pair = (x[N_SAMPLES:].reshape(shape), y[N_SAMPLES:].reshape(shape))
+    return estimate_frf(cross_spectra(band_spectra(*pair, RATE, (50.0, 400.0))), quantity="accelerance")
+
+
+def test_two_modes_are_the_two_highest_candidates():
+    frf = measured(np.random.default_rng(1), [(150.0, 0.01), (240.0, 0.015)], 30, noise=0.5)
+    found = candidate_peaks(frf, BAND)
+    # Peak bin: within half a half-power bandwidth.
+    assert sorted(c.frequency for c in found[:2]) == [pytest.approx(150.0, abs=1.5), pytest.approx(240.0, abs=3.6)]
+    assert [c.amplitude for c in found] == sorted((c.amplitude for c in found), reverse=True)
+    for candidate, damping in zip(sorted(found[:2], key=lambda c: c.frequency), (0.01, 0.015), strict=True):
+        # A rough start, from whole lines of 1 Hz: within a factor of two.
+        assert damping / 2 < candidate.damping_ratio < damping * 2
+
+
+def test_peaks_outside_the_band_are_none():
+    frf = measured(np.random.default_rng(2), [(150.0, 0.01)], 30, noise=0.05)
+    assert all(180.0 <= c.frequency <= 300.0 for c in candidate_peaks(frf, (180.0, 300.0)))
+    assert candidate_peaks(frf, (500.0, 600.0)) == ()
+
+
+def test_unrelated_channels_hardly_ever_have_a_candidate():
+    # At most one band in twenty, by the level of significance; 60 bands, so 3 ± 1.7.
+    rng = np.random.default_rng(3)
+    found = [len(candidate_peaks(measured(rng, [], 15, noise=1.0), BAND)) for _ in range(60)]
+    assert np.sum(np.array(found) > 0) <= 7
+
+
+def test_one_average_has_no_candidates_to_offer():
+    f = np.arange(100.0, 200.0)
+    with pytest.raises(OutsideValidityError, match="at least 2 averages"):
+        candidate_peaks(FrequencyResponse(f, 1.0 / (150.0**2 - f**2 + 3j * f), "accelerance"), BAND)
