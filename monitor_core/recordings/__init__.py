@@ -35,6 +35,33 @@ if TYPE_CHECKING:
     from monitor_core.recordings.session_hdf5 import read_session as read_session
     from monitor_core.recordings.session_hdf5 import write_session as write_session
 
+__all__ = [
+    "Channel",
+    "ChannelMap",
+    "Channels",
+    "FileReport",
+    "ImportedSession",
+    "ModalRow",
+    "SessionReader",
+    "check_file",
+    "import_session",
+    "open_session",
+    "read_calibration",
+    "read_channel_map",
+    "read_channels",
+    "read_frf_set",
+    "read_modal_table",
+    "read_model_file",
+    "read_motion_record",
+    "read_session",
+    "write_calibration",
+    "write_frf_set",
+    "write_modal_table",
+    "write_model_file",
+    "write_motion_record",
+    "write_session",
+]
+
 _HOMES = {
     "monitor_core.recordings.calibration_file": (
         "read_calibration",
