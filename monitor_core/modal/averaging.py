@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.signal
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal.gates import ModeGate
+from monitor_core.modal.peaks import prominent_peaks
 from monitor_core.modal.refine import ModeFit, fit_modes, window_misfit
 from monitor_core.recording import Rejection, RejectionReason
 from monitor_core.response import FrequencyResponse
@@ -60,10 +60,10 @@ def candidate_peaks(frf: FrequencyResponse, band: tuple[float, float]) -> tuple[
     inside = np.arange(max(inside[0] - 1, 0), min(inside[-1] + 2, frf.frequency.size)) if inside.size else inside
     frequency, coherence = frf.frequency[inside], frf.coherence[inside]
     log_magnitude = np.log(np.abs(frf.response[inside]))
-    peaks, properties = scipy.signal.find_peaks(log_magnitude, prominence=_LEAST_PROMINENCE)
+    peaks, prominences = prominent_peaks(log_magnitude, _LEAST_PROMINENCE)
     significant = significance_level(frf.n_averages, false_alarm_probability=0.05 / max(inside.size, 1))
     found = []
-    for i, prominence in zip(peaks, properties["prominences"], strict=True):
+    for i, prominence in zip(peaks, prominences, strict=True):
         if coherence[i] > significant and prominence > _RIPPLE * random_error(coherence[i], frf.n_averages):
             found.append(
                 Candidate(

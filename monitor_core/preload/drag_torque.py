@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from monitor_core.arrays import FloatArray
 from monitor_core.recording import ExcitationQuantity, Rejection, RejectionReason, Window
@@ -134,6 +133,11 @@ def velocities_of(windows: Sequence[Window]) -> list[FloatArray | None]:
         if window.position_trace is not None and window.n_samples >= shortest and _span(window.sample_rate) >= 3:
             alike.setdefault((window.sample_rate, window.n_samples), []).append(number)
     found: list[FloatArray | None] = [None] * len(windows)
+    if not alike:
+        return found
+    # imported here: it takes half a second, and windows without a position trace do without it
+    from scipy import signal  # noqa: PLC0415
+
     for (rate, _), numbers in alike.items():
         traces = np.array([windows[number].position_trace for number in numbers])
         slopes = signal.savgol_filter(traces, _span(rate), polyorder=1, deriv=1, delta=1.0 / rate)

@@ -2,20 +2,38 @@
 
 Nothing is guessed: no default unit, no default sampling rate, no time without a zone. What does not fit is refused with
 one sentence (:class:`monitor_core.errors.RecordingFormatError`): what was expected, what was got, where.
-``docs/reference/recordings.md`` shows each format with an example.
+``docs/reference/recordings.md`` shows each format with an example. The names
+below are imported from their modules when they are first used: a format pays for what it needs alone.
 """
 
-from monitor_core.recordings.calibration_file import read_calibration, write_calibration
-from monitor_core.recordings.check import FileReport, check_file
-from monitor_core.recordings.frf_set import read_frf_set, write_frf_set
-from monitor_core.recordings.modal_csv import ModalRow, read_modal_table, write_modal_table
-from monitor_core.recordings.model_file import read_model_file, write_model_file
-from monitor_core.recordings.motion_csv import read_motion_record, write_motion_record
-from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.mapping.channel_map import ChannelMap, read_channel_map
-from monitor_core.recordings.raw.mapping.imported import ImportedSession, import_session
-from monitor_core.recordings.session_hdf5 import SessionReader, open_session, read_session, write_session
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from monitor_core.recordings.calibration_file import read_calibration as read_calibration
+    from monitor_core.recordings.calibration_file import write_calibration as write_calibration
+    from monitor_core.recordings.check import FileReport as FileReport
+    from monitor_core.recordings.check import check_file as check_file
+    from monitor_core.recordings.frf_set import read_frf_set as read_frf_set
+    from monitor_core.recordings.frf_set import write_frf_set as write_frf_set
+    from monitor_core.recordings.modal_csv import ModalRow as ModalRow
+    from monitor_core.recordings.modal_csv import read_modal_table as read_modal_table
+    from monitor_core.recordings.modal_csv import write_modal_table as write_modal_table
+    from monitor_core.recordings.model_file import read_model_file as read_model_file
+    from monitor_core.recordings.model_file import write_model_file as write_model_file
+    from monitor_core.recordings.motion_csv import read_motion_record as read_motion_record
+    from monitor_core.recordings.motion_csv import write_motion_record as write_motion_record
+    from monitor_core.recordings.raw.channels import Channel as Channel
+    from monitor_core.recordings.raw.channels import Channels as Channels
+    from monitor_core.recordings.raw.formats import read_channels as read_channels
+    from monitor_core.recordings.raw.mapping.channel_map import ChannelMap as ChannelMap
+    from monitor_core.recordings.raw.mapping.channel_map import read_channel_map as read_channel_map
+    from monitor_core.recordings.raw.mapping.imported import ImportedSession as ImportedSession
+    from monitor_core.recordings.raw.mapping.imported import import_session as import_session
+    from monitor_core.recordings.session_hdf5 import SessionReader as SessionReader
+    from monitor_core.recordings.session_hdf5 import open_session as open_session
+    from monitor_core.recordings.session_hdf5 import read_session as read_session
+    from monitor_core.recordings.session_hdf5 import write_session as write_session
 
 __all__ = [
     "Channel",
@@ -43,3 +61,61 @@ __all__ = [
     "write_motion_record",
     "write_session",
 ]
+
+_HOMES = {
+    "monitor_core.recordings.calibration_file": (
+        "read_calibration",
+        "write_calibration",
+    ),
+    "monitor_core.recordings.check": (
+        "FileReport",
+        "check_file",
+    ),
+    "monitor_core.recordings.frf_set": (
+        "read_frf_set",
+        "write_frf_set",
+    ),
+    "monitor_core.recordings.modal_csv": (
+        "ModalRow",
+        "read_modal_table",
+        "write_modal_table",
+    ),
+    "monitor_core.recordings.model_file": (
+        "read_model_file",
+        "write_model_file",
+    ),
+    "monitor_core.recordings.motion_csv": (
+        "read_motion_record",
+        "write_motion_record",
+    ),
+    "monitor_core.recordings.raw.channels": (
+        "Channel",
+        "Channels",
+    ),
+    "monitor_core.recordings.raw.formats": ("read_channels",),
+    "monitor_core.recordings.raw.mapping.channel_map": (
+        "ChannelMap",
+        "read_channel_map",
+    ),
+    "monitor_core.recordings.raw.mapping.imported": (
+        "ImportedSession",
+        "import_session",
+    ),
+    "monitor_core.recordings.session_hdf5": (
+        "SessionReader",
+        "open_session",
+        "read_session",
+        "write_session",
+    ),
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME_OF})

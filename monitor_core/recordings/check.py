@@ -3,7 +3,7 @@
 import ast
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -13,12 +13,10 @@ from monitor_core.recordings.elements.files import read_text
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.modal_csv import ModalRow, read_modal_table
 from monitor_core.recordings.raw import inspection
-from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.formats import read_channels
-from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.mapping.map_proposal import made_of
-from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,
@@ -49,6 +47,8 @@ class FileReport:
     """What a file is, whether it holds to its format, each thing that does not fit in one sentence, and who takes it.
 
     ``contents`` are facts by name, as numbers, texts and tuples of them; ``doubts`` are about a file that is valid.
+    ``read`` is what was read of a raw file or a motion record: whoever draws it, or writes a map for it, need not read
+    it again.
     """
 
     format: str
@@ -59,6 +59,7 @@ class FileReport:
     doubts: tuple[str, ...] = ()
     uses: tuple[Use, ...] = ()
     next_step: str = ""
+    read: AsProposed | None = field(default=None, repr=False, compare=False)
 
     @property
     def usable_by(self) -> tuple[str, ...]:
@@ -166,7 +167,8 @@ def _settings_of(rows: Sequence[ModalRow]) -> Settings:
 
 def _look_at_motion(name: str, path: Path) -> FileReport:
     record = motion_csv.read_motion_record(path)
-    channels = inspection.summaries_of(read_channels(path))
+    read = AsProposed(read_channels(path), None)
+    channels = inspection.summaries_of(read.channels)
     contents = [
         ("samples", int(record.position.size)),
         ("sample_rate_hz", record.sample_rate),
@@ -174,18 +176,19 @@ def _look_at_motion(name: str, path: Path) -> FileReport:
     ]
     uses = usability.uses_of(name, path)
     next_step = usability.next_step(name, path, uses)
-    return FileReport(name, True, (), channels, tuple(contents), _doubts(channels), uses, next_step)
+    return FileReport(name, True, (), channels, tuple(contents), _doubts(channels), uses, next_step, read)
 
 
 def _look_at_raw(name: str, path: Path) -> FileReport:
-    read, layout = inspection.read_as_proposed(path, name)
-    channels = inspection.summaries_of(read)
-    uses = usability.uses_of(name, path, made_of(read))
+    read = inspection.read_as_proposed(path, name)
+    channels = inspection.summaries_of(read.channels)
+    uses = usability.uses_of(name, path, made_of(read.channels))
     next_step = usability.next_step(name, path, uses)
-    return FileReport(name, True, (), channels, _contents_of_raw(read, layout), _doubts(channels), uses, next_step)
+    return FileReport(name, True, (), channels, _contents_of_raw(read), _doubts(channels), uses, next_step, read)
 
 
-def _contents_of_raw(read: Channels, layout: TextLayout | None) -> tuple[tuple[str, object], ...]:
+def _contents_of_raw(as_proposed: AsProposed) -> tuple[tuple[str, object], ...]:
+    read, layout = as_proposed.channels, as_proposed.layout
     responses = tuple(f"{each.name}: {inspection.response_remark(each)}" for each in read.responses)
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
     if texts := columns_of_texts(read):

@@ -43,8 +43,8 @@ from pathlib import Path
 from typing import Any
 
 from monitor_core.effects import Effect, Variation
-from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.files import naming, read_text, refusing
+from monitor_core.errors import MonitorCoreError, RecordingFormatError
+from monitor_core.recordings.elements.files import naming, read_text
 
 
 def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
@@ -56,8 +56,15 @@ def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
     """
     text = read_text(path)
     namespace: dict[str, object] = {"__name__": path.stem, "__file__": str(path)}
-    with naming(path.name), refusing(path.name, "a Python file of effects"):
-        exec(compile(text, path.name, "exec"), namespace)  # noqa: S102 what the user gives is the user's own program
+    try:
+        with naming(path.name):
+            exec(compile(text, path.name, "exec"), namespace)  # noqa: S102 what the user gives is the user's own program
+    except MonitorCoreError:
+        raise
+    except Exception as error:  # whatever the program of the user raises; its name tells him where to look
+        raise RecordingFormatError(
+            f"{path.name}: expected a Python file of effects; got {type(error).__name__}: {error}"
+        ) from error
     if "EFFECTS" not in namespace:
         raise RecordingFormatError(f"{path.name}: expected a definition of EFFECTS, a tuple of effects; it is missing")
     effects = namespace["EFFECTS"]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings import motion_csv
-from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.elements.files import refusing, require_file, utf16_codec
 from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5
 
 SESSION, FRF_SET, MODAL_TABLE, MOTION_RECORD = "preload-session", "preload-frf-set", "modal-table", "motion-record"
@@ -245,8 +245,8 @@ def _advice(name: str, got: str, expected: tuple[str, ...]) -> str:
 
 def _text(head: bytes) -> str | None:
     """Return the beginning of a file as text, or None if it is none; a letter cut in two at the end is left out."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        text = head[: len(head) // 2 * 2].decode("utf-16", "replace")
+    if (codec := utf16_codec(head)) is not None:
+        text = head[: len(head) // 2 * 2].decode(codec, "replace")
         return None if "\x00" in text else text
     if b"\x00" in head:
         return None

@@ -21,7 +21,7 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.fields import Fields, format_instant
-from monitor_core.recordings.elements.files import naming, refusing
+from monitor_core.recordings.elements.files import naming, refusing, samples_at
 from monitor_core.recordings.elements.hdf5 import (
     Column,
     attributes,
@@ -65,6 +65,7 @@ class SessionReader:
     _names_of: Mapping[str, tuple[str, ...]]  # measurement → group names of its windows, in time order
     _starts: Mapping[str, datetime]  # by the names of the groups
     _windows: "h5py.Group"
+    _raw: BinaryIO  # the same file
     _where: str
     _index: SessionIndex | None
     _compared: bool
@@ -95,7 +96,13 @@ class SessionReader:
             fields, columns = attributes_at(group, _WINDOW_ATTRIBUTES, where), _columns(group, where)
             if self._index is not None:
                 _require_agreement(self._index, name, fields, columns)
-            return _window(fields, [cast(SampleArray, c.values()) for c in columns.values()], *frame)
+            return _window(fields, [self._samples(c, f"{where}/{name}") for name, c in columns.items()], *frame)
+
+    def _samples(self, column: Column, where: str) -> SampleArray:
+        """Read a channel: from the file where it lies there as it is, which takes a fifth of the way through HDF5."""
+        if column.start is None:
+            return cast(SampleArray, column.values())
+        return samples_at(self._raw, column.start, column.size, column.dtype, where)
 
     def _group(self, name: str) -> "h5py.h5g.GroupID":
         import h5py  # noqa: PLC0415
@@ -186,6 +193,7 @@ def _session_reader(file: "h5py.File", raw: BinaryIO, where: str, *, compared: b
         _names_of=_names_by_measurement(measurement_of),
         _starts=starts,
         _windows=windows.folder,
+        _raw=raw,
         _where=where,
         _index=index,
         _compared=compared,
@@ -226,7 +234,7 @@ def _require_same(indexed: Fields, stated: Fields, names: frozenset[str]) -> Non
 def _require_agreement(index: SessionIndex, name: str, fields: Fields, columns: Mapping[str, Column]) -> None:
     """Refuse an index that says otherwise than a window."""
     _require_same(index.fields(name, fields.where), fields, _WINDOW_ATTRIBUTES)
-    stored = {channel: (c.stored.get_offset(), c.size, c.dtype.str) for channel, c in columns.items()}
+    stored = {channel: (c.start, c.size, c.dtype.str) for channel, c in columns.items()}
     if stored != index.places(name, fields.where):
         raise RecordingFormatError(f"{fields.where}: expected its samples where the index of the session says")
 

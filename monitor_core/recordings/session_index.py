@@ -19,6 +19,7 @@ import numpy as np
 from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.fields import Fields, json_object, json_table
+from monitor_core.recordings.elements.files import samples_at
 
 if TYPE_CHECKING:
     import h5py
@@ -62,13 +63,7 @@ class SessionIndex:
     def samples(self, place: tuple[int, int, str], where: str) -> SampleArray:
         """Read the samples of a channel; the array cannot be written to."""
         start, size, code = place
-        n_bytes = size * np.dtype(code).itemsize
-        self._file.seek(start)
-        content = self._file.read(n_bytes)
-        if len(content) != n_bytes:
-            raise RecordingFormatError(f"{where}: expected {size} samples; the file ends before")
-        values: SampleArray = np.frombuffer(content, code)
-        return values
+        return samples_at(self._file, start, size, np.dtype(code), where)
 
 
 def row_of(group: "h5py.Group", stated: Mapping[str, object]) -> dict[str, object]:

@@ -16,24 +16,13 @@ from service.api.http.body import JSON_TYPE, MOST_WINDOWS, MSGPACK_TYPE, parse_b
 from service.api.http.samples import Samples
 from service.api.services import Services, services
 from service.json_types import JsonObject
-from service.operations.fields import (
-    AxisId,
-    Label,
-    Moment,
-    Payload,
-    Position,
-    PositionSpan,
-    RequestModel,
-    SampleRate,
-    SetPreload,
-    Temperature,
-)
+from service.operations.fields import AxisId, RequestModel, StatedOfWindow
 from service.operations.monitoring.intake.batch import IngestReceipt, WindowStatus
 
 router = APIRouter(prefix="/v1", tags=["windows"])
 
 
-class WindowIn(RequestModel):
+class WindowIn(StatedOfWindow):
     """One window, as an acquisition system sends it. Names and units are those of the session file."""
 
     model_config = ConfigDict(
@@ -44,11 +33,6 @@ class WindowIn(RequestModel):
         }
     )
 
-    started_at: Moment
-    measurement: Annotated[Label, Field(description="windows that share it are averaged")]
-    sample_rate_hz: SampleRate
-    position_mm: Position
-    position_span_mm: PositionSpan
     excitation: Samples
     response: Samples
     excitation_quantity: Literal["torque", "force"] = "torque"
@@ -58,11 +42,6 @@ class WindowIn(RequestModel):
     response_unit: Literal["m/s2"]
     position_trace_m: Samples | None = None
     direction: Literal["+", "-", "both"] = "both"
-    payload_kg: Payload | None = None
-    temperature_c: Temperature | None = None
-    preload_n: SetPreload | None = Field(
-        default=None, description="only where it was set on purpose, as in a calibration"
-    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -12,11 +12,12 @@ import numpy as np
 from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.channels import Channel
-from monitor_core.recordings.raw.inspection import ChannelSummary, read_as_proposed
-from monitor_core.recordings.raw.mapping.map_proposal import FILL_IN, map_text
+from monitor_core.recordings.raw.inspection import ChannelSummary
+from monitor_core.recordings.raw.mapping.map_proposal import FILL_IN, proposed_map
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
 from service.cli.output import json_option, print_json, print_line, print_table
+from service.cli.targets import require_target
 from service.json_types import Json, JsonObject
 
 _TERMINAL = "-"
@@ -44,7 +45,7 @@ class _CheckCommand(click.Command):
 @click.command(cls=_CheckCommand)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "--write-map", "map_path", type=click.Path(path_type=Path, dir_okay=False), metavar="MAP",
+    "--write-map", "map_path", type=click.Path(path_type=Path), metavar="MAP",
     help="Write a channel map for a raw file, to fill in: what is proposed and what is missing is marked.",
 )  # fmt: skip
 @click.option(
@@ -60,16 +61,19 @@ def check(context: click.Context, file: Path, map_path: Path | None, plot: str |
     raw file (TDMS, MAT, CSV, …).
     """
     page = _page_of(file, plot)
-    _require_writable(map_path, page, as_json=as_json, in_terminal=plot == _TERMINAL)
+    if as_json and plot == _TERMINAL:
+        raise click.UsageError("--json prints one document and nothing else; give --plot the name of a page")
+    require_target(map_path, "channel map", inputs=[file], replaces=False)
+    require_target(page, "page", inputs=[file])
     report = check_file(file)
     written = []
     if report.valid and map_path is not None:
-        if not report.usable_with_map:
+        if report.read is None or not report.usable_with_map:
             kind = KINDS[report.format].what
             raise click.UsageError(
                 f"--write-map goes with a raw file; got {kind}, which needs no map: {report.next_step}"
             )
-        map_path.write_text(map_text(file), encoding="utf-8")
+        map_path.write_text(proposed_map(report.read.channels, report.read.layout), encoding="utf-8")
         written.append(map_path)
     if report.valid and plot is not None:
         written += _plotted(file, report, page)
@@ -92,19 +96,6 @@ def _page_of(file: Path, plot: str | None) -> Path | None:
     return Path(plot) if plot else Path(f"{file.resolve().name}.html")
 
 
-def _require_writable(map_path: Path | None, page: Path | None, *, as_json: bool, in_terminal: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    if as_json and in_terminal:
-        raise click.UsageError("--json prints one document and nothing else; give --plot the name of a page")
-    for path in (map_path, page):
-        if path is not None and not path.parent.is_dir():
-            raise click.UsageError(f"cannot write {path}: folder {path.parent} does not exist")
-    if map_path is not None and map_path.exists():
-        raise click.UsageError(
-            f"cannot write {map_path}: it is already there, perhaps filled in; give another name or remove it"
-        )
-
-
 def _plotted(file: Path, report: FileReport, page: Path | None) -> list[Path]:
     """Draw the channels of a file into its page, or into the terminal where it has none."""
     # imported here: drawing brings along what the other reports need
@@ -122,9 +113,11 @@ def _plotted(file: Path, report: FileReport, page: Path | None) -> list[Path]:
 
 
 def _channels(file: Path, report: FileReport) -> Sequence[Channel]:
-    if not report.channels:
+    if report.format == SESSION:
+        return _channels_of_session(file)
+    if report.read is None or not report.channels:
         raise click.UsageError(f"--plot draws channels; {file.name} is {KINDS[report.format].what}, which has none")
-    return _channels_of_session(file) if report.format == SESSION else read_as_proposed(file, report.format)[0].channels
+    return report.read.channels.channels
 
 
 def _channels_of_session(file: Path) -> Sequence[Channel]:

@@ -30,14 +30,9 @@ from service.cli.inputs.raw import (
     frf_set_of,
     map_option,
     motion_of,
-    responses_of_data,
 )
-from service.cli.inputs.session import (
-    accelerometer_option,
-    axis_settings,
-    band_option,
-    require_session,
-)
+from service.cli.inputs.responses import accelerometer_option, require_session, responses_of_data
+from service.cli.inputs.session import axis_settings, band_option
 from service.cli.inputs.tolerances import tolerance_options, tolerances_of
 from service.cli.output import json_option, print_json, print_line, print_table, progress_bar
 from service.cli.targets import require_target, require_target_folder

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,7 +11,6 @@ from monitor_core.recording import ExcitationQuantity, Rejection
 from monitor_core.recordings.calibration_file import EXCITATION_LEVEL_UNITS
 from monitor_core.recordings.elements.units import to_millimetres
 from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT
-from monitor_core.response_modes import ModesAtConditions, modes_by_conditions
 from monitor_core.session import (
     MeasuredModes,
     SessionMeasurement,
@@ -23,6 +23,9 @@ from service.cli.inputs.session import axis_settings, band_option
 from service.cli.output import json_option, print_json, print_table
 from service.documents.measurement import modal_document, refusal_document
 from service.json_types import JsonObject
+
+if TYPE_CHECKING:
+    from monitor_core.response_modes import ModesAtConditions
 
 _MOST_MODES = 30
 
@@ -140,6 +143,9 @@ def _mode_rows(measurements: list[MeasuredModes]) -> list[tuple[str, ...]]:
 
 
 def _of_responses(data: Data, band_hz: tuple[float, float] | None, n_modes: int | None, *, as_json: bool) -> None:
+    # imported here: it brings the drive models along, which a session needs none of
+    from monitor_core.response_modes import modes_by_conditions  # noqa: PLC0415
+
     observations = frf_set_of(data).observations
     found = list(modes_by_conditions(observations, band=band_hz, n_modes=n_modes))
     if as_json:
@@ -152,7 +158,7 @@ def _of_responses(data: Data, band_hz: tuple[float, float] | None, n_modes: int 
     )
 
 
-def _response_document(group: ModesAtConditions) -> JsonObject:
+def _response_document(group: "ModesAtConditions") -> JsonObject:
     place: JsonObject = {
         "responses": list(group.responses),
         "position_mm": to_millimetres(group.conditions.position),
@@ -174,7 +180,7 @@ def _response_document(group: ModesAtConditions) -> JsonObject:
     return place | {"refused": False, "modes": modes, "unexplained": group.found.unexplained, "band_hz": band}
 
 
-def _response_rows(group: ModesAtConditions) -> list[tuple[str, ...]]:
+def _response_rows(group: "ModesAtConditions") -> list[tuple[str, ...]]:
     numbers = ", ".join(f"{number:04d}" for number in group.responses[:5])
     name = numbers + (", …" if len(group.responses) > 5 else "")
     position = f"{to_millimetres(group.conditions.position):.1f} mm"

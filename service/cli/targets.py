@@ -12,14 +12,19 @@ ENDINGS = {
     "calibration": (".json",),
     "model file": (".toml",),
     "table": (".csv",),
+    "channel map": (".toml",),
+    "page": (".html", ".htm"),
 }
 
 
-def require_target(path: Path | None, kind: str, *, inputs: Iterable[Path] = (), ending_needed: bool = False) -> None:
+def require_target(
+    path: Path | None, kind: str, *, inputs: Iterable[Path] = (), ending_needed: bool = False, replaces: bool = True
+) -> None:
     """Refuse a file that could not be written in the end; what is there stays as it is.
 
     ``kind``: one of :data:`ENDINGS`; ``inputs``: files that are read, none of which may be replaced;
-    ``ending_needed``: whether readers know it by its ending. An ending that says something else is a slip in any case.
+    ``ending_needed``: whether readers know it by its ending. An ending that says something else is a slip in any case;
+    ``replaces``: whether a file that is there is written over.
     ``click.UsageError`` says what is wrong.
     """
     if path is None:
@@ -34,6 +39,10 @@ def require_target(path: Path | None, kind: str, *, inputs: Iterable[Path] = (),
         raise click.UsageError(f"cannot write {path.name}: it is a folder; a file is written here")
     if path.exists() and any(path.samefile(read) for read in inputs if read.exists()):
         raise click.UsageError(f"cannot write {path.name}: it is read by this command, and would be lost")
+    if path.exists() and not replaces:
+        raise click.UsageError(
+            f"cannot write {path.name}: it is already there, perhaps filled in; give another name or remove it"
+        )
     try:
         if path.exists():
             path.open("ab").close()

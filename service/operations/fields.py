@@ -73,3 +73,18 @@ def _within_range(value: datetime) -> datetime:
 
 #: RFC 3339 with a zone; a bare number is not taken for a Unix time.
 Moment = Annotated[AwareDatetime, AfterValidator(_within_range), BeforeValidator(_rfc3339)]
+
+
+class StatedOfWindow(RequestModel):
+    """What is said of a window besides its samples, within the bounds that hold for each one, however it is sent."""
+
+    started_at: Moment
+    measurement: Annotated[Label, Field(description="windows that share it are averaged")]
+    sample_rate_hz: SampleRate
+    position_mm: Position
+    position_span_mm: PositionSpan
+    payload_kg: Payload | None = None
+    temperature_c: Temperature | None = None
+    preload_n: SetPreload | None = Field(
+        default=None, description="only where it was set on purpose, as in a calibration"
+    )

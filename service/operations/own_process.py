@@ -34,13 +34,22 @@ READ_BEFORE = [
     "service.operations.discrepancy.alarm_cause",
     "service.operations.discrepancy.discrepancy_job",
     "service.operations.identification.identification_job",
+    "service.operations.recordings.look",
 ]
 #: How often whoever waits hears that it still goes on, and may stop it.
 REPORTED_EVERY_S = 0.5
 
 
+class ProcessEndedError(RuntimeError):
+    """A process of its own has ended without an answer."""
+
+    def __init__(self, exit_code: int | None) -> None:
+        super().__init__(f"the process of the search ended by itself, exit code {exit_code}")
+        self.exit_code = exit_code  # below zero: minus the signal that ended it
+
+
 def in_own_process(work: Callable[[Report], Answer], report: Report, first: Progress) -> Answer:
-    """Do work beside this process, and raise what it raises; RuntimeError if the process ends without an answer.
+    """Do work beside this process, and raise what it raises; ProcessEndedError if the process ends without an answer.
 
     The work can be pickled, as can what it returns, which is no progress; it is handed what it may report its progress
     to. ``report`` is called twice a second with how far the work has come, with ``first`` until it reports its own;
@@ -57,7 +66,7 @@ def in_own_process(work: Callable[[Report], Answer], report: Report, first: Prog
         return cast(Answer, _answer(receiver, report, first))
     except EOFError as error:
         process.join()
-        raise RuntimeError(f"the process of the search ended by itself, exit code {process.exitcode}") from error
+        raise ProcessEndedError(process.exitcode) from error
     finally:
         process.terminate()
         process.join()

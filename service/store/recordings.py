@@ -10,6 +10,7 @@ import shutil
 import uuid
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from sqlalchemy import select
@@ -59,6 +60,21 @@ class ArrivingFolder:
             self._lock = None
 
 
+@dataclass(frozen=True, slots=True)
+class Room:
+    """What a disk has left."""
+
+    free_bytes: int
+
+    def require(self, n_bytes: int) -> None:
+        """Refuse so many bytes if too little would be left; raises StorageError."""
+        if self.free_bytes < n_bytes + ROOM_LEFT_BYTES:
+            raise StorageError(
+                f"a recording of {n_bytes / 2**20:.0f} MiB needs as much room on the disk and {ROOM_LEFT_BYTES >> 20} "
+                f"MiB besides; {self.free_bytes / 2**20:.0f} MiB are free. Free some, then send it again"
+            )
+
+
 class RecordingFiles:
     """The folders of recordings below one folder."""
 
@@ -72,16 +88,15 @@ class RecordingFiles:
         """
         return ArrivingFolder(self._root)
 
-    def require_room(self, n_bytes: int) -> None:
-        """Refuse so many bytes if the disk would have too little left; raises StorageError."""
+    def room(self) -> Room:
+        """Return what the disk has left; raises StorageError."""
         with _disk_errors():
             make_folder(self._root)
-            free = shutil.disk_usage(self._root).free
-        if free < n_bytes + ROOM_LEFT_BYTES:
-            raise StorageError(
-                f"a recording of {n_bytes / 2**20:.0f} MiB needs as much room on the disk and {ROOM_LEFT_BYTES >> 20} "
-                f"MiB besides; {free / 2**20:.0f} MiB are free. Free some, then send it again"
-            )
+            return Room(shutil.disk_usage(self._root).free)
+
+    def require_room(self, n_bytes: int) -> None:
+        """Refuse so many bytes if the disk would have too little left; raises StorageError."""
+        self.room().require(n_bytes)
 
     def folder(self, name: str) -> Path:
         """Return the folder of a recording whose row is committed; it has its name from now on."""

@@ -330,3 +330,50 @@ def test_hours_of_half_a_day_are_proposed_as_such(text, form):
     assert found is not None
     assert found.form == form
     times_of([text], form, None, None, "a.csv")
+
+
+def xlsx(path, *sheets):
+    """Write sheets, each a name and what stands above the samples."""
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    samples = list(zip(TIME.tolist(), CURRENT.tolist(), ACCELERATION.tolist(), strict=True))
+    for name, above, has_samples in sheets:
+        sheet = book.create_sheet(name)
+        for row in (*above, *(samples if has_samples else ())):
+            sheet.append(row)
+    book.save(path)
+    return path
+
+
+TITLES = [("Messprotokoll Spindel 3",), ("Datum", "2025-03-01"), ()]
+NAMES, UNITS = ("Zeit", "Kraft", "Beschleunigung"), ("s", "N", "m/s²")
+
+
+@pytest.mark.parametrize(
+    ("above", "text"),
+    [
+        ([*TITLES, NAMES, UNITS], {"header_row": 4, "unit_row": 5}),
+        ([NAMES, UNITS], {"header_row": 1, "unit_row": 2}),
+        ([*TITLES, NAMES, UNITS, ("---", "---", "---")], {"header_row": 4, "unit_row": 5, "first_row": 7}),
+        ([("Messung 7",), ("Zeit [s]", "Kraft [N]", "Beschleunigung [m/s²]")], {"header_row": 2}),
+    ],
+    ids=["titles", "units", "a line", "units in names"],
+)
+@pytest.mark.parametrize("others", [[], [("Notes", [("made by", "Meyer")], False)]], ids=["one sheet", "two sheets"])
+def test_rows_of_a_workbook_are_proposed_as_those_of_a_text(tmp_path, above, text, others):
+    """Without the proposal the reader refuses each of them; with it, the samples are those written."""
+    raw = xlsx(tmp_path / "mill-3-x.xlsx", *others, ("Data", above, True))
+    filled = Filled(map_text(raw))
+    assert tomllib.loads(filled.text)["text"] == text | ({"sheet": "Data"} if others else {})
+    filled.fill("started_at", "2025-03-01T06:00:00Z").fill("position_mm", 250)
+    session = filled.session(raw)
+    assert (session.windows[0].sample_rate, session.windows[0].excitation_quantity) == (RATE, ExcitationQuantity.FORCE)
+    for samples, values in ((session.windows[0].excitation, CURRENT), (session.windows[0].response, ACCELERATION)):
+        np.testing.assert_array_equal(samples, [float(f"{value:.16g}") for value in values])  # digits of a workbook
+
+
+def test_a_workbook_without_a_table_keeps_the_sentence_of_its_reader(tmp_path):
+    raw = xlsx(tmp_path / "notes.xlsx", ("Notes", [("made by", "Meyer"), ("at", "noon")], False))
+    with pytest.raises(RecordingFormatError, match="expected at least one channel of numbers; got none"):
+        map_text(raw)

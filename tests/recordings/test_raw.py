@@ -9,6 +9,7 @@ import scipy.io
 
 from monitor_core.errors import MissingReaderError, RecordingFormatError
 from monitor_core.recordings.raw.binary import mat, npz, tdms, uff58
+from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.text import csv_samples
 
 SAMPLES = np.array([0.0, 0.5, -1.25, 3.0, 2.5, -2.0])
@@ -116,7 +117,7 @@ def test_a_truncated_archive_and_a_flipped_byte_are_refused(tmp_path):
     assert "expected a NumPy archive" in refusal(npz.read_channels, path)
     content[content.index(SAMPLES.tobytes())] ^= 1  # the archive's checksum sees it
     path.write_bytes(content)
-    assert "Bad CRC-32" in refusal(npz.read_channels, path)
+    assert "it is damaged or cut off" in refusal(npz.read_channels, path)
 
 
 # ---- MAT -----------------------------------------------------------------------------------------------------------
@@ -345,3 +346,43 @@ def test_universal_files_that_do_not_fit_are_refused(uff_file, case):
 def test_a_header_that_is_not_ascii_is_read(uff_file):
     uff_file.write_bytes(uff_set(SAMPLES, unit="m/s\xb2"))
     np.testing.assert_array_equal(uff58.read_channels(uff_file).channels[0].samples, SAMPLES)
+
+
+# ---- what a library says of a damaged file ---------------------------------------------------------------------------
+
+
+def damaged_tdms(path):
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("g", "torque", SAMPLES)])
+    content = bytearray(path.read_bytes())
+    content[28:32] = b"\x07\x00\x00\x00"  # seven objects announced, where there is one
+    path.write_bytes(content)
+
+
+def cut_parquet(path):
+    pytest.importorskip("pyarrow")
+    import pyarrow.parquet as pq
+    from pyarrow import table
+
+    pq.write_table(table({"x": SAMPLES}), path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+def cut_xlsx(path):
+    book = pytest.importorskip("openpyxl").Workbook()
+    for value in SAMPLES:
+        book.active.append([float(value)])
+    book.save(path)
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+@pytest.mark.parametrize(
+    ("name", "write"), [("a.tdms", damaged_tdms), ("a.parquet", cut_parquet), ("a.xlsx", cut_xlsx)]
+)
+def test_no_sentence_has_the_name_of_an_error_of_a_library(tmp_path, name, write):
+    write(tmp_path / name)
+    sentence = refusal(read_channels, tmp_path / name)
+    assert sentence.endswith("it is damaged or cut off: export it anew, or copy it again")
+    assert "Error" not in sentence

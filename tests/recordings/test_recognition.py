@@ -112,7 +112,9 @@ def test_letters_of_a_country_and_utf16_are_text(tmp_path):
     (tmp_path / "latin.csv").write_bytes("Zeit;Kraft längs\n0;1\n".encode("latin-1"))
     (tmp_path / "wide.csv").write_bytes("Zeit;Kraft\n0;1\n".encode("utf-16"))
     (tmp_path / "cut.csv").write_bytes(b"a" * 65535 + "ä".encode() + b"\n")  # a letter across the end of the look
-    assert {format_of(tmp_path / name) for name in ("latin.csv", "wide.csv", "cut.csv")} == {"csv"}
+    for name in ("utf-16-le", "utf-16-be"):  # without the mark at the beginning
+        (tmp_path / f"{name}.csv").write_bytes("Zeit;Kraft längs\n0;1\n".encode(name))
+    assert {format_of(path) for path in tmp_path.iterdir()} == {"csv"}
 
 
 def test_lines_of_a_response_are_no_modal_table(tmp_path):

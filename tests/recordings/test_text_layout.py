@@ -237,7 +237,8 @@ def test_a_blank_cell_is_nan_with_the_layout_that_is_proposed(tmp_path, place):
     numbers = [f"{i}" for i in range(6000)]
     path.write_text("a,b\n" + "".join(f"{'' if i == place else n},{n}\n" for i, n in enumerate(numbers)))
     assert "cells without a number: `preload check a.csv --write-map MAP`" in refusal(path)
-    channels, layout = read_as_proposed(path, "csv")
+    read = read_as_proposed(path, "csv")
+    channels, layout = read.channels, read.layout
     assert layout is not None
     expected = np.arange(6000.0)
     np.testing.assert_array_equal(channels.channel("b").samples, expected)

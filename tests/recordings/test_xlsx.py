@@ -147,7 +147,7 @@ def entities() -> str:
         (sheet('<row r="1"><c r="ZZZ1"><v>1</v></c></row>'), "4096 columns"),
         (sheet(*(f'<row><c r="ENZ{n}"><v>1</v></c></row>' for n in range(1, 1500))), "most of them filled"),
         (sheet(*["<row><c><v>1</v></c></row>"] * 3_000_000), "expected at most 67108864 bytes unpacked"),
-        (entities() + sheet('<row><c t="str"><v>&g;</v></c></row>'), "limit on input amplification"),
+        (entities() + sheet('<row><c t="str"><v>&g;</v></c></row>'), "it is damaged or cut off"),
     ],
     ids=["row two billion", "too wide", "mostly empty", "gigabytes of rows", "entities"],
 )  # fmt: skip

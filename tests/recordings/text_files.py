@@ -159,6 +159,14 @@ def logger_files() -> dict[str, LoggerFile]:
             ("t\tF\ta\r\n" + table(t, f, a, separator="\t", end="\r\n")).encode("utf-16"), truth,
             {"separator": "tab", "header_row": 1, "encoding": "utf-16"}, says="UTF-16",
         ),
+        "UTF-16 without a byte order mark": LoggerFile(
+            ("t\tF\ta\r\n" + table(t, f, a, separator="\t", end="\r\n")).encode("utf-16-le"), truth,
+            {"separator": "tab", "header_row": 1, "encoding": "utf-16"}, says="UTF-16",
+        ),
+        "UTF-16, high byte first, without a byte order mark": LoggerFile(
+            ("t\tF\ta\r\n" + table(t, f, a, separator="\t", end="\r\n")).encode("utf-16-be"), truth,
+            {"separator": "tab", "header_row": 1, "encoding": "utf-16"}, says="UTF-16",
+        ),
         "UTF-16 with decimal commas and a preamble": LoggerFile(
             ("Projekt: Fräse\r\n\r\nZeit\tKraft\tBeschl\r\n"
              + table(t, f, a, separator="\t", end="\r\n", comma=True)).encode("utf-16"),

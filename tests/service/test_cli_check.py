@@ -14,6 +14,8 @@ import scipy.io
 
 from monitor_core.recording import Conditions, Session, Window
 from monitor_core.recordings import write_session
+from monitor_core.recordings.raw import formats
+from monitor_core.recordings.raw.channels import Channels
 from service.documents.printable import printable
 from service.report.channel_page import envelope
 from tests.conftest import PROJECT_ROOT
@@ -155,6 +157,30 @@ def test_a_map_is_written_and_one_that_is_there_is_left_alone(preload: Any, raw:
     (tmp_path / "moves.toml").write_text("filled in")
     assert_refused(preload("check", raw, "--write-map", "moves.toml"), "it is already there")
     assert (tmp_path / "moves.toml").read_text() == "filled in"
+
+
+def test_a_raw_file_is_read_once_whatever_is_written(
+    preload: Any, raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table of 70 MB takes 17 s to read."""
+    read, readings = formats.READERS[".mat"], list[Path]()
+
+    def counted(path: Path) -> Channels:
+        readings.append(path)
+        return read(path)
+
+    monkeypatch.setitem(formats.READERS, ".mat", counted)
+    assert preload("check", raw, "--write-map", "moves.toml", "--plot", "moves.html").exit_code == 0
+    assert (tmp_path / "moves.toml").exists()
+    assert (tmp_path / "moves.html").exists()
+    assert len(readings) == 1
+
+
+def test_the_file_that_is_looked_at_is_not_written_over(preload: Any, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time_s,torque_nm\n0,1\n0.1,2\n")
+    (tmp_path / "page.html").symlink_to("log.csv")
+    assert_refused(preload("check", "log.csv", "--plot", "page.html"), "it is read by this command, and would be lost")
+    assert_refused(preload("check", "log.csv", "--write-map", "log.csv"), "a channel map ends in .toml; got log.csv")
 
 
 def test_what_cannot_be_written_is_refused_before_the_work(preload: Any, tmp_path: Path) -> None:

@@ -9,7 +9,9 @@ import pytest
 
 from monitor_core.measured_responses import SessionResponses
 from monitor_core.recordings.session_hdf5 import read_session, write_session
-from service.cli.inputs.session import axis_settings, responses_of_file
+from service.cli.inputs.raw import Data, DataKind
+from service.cli.inputs.responses import responses_of_data
+from service.cli.inputs.session import axis_settings
 from tests.conftest import PROJECT_ROOT
 
 
@@ -25,7 +27,7 @@ def responses(folder: Path, temperatures: Sequence[float | None]) -> SessionResp
     )
     path = folder / "tagged.session.h5"
     write_session(path, replace(whole, windows=windows))
-    return responses_of_file(path, axis_settings(None))
+    return responses_of_data(Data((path,), DataKind.SESSION, None), axis_settings(None))
 
 
 @pytest.mark.slow
@@ -52,7 +54,10 @@ def test_temperatures_are_counted_from_their_median_to_the_kelvin(
 def test_band_of_the_mode_does_not_leave_out_lines(stated: tuple[float, float], reaches: float | None) -> None:
     """It may reach lower, where a mode lies below what is looked at by itself; never less far."""
     session = PROJECT_ROOT / "replay_data" / "calibration.session.h5"
-    without, within = (responses_of_file(session, axis_settings(band)).observations for band in (None, stated))
+    without, within = (
+        responses_of_data(Data((session,), DataKind.SESSION, None), axis_settings(band)).observations
+        for band in (None, stated)
+    )
     assert [observation.conditions for observation in within] == [observation.conditions for observation in without]
     for with_band, bare in zip(within, without, strict=True):
         assert with_band.frequency[-1] == pytest.approx(bare.frequency[-1], abs=3.0)
@@ -69,6 +74,6 @@ def test_measurements_that_are_left_out_are_counted(tmp_path: Path) -> None:
     windows = (*whole.windows_of(first), *whole.windows_of(second)[:1], *whole.windows_of(third)[:1])
     path = tmp_path / "short.session.h5"
     write_session(path, replace(whole, windows=windows))
-    found = responses_of_file(path, axis_settings(None))
+    found = responses_of_data(Data((path,), DataKind.SESSION, None), axis_settings(None))
     assert len(found.observations) == 1
     assert found.sentences[0] == "2 of 3 measurements are left out: too-few-averages."

@@ -1,14 +1,21 @@
 """Check a file before it is read, and turn errors of file libraries into one sentence."""
 
+import codecs
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
+import numpy as np
+
+from monitor_core.arrays import SampleArray
 from monitor_core.errors import MonitorCoreError, RecordingFormatError
 
 #: Longest channel that is read: over an hour at 16 kHz. A header that promises more is refused before memory is given.
 MAX_SAMPLES = 2**26
+#: At least one letter of so many bytes of a table in UTF-16 has a zero half: digits, signs and separators have.
+_LETTERS_WITHOUT = 3
 
 
 def require_file(path: Path) -> Path:
@@ -36,6 +43,20 @@ def read_text(path: Path) -> str:
         raise RecordingFormatError(
             f"{path.name}: expected UTF-8 text; byte {error.start} is {error.object[error.start]:#04x}"
         ) from error
+
+
+def utf16_codec(head: bytes) -> str | None:
+    """Return by which codec the beginning of a text in UTF-16 is read; None for anything else.
+
+    Without a byte order mark it shows in the zero bytes: those of one half of the letters, and none of the other.
+    """
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    halves = head[: len(head) // 2 * 2]
+    first, second = halves[0::2].count(0), halves[1::2].count(0)
+    if not halves or max(first, second) * _LETTERS_WITHOUT < len(halves) or min(first, second) > 0:
+        return None
+    return "utf-16-le" if second else "utf-16-be"
 
 
 def parse_toml(text: str, where: str, expected: str) -> dict[str, object]:
@@ -77,5 +98,29 @@ def refusing(where: str, expected: str) -> Iterator[None]:
     except MonitorCoreError:
         raise
     except Exception as error:  # see above: pyuff raises bare Exception, h5py half a dozen classes
-        reason = " ".join(str(error).split())[:200] or "no reason given"
-        raise RecordingFormatError(f"{where}: expected {expected}; got {type(error).__name__}: {reason}") from error
+        raise RecordingFormatError(f"{where}: expected {expected}; {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Say what keeps a file from being read: what a library calls it says nothing to whoever has the file."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return f"it cannot be read: {error.strerror}"
+    if isinstance(error, MemoryError):
+        return "it takes more memory than this machine has"
+    return "it is damaged or cut off: export it anew, or copy it again"
+
+
+def samples_at(file: BinaryIO, start: int, size: int, dtype: "np.dtype[np.generic]", where: str) -> SampleArray:
+    """Read so many samples from a byte on, in the byte order of this machine; the array cannot be written to.
+
+    ``where`` names file and place for the message. ``RecordingFormatError`` if the file ends before.
+    """
+    file.seek(start)
+    content = file.read(size * dtype.itemsize)
+    if len(content) != size * dtype.itemsize:
+        raise RecordingFormatError(f"{where}: expected {size} samples; the file ends before")
+    values: SampleArray = np.frombuffer(content, dtype)
+    if not dtype.isnative:
+        values = values.astype(dtype.newbyteorder("="))
+        values.setflags(write=False)
+    return values

@@ -316,18 +316,21 @@ def write_attributes(group: "h5py.Group", stated: Mapping[str, object]) -> None:
     group.attrs.update({name: value for name, value in stated.items() if value is not None})
 
 
+_FLOAT, _DOUBLE = np.dtype("<f4"), np.dtype("<f8")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
     """A one-dimensional dataset that was looked at; its numbers are not read yet."""
 
     size: int
     dtype: "np.dtype[np.generic]"
+    start: int | None  # its first byte in the file, where its numbers lie there as they are, one after the other
     stored: "h5py.h5d.DatasetID"
-    settings: "h5py.h5p.PropDCID"  # of how it is stored
 
     def values(self) -> npt.NDArray[np.number]:
         """Read the numbers, as :func:`values_of`."""
-        return _values(self.stored, self.settings, (self.size,), self.dtype)
+        return _values(self.stored, self.stored.get_create_plist(), (self.size,), self.dtype)
 
 
 def column(group: "h5py.Group | h5py.h5g.GroupID", name: str, where: str, types: tuple[str, ...]) -> Column:
@@ -336,14 +339,28 @@ def column(group: "h5py.Group | h5py.h5g.GroupID", name: str, where: str, types:
 
     place = f"{where}/{name}"
     stored = _dataset_in(group if isinstance(group, h5py.h5g.GroupID) else group.id, name, place)
-    dtype, shape = stored.dtype, stored.shape
+    dtype, shape = _dtype_of(stored), stored.shape
     if dtype.newbyteorder("=") not in types:
         raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dtype}")
     if shape is None or len(shape) != 1:
         raise RecordingFormatError(f"{place}: expected one dimension; got shape {shape}")
-    settings = stored.get_create_plist()
-    _require_readable(stored, settings, shape, dtype, place)
-    return Column(shape[0], dtype, stored, settings)
+    start = stored.get_offset()
+    if start is not None and stored.get_storage_size() == shape[0] * dtype.itemsize:
+        require_plausible_length(shape[0], place)
+    else:
+        start = None
+        _require_readable(stored, stored.get_create_plist(), shape, dtype, place)
+    return Column(shape[0], dtype, start, stored)
+
+
+def _dtype_of(stored: "h5py.h5d.DatasetID") -> "np.dtype[np.generic]":
+    """Return the type of a dataset; h5py makes it anew each time, which takes longer than to compare it."""
+    import h5py  # noqa: PLC0415
+
+    kind = stored.get_type()
+    if kind.equal(h5py.h5t.IEEE_F32LE):
+        return _FLOAT
+    return _DOUBLE if kind.equal(h5py.h5t.IEEE_F64LE) else stored.dtype
 
 
 def _dataset_in(group: "h5py.h5g.GroupID", name: str, place: str) -> "h5py.h5d.DatasetID":

@@ -11,6 +11,7 @@ from monitor_core.arrays import SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.quality import is_clipped, is_stuck, longest_run
 from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
+from monitor_core.recordings.raw.binary import xlsx_proposal
 from monitor_core.recordings.raw.channel_kind import (
     MOST_STEPS,
     ChannelKind,
@@ -73,16 +74,30 @@ def inspect(path: Path, layout: TextLayout | None = None) -> tuple[ChannelSummar
     return summaries_of(read_channels(path, layout))
 
 
-def read_as_proposed(path: Path, name: str) -> tuple[Channels, TextLayout | None]:
-    """Read a raw file of a format, a text in the layout that is proposed for it; return that layout, too."""
+@dataclass(frozen=True, slots=True, eq=False)
+class AsProposed:
+    """What a raw file holds, and how it seems to be written where that is not plain."""
+
+    channels: Channels
+    layout: TextLayout | None
+
+
+def read_as_proposed(path: Path, name: str) -> AsProposed:
+    """Read a raw file of a format, a text or a workbook in the layout that is proposed for it."""
     layout = propose_layout(path) if name == "csv" else None
     try:
-        return read_channels(path, layout), layout
-    except RecordingFormatError:
-        layout = propose_layout_for_blanks(path) if name == "csv" and layout is None else None
-        if layout is None:
-            raise
-    return read_channels(path, layout), layout
+        return AsProposed(read_channels(path, layout), layout)
+    except RecordingFormatError as error:
+        if layout is None and (layout := _second_thought(path, name)) is not None:
+            return AsProposed(read_channels(path, layout), layout)
+        raise error from None
+
+
+def _second_thought(path: Path, name: str) -> TextLayout | None:
+    """Return the layout of a file that cannot be read as a plain one, and can so."""
+    if name == "csv":
+        return propose_layout_for_blanks(path)
+    return xlsx_proposal.propose_layout(path) if name == "xlsx" else None
 
 
 def summaries_of(channels: Channels) -> tuple[ChannelSummary, ...]:

@@ -5,23 +5,24 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import click
 
-from monitor_core.measured_responses import SessionResponses, responses_of_session
-from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import MotionRecord
-from monitor_core.recordings.frf_set import FrequencyResponseSet, read_frf_set
 from monitor_core.recordings.motion_csv import read_motion_record
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
 from monitor_core.recordings.raw.mapping.imported import ImportedMotion, ImportedSession, import_motion, import_session
-from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet, import_frf_set
 from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MapKind
 from monitor_core.recordings.recognition import CHANNEL_MAP, require_format
 from monitor_core.session import RecordedMeasurements
 from service.cli.inputs.session import counted_session, watched_session
 from service.cli.output import print_line, progress_bar
+
+# an FRF set brings the drive models along, and with them half the start of a command: imported where there is one
+if TYPE_CHECKING:
+    from monitor_core.recordings.frf_set import FrequencyResponseSet
+    from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet
 
 
 class DataKind(StrEnum):
@@ -57,8 +58,8 @@ map_option = click.option(
     help="Channel map, TOML: says what the channels of raw files mean. With it DATA are one or several raw files.",
 )  # fmt: skip
 
-Imported = ImportedSession | ImportedMotion | ImportedFrfSet
-Made = TypeVar("Made", ImportedSession, ImportedMotion, ImportedFrfSet)
+Imported: TypeAlias = "ImportedSession | ImportedMotion | ImportedFrfSet"
+Made = TypeVar("Made", ImportedSession, ImportedMotion, "ImportedFrfSet")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,14 +119,11 @@ def opened_session(data: Data) -> Iterator[RecordedMeasurements]:
         yield session
 
 
-def responses_of_data(data: Data, settings: AxisSettings) -> SessionResponses:
-    """Return the averaged responses of a session, with progress; raises as :func:`responses_of_session`."""
-    with opened_session(data) as session:
-        return responses_of_session(session, settings)
-
-
-def frf_set_of(data: Data) -> FrequencyResponseSet:
+def frf_set_of(data: Data) -> "FrequencyResponseSet":
     """Return the frequency responses of the data."""
+    from monitor_core.recordings.frf_set import read_frf_set  # noqa: PLC0415
+    from monitor_core.recordings.raw.mapping.imported_frf import ImportedFrfSet  # noqa: PLC0415
+
     if data.channel_map is None:
         return read_frf_set(data.file)
     return _imported_as(ImportedFrfSet, data).responses
@@ -158,6 +156,8 @@ def import_of(data: Data) -> Imported:
             case MapKind.MOTION:
                 return import_motion(data.paths, data.channel_map, progress)
             case MapKind.FRF_SET:
+                from monitor_core.recordings.raw.mapping.imported_frf import import_frf_set  # noqa: PLC0415
+
                 return import_frf_set(data.paths, data.channel_map, progress)
 
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import click
 
-from monitor_core.fitting.accelerometer import PLACES
-from monitor_core.measured_responses import SessionResponses, responses_of_session
 from monitor_core.pipeline import AxisSettings
 from monitor_core.recording import Window
 from monitor_core.recordings.session_hdf5 import open_session
@@ -25,26 +23,6 @@ band_option = click.option(
     metavar="LOW HIGH",
     help="Where the axial mode is looked for; without it nearly everywhere below 0.4 of the sampling rate.",
 )
-
-
-accelerometer_option = click.option(
-    "--accelerometer",
-    type=click.Choice(list(PLACES)),
-    help="Where that of a session sat; without it where the model explains the session better.",
-)
-
-
-def require_session(accelerometer: str | None, *, of_session: bool) -> None:
-    """Refuse a stated place of an accelerometer for data that say it themselves."""
-    if accelerometer is not None and not of_session:
-        raise click.UsageError(
-            "--accelerometer goes with a session; a set of frequency responses says it itself, peaks are of the table"
-        )
-
-
-def is_session(path: Path) -> bool:
-    """Tell a session file from a modal table by its name."""
-    return path.suffix.lower() in SESSION_SUFFIXES
 
 
 def axis_settings(band_hz: tuple[float, float] | None, moving_mass: Estimate | None = None) -> AxisSettings:
@@ -83,9 +61,3 @@ def counted_session(session: RecordedMeasurements, name: str) -> Iterator[Record
     with progress_bar() as progress:
         task = progress.add_task(name, total=len(session.measurements))
         yield _WatchedSession(session, lambda: progress.advance(task))
-
-
-def responses_of_file(path: Path, settings: AxisSettings) -> SessionResponses:
-    """Return the averaged responses of a session file, with progress; raises as :func:`responses_of_session`."""
-    with watched_session(path) as session:
-        return responses_of_session(session, settings)

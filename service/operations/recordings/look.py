@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -20,19 +20,8 @@ from monitor_core.recordings.session_hdf5 import EXCITATION_UNIT, RESPONSE_UNIT,
 from service.clock import text_of
 from service.documents.recording import ChannelEntry
 from service.errors import BodyTooLargeError
-from service.operations.fields import (
-    MOST_SAMPLES,
-    Label,
-    Moment,
-    Payload,
-    Position,
-    PositionSpan,
-    RequestModel,
-    SampleRate,
-    SetPreload,
-    Temperature,
-)
-from service.store.recordings import not_taken
+from service.operations.fields import MOST_SAMPLES, StatedOfWindow
+from service.store.recordings import Room, not_taken
 from service.store.window_format import size_of
 
 SESSION_SUFFIX = ".session.h5"
@@ -46,17 +35,18 @@ _LONGEST_TEXT = 200
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-class _Stated(RequestModel):
-    """What is said of a window, within the bounds that hold for every window that is sent."""
+@dataclass(frozen=True, slots=True)
+class LookBounds:
+    """How large a recording may be."""
 
-    started_at: Moment
-    measurement: Label
-    sample_rate_hz: SampleRate
-    position_mm: Position
-    position_span_mm: PositionSpan
-    payload_kg: Payload | None
-    temperature_c: Temperature | None
-    preload_n: SetPreload | None
+    samples_bytes: int  # of all its windows
+    measurement_bytes: int  # of the windows of one measurement
+    room: Room  # on the disk
+
+
+def bounds_of(most_bytes: int, room: Room) -> LookBounds:
+    """Return the bounds where the files of a recording may be of so many bytes."""
+    return LookBounds(MOST_EXPANSION * most_bytes, LARGEST_MEASUREMENT_BYTES, room)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,17 +62,15 @@ class Look:
     remarks: tuple[str, ...] = ()  # on how the session was made of raw files
 
 
-def look_into(
-    paths: Sequence[Path], map_path: Path | None, folder: Path, most_bytes: int, require_room: Callable[[int], None]
-) -> Look:
+def look_into(paths: Sequence[Path], map_path: Path | None, folder: Path, bounds: LookBounds) -> Look:
     """Open a session, or make one in a folder of raw files and their map; every window of it is checked.
 
     Raises RecordingFormatError if it is no session, does not fit its map, or a window is not one that can be taken;
     BodyTooLargeError if its samples take more room than a recording may; MissingReaderError; StorageError.
     """
-    bounds = _Bounds(MOST_EXPANSION * most_bytes)
+    windows = _Windows(bounds)
     if map_path is None:
-        return _session(paths, bounds)
+        return _session(paths, windows)
     channels: list[ChannelEntry] = []
 
     def note(read: Channels) -> None:
@@ -92,10 +80,10 @@ def look_into(
     session = imported.session
     for number, window in enumerate(session.windows, start=1):
         where = f"{paths[0].name}, window number {number}" if len(paths) == 1 else f"window number {number}"
-        bounds.require_length(window.excitation.size, where)
-        bounds.require(window, where)
+        windows.require_length(window.excitation.size, where)
+        windows.require(window, where)
     path = folder / f"{paths[0].stem}{SESSION_SUFFIX}"
-    require_room(2 * size_of(session.windows))  # the windows are stored besides
+    bounds.room.require(2 * size_of(session.windows))  # the windows are stored besides
     try:
         write_session(path, session, tolerances=imported.tolerances.attributes)
     except OSError as error:
@@ -111,7 +99,7 @@ def look_into(
     )
 
 
-def _session(paths: Sequence[Path], bounds: "_Bounds") -> Look:
+def _session(paths: Sequence[Path], windows: "_Windows") -> Look:
     path = paths[0]
     with path.open("rb") as file:
         is_hdf5 = file.read(len(_HDF5)) == _HDF5
@@ -126,19 +114,19 @@ def _session(paths: Sequence[Path], bounds: "_Bounds") -> Look:
         seen = _Seen(path.name)
         for name in session.measurement_of:
             where = f"{path.name} /windows/{name}"
-            bounds.require_length(session.length(name), where)
+            windows.require_length(session.length(name), where)
             window = session.window(name)
-            bounds.require(window, where)
+            windows.require(window, where)
             seen.add(window)
         axis_id = plain(session.axis_id)
         return Look(path, axis_id, len(session.measurement_of), len(session.measurements), seen.channels())
 
 
-class _Bounds:
+class _Windows:
     """Checks the windows of one recording, one after the other."""
 
-    def __init__(self, most_bytes: int) -> None:
-        self._most_bytes = most_bytes
+    def __init__(self, bounds: LookBounds) -> None:
+        self._bounds = bounds
         self._bytes = 0
         self._by_measurement: Counter[str] = Counter()
         self._last_start: datetime | None = None
@@ -155,7 +143,7 @@ class _Bounds:
         """Refuse a window that could not be sent by itself, or that makes the recording too large."""
         conditions = window.conditions
         try:
-            _Stated(
+            StatedOfWindow(
                 started_at=window.started_at,
                 measurement=window.measurement,
                 sample_rate_hz=window.sample_rate,
@@ -178,15 +166,15 @@ class _Bounds:
         n_bytes = size_of([window])
         self._bytes += n_bytes
         self._by_measurement[window.measurement] += n_bytes
-        if self._bytes > self._most_bytes:
+        if self._bytes > self._bounds.samples_bytes:
             raise BodyTooLargeError(
-                f"{where}: the samples of a recording may take {self._most_bytes >> 20} MiB (four times "
+                f"{where}: the samples of a recording may take {self._bounds.samples_bytes >> 20} MiB (four times "
                 "PRELOAD_MAX_RECORDING_MIB); they take more up to here"
             )
-        if self._by_measurement[window.measurement] > LARGEST_MEASUREMENT_BYTES:
+        if self._by_measurement[window.measurement] > self._bounds.measurement_bytes:
             raise BodyTooLargeError(
-                f"{where}: the samples of one measurement may take {LARGEST_MEASUREMENT_BYTES >> 20} MiB; those of "
-                f"{window.measurement!r} take more up to here. Give its parts names of their own"
+                f"{where}: the samples of one measurement may take {self._bounds.measurement_bytes >> 20} MiB; those "
+                f"of {window.measurement!r} take more up to here. Give its parts names of their own"
             )
 
 

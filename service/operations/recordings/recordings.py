@@ -19,7 +19,8 @@ from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import COUNTS, Pace, take_session
-from service.operations.recordings.look import MOST_CHANNELS, Look, look_into, plain
+from service.operations.recordings.look import MOST_CHANNELS, Look, bounds_of, look_into, plain
+from service.operations.recordings.own_look import LookLimits, look_in_own_process
 from service.operations.recordings.upload import Upload
 from service.store import jobs, recordings
 from service.store.axes import get_axis
@@ -112,7 +113,9 @@ class Recordings:
         upload.require_whole()
         folder = upload.folder
         map_path = None if upload.map_text is None else upload.map_path
-        look = look_into(upload.paths, map_path, folder.path, self._most_bytes, self._files.require_room)
+        bounds = bounds_of(self._most_bytes, self._files.room())
+        work = partial(look_into, upload.paths, map_path, folder.path, bounds)
+        look = look_in_own_process(work, upload.files[0].name, LookLimits())
         folder.sync()
 
         def store(session: Session, job: JobRow) -> JsonObject:

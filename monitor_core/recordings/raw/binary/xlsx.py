@@ -11,6 +11,7 @@ import warnings
 import zipfile
 from array import array
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -24,7 +25,7 @@ from monitor_core.recordings.raw.channels import Channel, Channels, native_sampl
 
 if TYPE_CHECKING:
     from openpyxl.workbook import Workbook
-    from openpyxl.worksheet._read_only import ReadOnlyWorksheet
+    from openpyxl.worksheet._read_only import ReadOnlyWorksheet as Sheet
 
 _MOST_ROWS = 2**20  # of a sheet, by the format
 _FREE_EMPTY_CELLS = 2**20
@@ -89,6 +90,16 @@ def read_channels(path: Path, layout: Layout | None = None) -> Channels:
     if a cell among numbers is a text, or if two columns have one name;
     ``MissingReaderError`` if openpyxl is not installed.
     """
+    with opened(path) as book:
+        sheet = _sheet(book, layout, path.name)
+        where = f"{path.name}, {sheet.title}"
+        columns, first_row = _columns(sheet, layout, where)
+        return Channels(path.name, _channels(columns, _formats(sheet, first_row), where))
+
+
+@contextmanager
+def opened(path: Path) -> Iterator["Workbook"]:
+    """Open a workbook whose dates are numbers; raises as :func:`read_channels`."""
     try:
         import openpyxl  # noqa: PLC0415
     except ImportError as error:
@@ -107,10 +118,7 @@ def read_channels(path: Path, layout: Layout | None = None) -> Channels:
         try:
             # as numbers: openpyxl would round a date to the millisecond
             book._date_formats = set()
-            sheet = _sheet(book, layout, path.name)
-            where = f"{path.name}, {sheet.title}"
-            columns, first_row = _columns(sheet, layout, where)
-            return Channels(path.name, _channels(columns, _formats(sheet, first_row), where))
+            yield book
         finally:
             book.close()
 
@@ -132,17 +140,22 @@ def _require_plausible_parts(path: Path) -> None:
                 )
 
 
-def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "ReadOnlyWorksheet":
-    sheets = {sheet.title: sheet for sheet in book.worksheets}
-    for sheet in sheets.values():
+def sheets_of(book: "Workbook") -> list["Sheet"]:
+    """Return the sheets of a workbook."""
+    for sheet in book.worksheets:
         sheet.reset_dimensions()  # what a sheet says of its size is not believed
+    return list(book.worksheets)
+
+
+def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "Sheet":
+    sheets = {sheet.title: sheet for sheet in sheets_of(book)}
     stated = None if layout is None else layout.sheet
     names = ", ".join(repr(name) for name in list(sheets)[:20])
     if stated is not None:
         if stated not in sheets:
             raise RecordingFormatError(f"{where}: expected a sheet {stated!r}; the workbook has {names}")
         return sheets[stated]
-    filled = [sheet for sheet in sheets.values() if any(True for _ in _rows(sheet, where))]
+    filled = [sheet for sheet in sheets.values() if any(True for _ in rows_of(sheet, where))]
     if len(filled) != 1:
         raise RecordingFormatError(
             f"{where}: expected one sheet with cells, or the name of one as sheet in [text]; the workbook has {names}"
@@ -150,7 +163,7 @@ def _sheet(book: "Workbook", layout: Layout | None, where: str) -> "ReadOnlyWork
     return filled[0]
 
 
-def _rows(sheet: "ReadOnlyWorksheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
+def rows_of(sheet: "Sheet", where: str) -> Iterator[tuple[int, tuple[object, ...]]]:
     """Yield the rows that have cells, with their numbers."""
     n_filled = n_empty = 0
     for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
@@ -165,14 +178,14 @@ def _rows(sheet: "ReadOnlyWorksheet", where: str) -> Iterator[tuple[int, tuple[o
             yield number, cells
 
 
-def _columns(sheet: "ReadOnlyWorksheet", layout: Layout | None, where: str) -> tuple[dict[int, _Column], int]:
+def _columns(sheet: "Sheet", layout: Layout | None, where: str) -> tuple[dict[int, _Column], int]:
     """Return the columns by their place, counted from 0, and the first row of numbers."""
     header_row = None if layout is None else layout.header_row
     unit_row = (layout.unit_row if layout is not None else None) or 0
     heads: dict[int, tuple[object, ...]] = {}
     columns: dict[int, _Column] = {}
     first_row = last_head = n_rows = 0
-    for number, cells in _rows(sheet, where):
+    for number, cells in rows_of(sheet, where):
         if not first_row:
             if header_row is None:
                 header_row = 0 if all(_is_number(cell) for cell in cells if cell is not None) else number
@@ -225,7 +238,7 @@ def _column(place: int, heads: dict[int, tuple[object, ...]], header_row: int, u
     return _Column(name, (head(unit_row) or None) if unit_row else None)
 
 
-def _formats(sheet: "ReadOnlyWorksheet", first_row: int) -> dict[int, str]:
+def _formats(sheet: "Sheet", first_row: int) -> dict[int, str]:
     """Return how the first row of numbers is shown: "date", "duration", or nothing for numbers."""
     from openpyxl.styles.numbers import is_date_format, is_timedelta_format  # noqa: PLC0415
 

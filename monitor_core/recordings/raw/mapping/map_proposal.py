@@ -73,7 +73,8 @@ def map_text(path: Path) -> str:
 
     ``RecordingFormatError`` if the file is no raw file, or cannot be read.
     """
-    return proposed_map(*read_as_proposed(path, require_format(path, *_TAKEN)))
+    read = read_as_proposed(path, require_format(path, *_TAKEN))
+    return proposed_map(read.channels, read.layout)
 
 
 class Made(StrEnum):

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.files import require_file
+from monitor_core.recordings.elements.files import require_file, utf16_codec
 from monitor_core.recordings.elements.units import canonical_unit
 from monitor_core.recordings.raw.text import csv_samples, lvm, siemens_trace, twincat
 from monitor_core.recordings.raw.text.layout import SEPARATORS, TextLayout
@@ -20,7 +20,6 @@ _MOST_ROWS = 400
 _MOST_CELLS = 20_000  # looked at for each way to write a table
 _FEWEST_ROWS = 2
 _BOM_8 = b"\xef\xbb\xbf"
-_BOMS_16 = (b"\xff\xfe", b"\xfe\xff")
 #: The errors of a spreadsheet (#NV, #N/A, #DIV/0!, #WERT!) begin no comment: they stand for a missing number.
 _COMMENT = re.compile(r"#+(?!N/?[AV]\b|(?:NUM|DIV/0|REF|VALUE|NAME|WERT|ZAHL|BEZUG)[!?])|%+|//|!|\*+|;(?=\s*\D)")
 _WORD = re.compile(r"[^\W\d_][^\s;,\t]{0,19}")
@@ -73,6 +72,27 @@ def propose_for_blanks(path: Path) -> TextLayout | None:
     except RecordingFormatError:
         return None
     return found.layout
+
+
+def propose_for_cells(rows: Sequence[Sequence[str]]) -> TextLayout | None:
+    """Propose where names, units and numbers stand in rows of cells, as of a sheet; ``None`` where none are numbers.
+
+    A row that fills less than half of the columns is a title.
+    """
+    width = max((len(row) for row in rows), default=0)
+    lines = [
+        "\t".join([*row, *[""] * (width - len(row))] if 2 * sum(map(bool, row)) >= width else [" ".join(row)])
+        for row in rows
+    ]
+    reading = _reading(lines, "tab", "point")
+    if reading is None:
+        return None
+    header, units = _heads(lines, reading)
+    return TextLayout(
+        header_row=0 if header is None else header + 1,
+        unit_row=None if units is None else units + 1,
+        first_row=reading.begin + 1,
+    )
 
 
 def _proposal(path: Path) -> Proposal | None:
@@ -145,7 +165,7 @@ def _head(path: Path) -> bytes:
 
 
 def _encoding(path: Path, head: bytes) -> str:
-    if head.startswith(_BOMS_16) or (len(head) > 3 and head[1::2].count(0) > len(head) // 3):
+    if utf16_codec(head) is not None:
         return "utf-16"
     if head.count(0):
         raise RecordingFormatError(f"{path.name}: expected text; byte {head.index(0)} is 0x00")

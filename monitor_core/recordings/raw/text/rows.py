@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.files import require_file
+from monitor_core.recordings.elements.files import require_file, utf16_codec
 
 #: Characters read at a time; a row may be as long.
 BLOCK = 2**20
 _CODECS = {"utf-8": "utf-8-sig", "latin-1": "latin-1", "utf-16": "utf-16"}
+_HEAD = 2**16  # of it the order of bytes shows
 _MOST_SHOWN = 60
 _MOST_LISTED = 12
 _ENCODING_NAMES = {"utf-8": "UTF-8", "latin-1": "Latin-1", "utf-16": "UTF-16"}
@@ -78,7 +79,7 @@ def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
     require_file(path)
     rest = ""
     try:
-        with path.open(encoding=_CODECS[encoding]) as stream:
+        with path.open(encoding=_codec(path, encoding)) as stream:
             while block := stream.read(BLOCK):
                 lines = (rest + block).split("\n")
                 rest = lines.pop()
@@ -94,8 +95,15 @@ def _blocks(path: Path, encoding: str) -> Iterator[list[str]]:
         yield [rest]
 
 
+def _codec(path: Path, encoding: str) -> str:
+    if encoding != "utf-16":
+        return _CODECS[encoding]
+    with path.open("rb") as stream:
+        return utf16_codec(stream.read(_HEAD)) or "utf-16"
+
+
 def _not_decodable(path: Path, encoding: str) -> str:
-    decoder = codecs.getincrementaldecoder(_CODECS[encoding])()
+    decoder = codecs.getincrementaldecoder(_codec(path, encoding))()
     at, name = 0, _ENCODING_NAMES[encoding]
     with path.open("rb") as stream:
         while True:
