@@ -88,7 +88,7 @@ class Batch:
             self.axis: AxisRecord = intake.read_axis(connection, axis_id)
             self._contents = intake.contents_at(connection, self.axis, starts)
             self._measurements = intake.read_measurements(connection, axis_id, names)
-            self._charts = known.charts_of(connection, self.axis)
+            self._charts = intake.read_charts(connection, self.axis)
             self.calibration: Calibration | None = known.calibration_of(connection, self.axis)
             self._said_before = self._outcomes(connection, self._measurements.values())
         self.configuration = known.configuration_of(self.axis)

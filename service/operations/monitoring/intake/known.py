@@ -12,7 +12,7 @@ from monitor_core.preload import Calibration
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.store.calibrations import CalibrationsInForce
-from service.store.intake import AxisRecord, ChartsRecord, read_charts
+from service.store.intake import AxisRecord
 
 
 class Lanes:
@@ -37,12 +37,11 @@ MOST_KNOWN = 5000
 
 
 class KnownAxes:
-    """Remembers configuration, calibration and charts of each axis for as long as its row says the same."""
+    """Remembers the configuration and the calibration of each axis for as long as its row says the same."""
 
     def __init__(self) -> None:
         self._calibrations = CalibrationsInForce()
         self._configurations: dict[str, tuple[JsonObject, AxisConfiguration]] = {}
-        self._charts: dict[str, tuple[int, int, ChartsRecord]] = {}  # of a number and revision of the axis
 
     def calibration_of(self, connection: Connection, axis: AxisRecord) -> Calibration | None:
         """Return the calibration in force on an axis."""
@@ -57,13 +56,3 @@ class KnownAxes:
                 self._configurations.clear()
             self._configurations[axis.id] = known
         return known[1]
-
-    def charts_of(self, connection: Connection, axis: AxisRecord) -> ChartsRecord:
-        """Return the charts of an axis, in the transaction that read its row: no row changes but with its revision."""
-        known = self._charts.get(axis.id)
-        if known is None or known[:2] != (axis.number, axis.revision):
-            known = axis.number, axis.revision, read_charts(connection, axis)
-            if len(self._charts) >= MOST_KNOWN:
-                self._charts.clear()
-            self._charts[axis.id] = known
-        return known[2]
