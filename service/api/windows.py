@@ -21,6 +21,9 @@ from service.operations.monitoring.intake.batch import IngestReceipt, WindowStat
 
 router = APIRouter(prefix="/v1", tags=["windows"])
 
+#: To hand a shorter body over to a thread, and take the windows back, costs more than to read it.
+READ_AT_ONCE = 256 * 1024
+
 
 class WindowIn(StatedOfWindow):
     """One window, as an acquisition system sends it. Names and units are those of the session file."""
@@ -176,8 +179,11 @@ async def post_windows(axis: AxisId, request: Request) -> Response:
 async def _posted_by(request: Request, on: Services) -> tuple[list[Window], bool]:
     """Read what was sent. Nothing of the body is kept after that, as request.body() would."""
     body = b"".join([part async for part in request.stream() if part])
+    content_type = request.headers.get("content-type")
+    if len(body) <= READ_AT_ONCE:
+        return _read(body, content_type)
     # one thread reads bodies and one takes windows, whoever sends them: more would only wait for each other
-    return await on.ingest.read_by(partial(_read, body, request.headers.get("content-type")))
+    return await on.ingest.read_by(partial(_read, body, content_type))
 
 
 def _read(body: bytes, content_type: str | None) -> tuple[list[Window], bool]:

@@ -21,7 +21,8 @@ class _Written:
 
     text: str
     constants: dict[str, object]  # values that stand in the statement itself, by parameter
-    to_driver: list[tuple[str, _Convert]]  # by parameter, in the order of the text
+    names: list[str]  # of the parameters, in the order of the text
+    to_driver: list[tuple[str, _Convert]]  # by parameter, in that order
     by_position: bool
 
 
@@ -41,10 +42,12 @@ class _Prepared:
         written = self._written.get(dialect.name)
         if written is None:
             written = self._written[dialect.name] = _write(self._statement, self._columns, dialect)
-        given = written.constants | values
-        converted = {name: _converted(given[name], convert) for name, convert in written.to_driver}
+        given = written.constants | values if written.constants else values
+        converted = [given[name] if convert is None else convert(given[name]) for name, convert in written.to_driver]
         cursor = connection.connection.cursor()
-        cursor.execute(written.text, tuple(converted.values()) if written.by_position else converted)
+        cursor.execute(
+            written.text, converted if written.by_position else dict(zip(written.names, converted, strict=True))
+        )
         return cursor
 
 
@@ -54,18 +57,21 @@ class PreparedSelect(_Prepared):
     def __init__(self, statement: Select[Any]) -> None:
         super().__init__(statement)
         self._kinds = [column.type for column in statement.selected_columns]
-        self._from_driver: dict[str, list[_Convert]] = {}  # by name of the dialect, for each column
+        self._from_driver: dict[str, list[tuple[int, Callable[[Any], Any]]]] = {}  # by dialect, of columns that want it
 
     def rows(self, connection: Connection, values: dict[str, object]) -> list[list[Any]]:
         """Return what it finds."""
         cursor, dialect = self._run(connection, values), connection.dialect
         convert = self._from_driver.get(dialect.name)
         if convert is None:
-            convert = self._from_driver[dialect.name] = [
-                kind.dialect_impl(dialect).result_processor(dialect, described[1])
-                for kind, described in zip(self._kinds, cursor.description, strict=True)
-            ]
-        return [[_converted(*item) for item in zip(row, convert, strict=True)] for row in cursor.fetchall()]
+            kinds = zip(self._kinds, cursor.description, strict=True)
+            found = [kind.dialect_impl(dialect).result_processor(dialect, described[1]) for kind, described in kinds]
+            convert = self._from_driver[dialect.name] = [(i, own) for i, own in enumerate(found) if own is not None]
+        rows = [list(row) for row in cursor.fetchall()]
+        for row in rows:
+            for i, own in convert:
+                row[i] = own(row[i])
+        return rows
 
 
 class PreparedChange(_Prepared):
@@ -85,11 +91,8 @@ def _write(statement: _Statement, columns: Sequence[str], dialect: Dialect) -> _
     names = compiled.positiontup or list(compiled.binds)
     return _Written(
         text=compiled.string,
+        names=list(names),
         constants={name: bind.value for name, bind in compiled.binds.items() if not bind.required},
         to_driver=[(name, compiled.binds[name].type.dialect_impl(dialect).bind_processor(dialect)) for name in names],
         by_position=compiled.positiontup is not None,
     )
-
-
-def _converted(value: Any, convert: _Convert) -> Any:  # noqa: ANN401 - whatever the column holds
-    return value if convert is None else convert(value)

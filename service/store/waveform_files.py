@@ -28,11 +28,15 @@ class _Compressors(threading.local):
 _COMPRESSORS = _Compressors()
 
 
-def compressed(content: Callable[[], Iterable[bytes | memoryview]], level: int) -> Iterator[bytes]:
+def compressed(content: Callable[[], Iterable[bytes | memoryview]], size: int, level: int) -> Iterator[bytes]:
     """Compress content into one zstd frame, so much of it at a time: a large one is never held as a whole.
 
-    The content is asked for twice. The frame states its size first, so that who reads it knows before.
+    What is said to be small is asked for once and compressed in one step; a large content is asked for twice. The frame
+    states its size first, so that who reads it knows before.
     """
+    if size <= _COMPRESSED_AT_ONCE:
+        yield _compressor(level).compress(b"".join(content()))
+        return
     frame = _compressor(level).compressobj(size=sum(len(part) for part in content()))
     waiting, size = list[bytes | memoryview](), 0
     for part in content():

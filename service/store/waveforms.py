@@ -128,7 +128,7 @@ class WaveformStore:
         frame = _Frame(axis_id, path, file, offset, places)
         try:
             with self._given_up_where_it_fails(frame):
-                for part in compressed(lambda: pack_windows(windows), COMPRESSION_LEVEL):
+                for part in compressed(lambda: pack_windows(windows), size_of(windows), COMPRESSION_LEVEL):
                     write_all(file, part)
                 give_back_cache(file)
         except StorageError:

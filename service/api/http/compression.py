@@ -1,18 +1,19 @@
-"""Compress answers; files go as they are."""
+"""Compress answers; files, and the short answers to windows, go as they are."""
 
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
-#: Ends of the paths of files: as large as the disk holds, and mostly noise, which no compression makes small.
+#: Ends of the paths of files: as large as the disk holds, and mostly noise, which no compression makes small. Windows
+#: are posted to such a path as well: each answer says a line or two.
 _FILES = ("/file", "/session", "/windows")
 
 
 class Compression(GZipMiddleware):
-    """ASGI middleware: compresses answers but for files, so that their size is known and a part can be asked for."""
+    """ASGI middleware: compresses answers but for files, whose size is to be known, so that a part can be asked for."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
-        if scope["type"] == "http" and scope["method"] == "GET" and scope["path"].endswith(_FILES):
+        if scope["type"] == "http" and scope["path"].endswith(_FILES):
             await self.app(scope, receive, send)
         else:
             await super().__call__(scope, receive, send)
