@@ -79,6 +79,8 @@ class MotionPhysics:
     force_offset: float = 0.0  # recorded where there is no force [N]
     force_gain_error: float = 0.0  # recorded over true force, less one [-]
     force_delay: float = 0.0  # from a recorded force to the motion that it makes [s]
+    force_ln_factor: float = 0.0  # ln of recorded over true force, by another unit [-]
+    position_ln_factor: float = 0.0  # ln of recorded over true position, by another unit [-]
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -112,16 +114,18 @@ def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
     .. [2] B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, A survey of models, analysis tools and compensation
        methods for the control of machines with friction, Automatica 30, 1994.
     """
-    v = motion.velocity
+    per_recorded = math.exp(-physics.position_ln_factor)
+    v = per_recorded * motion.velocity
     low_speed = physics.stribeck_friction * np.exp(-np.abs(v) / physics.stribeck_velocity)
     force = (
-        physics.moving_mass * motion.acceleration
+        physics.moving_mass * per_recorded * motion.acceleration
         + physics.viscous_friction * v
         + 0.5 * physics.viscous_difference * np.abs(v)
         + (physics.coulomb_friction + low_speed) * np.sign(v)
     )
     recorded = _advanced(force, physics.force_delay * motion.sample_rate)
-    return (1.0 + physics.force_gain_error) * recorded + physics.force_offset
+    gain = (1.0 + physics.force_gain_error) * math.exp(physics.force_ln_factor)
+    return gain * recorded + physics.force_offset
 
 
 def _advanced(samples: FloatArray, by: float) -> FloatArray:

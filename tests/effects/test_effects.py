@@ -45,7 +45,7 @@ KEYS = [
     "preload-exponent", "thermal-preload", "thermal-stiffness", "position-offset", "torque-delay",
     "sensor-mounting-resonance", "base-compliance", "servo-stiffness", "periodic-preload", "cubic-stiffness",
     "second-mode", "nut-mass", "screw-loss", "table-absorber", "nut-absorber", "motor-damping", "response-delay",
-    "angle-delay", "constant-loss-factor",
+    "angle-delay", "constant-loss-factor", "unit", "torque-unit",
 ]  # fmt: skip
 #: How a unit ends a name.
 ENDINGS = {

@@ -23,14 +23,14 @@ WITHOUT_FRICTION = MotionParameters(moving_mass=95.0)
 #: FORMATS, section 6, the part that is about motions; viscous friction is for models that state none.
 KEYS = [
     "coulomb-friction", "force-offset", "direction-dependent-friction", "stribeck-friction", "force-delay",
-    "force-scale", "viscous-friction",
+    "force-scale", "viscous-friction", "unit", "position-unit",
 ]  # fmt: skip
 ENDINGS = {"N": "_n", "N·s/m": "_ns_per_m", "m/s": "_m_per_s", "s": "_s"}
 TIME = np.arange(4000) / RATE
 MOTION = Kinematics(RATE, Motion().at(TIME, 1), Motion().at(TIME, 2))
 
 #: As the motion of an axis of 95 kg is recorded.
-EFFECTS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, velocity=0.09, cutoff=100.0))
+EFFECTS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, change=54.0, velocity=0.09, cutoff=100.0))
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.key)
 

@@ -19,7 +19,7 @@ from tests.models.simulated_motion import Motion, Truth, simulated_record
 
 STATED = MotionParameters(moving_mass=95.0, viscous_friction=200.0)
 #: As the EMPS was recorded.
-SIZES = motion_sizes(force=53.6, velocity=0.0875, cutoff=100.0)
+SIZES = motion_sizes(force=53.6, change=53.5, velocity=0.0875, cutoff=100.0)
 EFFECTS = {effect.key: effect for effect in sized_for(MOTION_EFFECTS, SIZES)}
 
 
