@@ -14,6 +14,7 @@ from monitor_core.effects import (
     wrong_motion_parameters,
 )
 from monitor_core.effects.sizes import motion_sizes
+from monitor_core.effects.units import unit_sentence
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import Kinematics, MotionModel, MotionParameters, forces
 from tests.models.simulated_motion import RATE, Motion, Truth
@@ -174,3 +175,24 @@ def test_an_offset_and_coulomb_friction_are_alike_in_one_direction_alone() -> No
     np.testing.assert_allclose(changes[0], changes[1], rtol=1e-12)
     needs = {effect.key for effect in MOTION_EFFECTS if "direction" in effect.needs}
     assert needs == {"coulomb-friction", "force-offset", "direction-dependent-friction"}
+
+
+@pytest.mark.parametrize(("key", "factor"), [("unit", 1.0 / 4.4482216152605), ("position-unit", 1e3)])
+def test_another_unit_is_one_factor_of_what_is_recorded(key, factor) -> None:
+    """A force in pounds of the same motion; or the same force, of a motion in millimetres."""
+    axis = axis_for(EFFECTS[0])
+    wrong = next(effect for effect in EFFECTS if effect.key == key).added_to(axis, {"ln_factor": np.log(factor)})
+    in_si = forces(axis, MOTION)
+    if key == "unit":
+        np.testing.assert_allclose(forces(wrong, MOTION), factor * in_si, rtol=1e-12)
+    else:
+        recorded = Kinematics(RATE, factor * MOTION.velocity, factor * MOTION.acceleration)
+        np.testing.assert_allclose(forces(wrong, recorded), in_si, rtol=1e-9)
+
+
+def test_a_unit_is_said_where_the_factor_is_known_to_be_its_own() -> None:
+    pound, volt = np.log(1.0 / 4.4482216152605), np.log(1.0 / 35.15)
+    assert unit_sentence("Unit of force", pound, 0.05).endswith("0.2248 times the true value, as in lbf")
+    assert unit_sentence("Unit of force", np.log(1.0 / 9.80665), 0.04).endswith("as in kgf or daN")
+    assert unit_sentence("Unit of force", volt, 0.05).endswith("a unit, or a scale (volts, amperes)?")
+    assert unit_sentence("Unit of position", np.log(1000.0), 0.01).endswith("as in mm")
