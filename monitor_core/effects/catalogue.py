@@ -72,8 +72,7 @@ MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
     rigid_axis.FORCE_DELAY,
     rigid_axis.FORCE_SCALE,
     rigid_axis.VISCOUS_FRICTION,
-    units.FORCE_UNIT,
-    units.POSITION_UNIT,
+    units.MOTION_UNIT,
 )
 
 

@@ -36,10 +36,14 @@ _TORQUE = {
     "lbf·ft": 1.0 / (_POUND * _GRAVITY * 12.0 * _INCH),
     "ozf·in": 16.0 / (_POUND * _GRAVITY * _INCH),
 }
-#: By the name of the effect: the quantity, its unit in SI, others.
+#: By the name of the effect: what is recorded, its unit in SI, and the factors of others.
 _UNITS: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
-    "Unit of force": ("force", "N", _FORCE),
-    "Unit of position": ("position", "m", _LENGTH),
+    "Unit of force or position": (
+        "force or position",
+        "N or m",
+        {f"force in {unit}": factor for unit, factor in _FORCE.items()}
+        | {f"position in {unit}": 1.0 / factor for unit, factor in _LENGTH.items()},
+    ),
     "Unit of response": ("response", "m or m/s²", _RESPONSE),
     "Unit of torque": ("torque", "N·m", _TORQUE),
 }
@@ -59,24 +63,14 @@ _effect = partial(
     ordinary=_LEAST_LN_FACTOR,
 )
 
-FORCE_UNIT = _effect(
+MOTION_UNIT = _effect(
     key="unit",
-    name="Unit of force",
+    name="Unit of force or position",
     physics=(
-        "The recorded force is not in newtons but in volts, amperes, pounds or kilograms: it is wrong by one large "
-        "factor, as if mass and friction were all wrong by the same."
+        "The recorded force is not in newtons, or the position not in metres: mass and viscous friction as stated are "
+        "wrong by one large factor. Of the two no motion tells which; other forces are found in the unit of the record."
     ),
-    add=increasing_force("force_ln_factor", by="ln_factor"),
-)
-
-POSITION_UNIT = _effect(
-    key="position-unit",
-    name="Unit of position",
-    physics=(
-        "The recorded position is not in metres: velocity and acceleration are wrong by one large factor, and what "
-        "does not depend on them, as Coulomb friction, is right."
-    ),
-    add=increasing_force("position_ln_factor", by="ln_factor"),
+    add=increasing_force("unit_ln_factor", by="ln_factor"),
 )
 
 RESPONSE_UNIT = _effect(
@@ -110,5 +104,5 @@ def unit_sentence(name: str, ln_factor: float, deviation: float) -> str:
     quantity, stated, others = _UNITS[name]
     factor, apart = math.exp(ln_factor), _COVERAGE * math.hypot(deviation, _SENSITIVITY)
     known = [unit for unit, value in others.items() if abs(ln_factor - math.log(value)) <= apart]
-    said = f"the {quantity} is not in {stated}: what is recorded is {factor:.4g} times the true value"
-    return f"{said}, as in {' or '.join(known)}" if known else f"{said}; a unit, or a scale (volts, amperes)?"
+    said = f"{quantity} not in {stated}: what is recorded is {factor:.3g} times what is stated"
+    return f"{said}, as by {' or '.join(known)}" if known else f"{said}; a unit, or a scale (volts, amperes)?"

@@ -561,5 +561,7 @@ def test_another_unit_is_one_factor_of_its_channel(key, of_acceleration, of_angl
     wrong = of_key(key, RATED).added_to(LUMPED_AXIS, {"ln_factor": -math.log(9.80665)})
     for response, factor in ((ACCELERATION, of_acceleration), (ANGLE, of_angle)):
         np.testing.assert_allclose(
-            response_at(wrong, AT, response=response), factor * response_at(LUMPED_AXIS, AT, response=response), rtol=1e-12
+            response_at(wrong, AT, response=response),
+            factor * response_at(LUMPED_AXIS, AT, response=response),
+            rtol=1e-12,
         )

@@ -24,7 +24,7 @@ WITHOUT_FRICTION = MotionParameters(moving_mass=95.0)
 #: FORMATS, section 6, the part that is about motions; viscous friction is for models that state none.
 KEYS = [
     "coulomb-friction", "force-offset", "direction-dependent-friction", "stribeck-friction", "force-delay",
-    "force-scale", "viscous-friction", "unit", "position-unit",
+    "force-scale", "viscous-friction", "unit",
 ]  # fmt: skip
 ENDINGS = {"N": "_n", "N·s/m": "_ns_per_m", "m/s": "_m_per_s", "s": "_s"}
 TIME = np.arange(4000) / RATE
@@ -177,22 +177,24 @@ def test_an_offset_and_coulomb_friction_are_alike_in_one_direction_alone() -> No
     assert needs == {"coulomb-friction", "force-offset", "direction-dependent-friction"}
 
 
-@pytest.mark.parametrize(("key", "factor"), [("unit", 1.0 / 4.4482216152605), ("position-unit", 1e3)])
-def test_another_unit_is_one_factor_of_what_is_recorded(key, factor) -> None:
-    """A force in pounds of the same motion; or the same force, of a motion in millimetres."""
-    axis = axis_for(EFFECTS[0])
-    wrong = next(effect for effect in EFFECTS if effect.key == key).added_to(axis, {"ln_factor": np.log(factor)})
-    in_si = forces(axis, MOTION)
-    if key == "unit":
-        np.testing.assert_allclose(forces(wrong, MOTION), factor * in_si, rtol=1e-12)
-    else:
-        recorded = Kinematics(RATE, factor * MOTION.velocity, factor * MOTION.acceleration)
-        np.testing.assert_allclose(forces(wrong, recorded), in_si, rtol=1e-9)
+@pytest.mark.parametrize("factor", [1.0 / 4.4482216152605, 1e-3])
+def test_another_unit_of_force_and_of_position_are_one_factor(factor) -> None:
+    """A force in pounds, of which friction is in pounds too; and a motion in millimetres, of which it is in newtons."""
+    unit = next(effect for effect in EFFECTS if effect.key == "unit")
+    axis = MotionModel.of(STATED).physics
+    wrong = unit.added_to(axis, {"ln_factor": np.log(factor)})
+    np.testing.assert_allclose(forces(wrong, MOTION), factor * forces(axis, MOTION), rtol=1e-12)
+    with_friction = with_effects(MotionModel.of(STATED), {"coulomb-friction": {"friction_n": 4.0}}).physics
+    recorded = Kinematics(RATE, MOTION.velocity / factor, MOTION.acceleration / factor)
+    also_wrong = unit.added_to(with_friction, {"ln_factor": np.log(factor)})
+    np.testing.assert_allclose(forces(also_wrong, recorded), forces(with_friction, MOTION), rtol=1e-9)
 
 
 def test_a_unit_is_said_where_the_factor_is_known_to_be_its_own() -> None:
-    pound, volt = np.log(1.0 / 4.4482216152605), np.log(1.0 / 35.15)
-    assert unit_sentence("Unit of force", pound, 0.05).endswith("0.2248 times the true value, as in lbf")
-    assert unit_sentence("Unit of force", np.log(1.0 / 9.80665), 0.04).endswith("as in kgf or daN")
-    assert unit_sentence("Unit of force", volt, 0.05).endswith("a unit, or a scale (volts, amperes)?")
-    assert unit_sentence("Unit of position", np.log(1000.0), 0.01).endswith("as in mm")
+    def said(factor, deviation):
+        return unit_sentence("Unit of force or position", np.log(factor), deviation)
+
+    assert said(1.0 / 4.4482216152605, 0.05).endswith("0.225 times what is stated, as by force in lbf")
+    assert said(1.0 / 9.80665, 0.02).endswith("as by force in kgf or force in daN")
+    assert said(1.0 / 60.0, 0.05).endswith("a unit, or a scale (volts, amperes)?")
+    assert said(1e-3, 0.01).endswith("as by force in kN or position in mm")

@@ -28,7 +28,8 @@ def cleaned(workspace: Workspace[Physics], fitted: Fitted[Physics]) -> Fitted[Ph
 def is_clean(without: Fitted[Physics], fuller: Fitted[Physics], effect: Effect[Physics], forgiven_share: float) -> bool:
     """Return whether an effect has a size, does not widen the gap on held-out values, and strains nothing for little.
 
-    Of what it gains where it is fitted, ``forgiven_share`` may be lost where it is not. Where something is missing without it, a strain is for the outcome to judge: something else may be missing beside.
+    Of what it gains where it is fitted, ``forgiven_share`` may be lost where it is not. Where something is
+    missing without it, a strain is for the outcome to judge: something else may be missing beside.
     """
     scale, comparison = evidence_scale(fuller), fuller.comparison
     if significance(fuller, effect, scale) < _LEAST_SIZE:

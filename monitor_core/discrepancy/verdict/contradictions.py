@@ -55,7 +55,7 @@ def _of_gap(answer: Explanation) -> Iterator[str]:
 
 def _of_names(answer: Explanation) -> Iterator[str]:
     keys = [effect.key for effect in answer.effects]
-    for key in keys:
+    for key in dict.fromkeys(keys):
         if keys.count(key) > 1 or key in answer.hidden_in_remainder:
             yield f"{key} is found, and found again"
         if any(candidate.key == key for candidate in answer.candidates):
