@@ -181,8 +181,14 @@ def hidden_in_remainder(
         return None
     if explained_share(baseline, final, remainder.misfit) < settings.least_share:
         return None
-    explains = [without(final, effect).cost - final.cost for effect in effects]
-    least, effect = min(zip(explains, effects, strict=True), key=lambda pair: pair[0])
+    fits = [(without(final, effect), effect) for effect in effects]
+    # what relieves a declared parameter of a strain is needed, however small beside what is left
+    dispensable = [(lesser, effect) for lesser, effect in fits if strain(final, lesser) <= settings.strained]
+    if not dispensable:
+        return None
+    least, effect = min(
+        ((lesser.cost - final.cost, effect) for lesser, effect in dispensable), key=lambda pair: pair[0]
+    )
     return effect if least < settings.least_of_remainder * remainder.misfit else None
 
 
