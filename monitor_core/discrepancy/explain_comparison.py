@@ -49,6 +49,7 @@ from monitor_core.discrepancy.verdict.outcome import (
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
+from monitor_core.effects.units import unit_sentence
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, Panel
 from monitor_core.fitting.conditions.settings import varied_conditions
@@ -204,7 +205,7 @@ def _explain_kept(
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
     found = replace(found, final=final)
-    remainder = remainder_of(final)
+    remainder = remainder_of(final, found.baseline)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     left = remainder.is_left(settings.outcome)
@@ -280,6 +281,9 @@ def _found_effect(group: EquivalenceClass[Physics], stated: Fitted[Physics], sca
         for name, parameter in parameters.items()
         if parameter.at_end
     ]
+    if "ln_factor" in parameters:
+        estimate = parameters["ln_factor"].estimate
+        remarks += [unit_sentence(member.effect.name, estimate.value, estimate.standard_uncertainty)]
     return FoundEffect(
         key=member.effect.key,
         name=member.effect.name,

@@ -9,6 +9,7 @@
 from collections.abc import Sequence
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
+from monitor_core.discrepancy.search.clean import cleaned
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, holds, prune
@@ -36,7 +37,7 @@ def find_steps(workspace: Workspace[Physics]) -> tuple[Fitted[Physics], ...]:
     first = first if first.hypothesis.effects else workspace.baseline
     steps = _other_first_steps(workspace, first, steps)
     current = steps[-1] if steps else first
-    final = prune(workspace, current, current.hypothesis.effects)
+    final = cleaned(workspace, prune(workspace, current, current.hypothesis.effects))
     before = [workspace.baseline, *steps[:-1]] if final.hypothesis.effects else []
     return _leading_to(final, before)
 
