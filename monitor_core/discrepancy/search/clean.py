@@ -4,6 +4,7 @@ Evidence is a sum over thousands of values, in all of which the form of the mode
 must help where nothing was fitted, and may not strain what is declared only to explain what a healthy axis leaves.
 """
 
+from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.workspace import Workspace
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, significance
@@ -18,7 +19,7 @@ _RISES = 1.02
 
 def cleaned(workspace: Workspace[Physics], fitted: Fitted[Physics]) -> Fitted[Physics]:
     """Return the fit without the effects that are no clean names."""
-    for effect in fitted.hypothesis.effects:
+    for effect in findings(fitted):
         without = workspace.without(fitted, effect)
         if not is_clean(without, fitted, effect, workspace.settings.forgiven_share):
             return cleaned(workspace, without)

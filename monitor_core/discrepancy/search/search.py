@@ -12,7 +12,7 @@ from monitor_core.discrepancy.search.alternatives import judge_effect
 from monitor_core.discrepancy.search.clean import cleaned
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
-from monitor_core.discrepancy.search.stepwise import add_stepwise, holds, prune
+from monitor_core.discrepancy.search.stepwise import add_stepwise, findings, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
 from monitor_core.discrepancy.search.workspace import Workspace, gap
 from monitor_core.effects.effect import Effect, Physics
@@ -54,7 +54,7 @@ def judge_found(workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]])
     """Judge what a search has found: the evidence for each effect, and what else would do in its place."""
     final = steps[-1]
     scale = evidence_scale(final)
-    accepted = tuple(judge_effect(workspace, final, effect, scale) for effect in final.hypothesis.effects)
+    accepted = tuple(judge_effect(workspace, final, effect, scale) for effect in findings(final))
     return Found(
         baseline=workspace.baseline if accepted else final,
         steps=tuple(steps[1:]),
@@ -71,7 +71,7 @@ def judge_so_far(workspace: Workspace[Physics]) -> Found[Physics]:
     baseline, final = workspace.so_far[0], workspace.so_far[-1]
     scale, known = evidence_scale(final), (*workspace.so_far, *workspace.best_fits.values())
     accepted = []
-    for effect in final.hypothesis.effects:
+    for effect in findings(final):
         others = [fitted for fitted in known if fitted.hypothesis.keys <= final.hypothesis.keys - {effect.key}]
         without = min(others, key=lambda fitted: fitted.cost)
         held_out_gain = gain(without.held_out, final.held_out, scale)

@@ -4,13 +4,14 @@ Group each accepted effect with its indistinguishable alternatives; refit with t
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.clean import strain
 from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
@@ -69,10 +70,16 @@ class OutcomeSettings:
     least_share: float = 0.95
     #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
     pulls: float = 3.0
+    #: The same where nothing else is left and nothing describes it: up to thrice a tolerance, it is the tolerance.
+    pulls_of_tolerances: float = 9.0
     #: Of what is left: an effect that explains less, besides others, may be a part of it in disguise.
     least_of_remainder: float = 0.25
     #: Standard deviations: a declared parameter that what was found has pulled so far makes no clean name of it.
     strained: float = 4.0
+
+    def of_tolerances(self) -> "OutcomeSettings":
+        """Return the settings for errors of conditions that nothing explains: their tolerances are too small."""
+        return replace(self, pulls=self.pulls_of_tolerances)
 
 
 def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
@@ -172,7 +179,7 @@ def hidden_in_remainder(
     ``without`` returns the fit without one of the effects. None is returned where the effects together do not explain
     enough to be believed: then nothing is named in any case.
     """
-    effects, remainder = final.hypothesis.effects, remainder_of(final)
+    effects, remainder = findings(final), remainder_of(final)
     if len(effects) < 2 or not remainder.is_left(settings):
         return None
     if explained_share(baseline, final, remainder.misfit) < settings.least_share:
