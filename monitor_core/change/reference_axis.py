@@ -8,11 +8,10 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.change.cells import ChangeTolerances, ThenAndNow
 from monitor_core.change.reference_ratio import compare_reference
-from monitor_core.discrepancy.verdict.classes import covariance
 from monitor_core.effects.thermal import WARMING
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.evidence import evidence_scale
+from monitor_core.fitting.evidence import covariance, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.observations import (
     ACCELEROMETER_POINTS,

@@ -49,6 +49,7 @@ from monitor_core.discrepancy.verdict.outcome import (
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
+from monitor_core.effects.units import unit_sentence
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, Panel
 from monitor_core.fitting.conditions.settings import varied_conditions
@@ -161,10 +162,18 @@ def explain_comparison(
         )
         worst = None if explanation.unfinished else records.worst(final)
         if worst is None:
-            return replace(explanation, records=records.named(final))
+            break
         if progress is not None:
             progress(f"once more without record {worst.number} ({worst.setting})")
         records = records.with_wrong(worst.number)
+    if explanation.outcome is Outcome.UNKNOWN and records.wrong and not explanation.unfinished:
+        # where so much is missing that nothing is found, records may stand out that are right
+        whole, _ = _explain_kept(
+            comparison, axis, candidates, settings=settings, sizes=sizes, progress=progress, time_is_up=time_is_up
+        )
+        if whole.outcome is not Outcome.UNKNOWN:
+            return whole
+    return replace(explanation, records=records.named(final))
 
 
 def _explain_kept(
@@ -204,7 +213,7 @@ def _explain_kept(
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
     found = replace(found, final=final)
-    remainder = remainder_of(final)
+    remainder = remainder_of(final, found.baseline)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     left = remainder.is_left(settings.outcome)
@@ -214,6 +223,8 @@ def _explain_kept(
     description = None
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
         description = describe(found.baseline, final, candidates, report)
+        if description is None:
+            outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome.of_tolerances())
     if description is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
         steps = (*found.steps, final) if description.keeps_found else (final,)
@@ -226,9 +237,6 @@ def _explain_kept(
     scale = found.evidence_scale
     scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
     values = final.hypothesis.values(final.coordinates)
-    ratios = final.hypothesis.ln_ratios(final.coordinates) | {
-        key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
-    }
     explanation = Explanation(
         outcome=outcome,
         effects=tuple(_found_effect(group, final, scale) for group in classes),
@@ -240,7 +248,7 @@ def _explain_kept(
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
         next_measurement=next_measurement(found, classes, outcome, candidates, sizes),
-        ln_ratios=ratios,
+        ln_ratios=_ln_ratios(final),
         added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
         panels=_panels(found),
         maps=_maps(found),
@@ -252,6 +260,14 @@ def _explain_kept(
         described=() if description is None else (description.described,),
     )
     return explanation, final
+
+
+def _ln_ratios(final: Fitted[Physics]) -> dict[str, float]:
+    """Return ln(refitted/stated) of the parameters of the model file, those that are called wrong included."""
+    values = final.hypothesis.values(final.coordinates)
+    return final.hypothesis.ln_ratios(final.coordinates) | {
+        key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
+    }
 
 
 def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
@@ -280,6 +296,9 @@ def _found_effect(group: EquivalenceClass[Physics], stated: Fitted[Physics], sca
         for name, parameter in parameters.items()
         if parameter.at_end
     ]
+    if "ln_factor" in parameters:
+        estimate = parameters["ln_factor"].estimate
+        remarks += [unit_sentence(member.effect.name, estimate.value, estimate.standard_uncertainty)]
     return FoundEffect(
         key=member.effect.key,
         name=member.effect.name,

@@ -16,6 +16,7 @@ from monitor_core.effects import (
     stiffness,
     structure,
     thermal,
+    units,
 )
 from monitor_core.effects.effect import Effect
 from monitor_core.effects.wrong_parameter import PREFIX, wrong_motion_parameter, wrong_parameter
@@ -58,6 +59,8 @@ DRIVE_EFFECTS: tuple[Effect[AxisPhysics], ...] = (
     sensing.RESPONSE_DELAY,
     sensing.ANGLE_DELAY,
     damping_friction.CONSTANT_LOSS_FACTOR,
+    units.RESPONSE_UNIT,
+    units.TORQUE_UNIT,
 )
 
 #: Keys as in FORMATS, section 6, and viscous friction for models that state none.
@@ -69,6 +72,7 @@ MOTION_EFFECTS: tuple[Effect[MotionPhysics], ...] = (
     rigid_axis.FORCE_DELAY,
     rigid_axis.FORCE_SCALE,
     rigid_axis.VISCOUS_FRICTION,
+    units.MOTION_UNIT,
 )
 
 

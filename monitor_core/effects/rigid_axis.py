@@ -15,7 +15,9 @@ COULOMB_FRICTION = Effect(
         "direction alone it looks like an offset of the recorded force."
     ),
     source="Janot, Gautier & Brunot (2019), the reference model of the EMPS",
-    parameters=(EffectParameter("friction_n", "N", lower=0.0, upper=20.0, scale=0.1, reference=Reference.MOTOR_FORCE),),
+    parameters=(
+        EffectParameter("friction_n", "N", lower=0.0, upper=20.0, scale=0.1, reference=Reference.FORCE_CHANGE),
+    ),
     add=increasing_force("coulomb_friction", by="friction_n"),
     needs=frozenset({ConditionAxis.DIRECTION}),
 )
@@ -74,7 +76,7 @@ STRIBECK_FRICTION = Effect(
     ),
     source="Tustin's form in Armstrong-Hélouvry, Dupont & Canudas de Wit, Automatica 30 (1994)",
     parameters=(
-        EffectParameter("friction_n", "N", lower=-4.0, upper=10.0, scale=0.06, reference=Reference.MOTOR_FORCE),
+        EffectParameter("friction_n", "N", lower=-4.0, upper=10.0, scale=0.06, reference=Reference.FORCE_CHANGE),
         # a slower decay than that would be Coulomb and viscous friction by another name
         EffectParameter(
             "velocity_m_per_s",

@@ -32,8 +32,9 @@ class Reference(StrEnum):
     PERIOD = "period of the first natural frequency [s]"
     INVERSE_SQUARE = "1/first natural frequency² [s²]"
     MOTOR_FORCE = "motor force [N]"
+    FORCE_CHANGE = "change of the motor force [N]"  # about its mean: without what a hanging weight needs
     VELOCITY = "velocity [m/s]"
-    VISCOUS_FRICTION = "motor force over velocity [N·s/m]"
+    VISCOUS_FRICTION = "change of the motor force over velocity [N·s/m]"
     CUTOFF_PERIOD = "shortest period of a motion [s]"
 
 
@@ -125,13 +126,17 @@ def drive_sizes(
     )
 
 
-def motion_sizes(*, force: float, velocity: float, cutoff: float) -> MachineSizes:
-    """Return the sizes of a motion: rms of motor force [N] and of velocity [m/s], and up to where it is seen [Hz]."""
+def motion_sizes(*, force: float, change: float, velocity: float, cutoff: float) -> MachineSizes:
+    """Return the sizes of a motion, and up to where it is seen [Hz].
+
+    They are the rms of the motor force [N], that about its mean [N] and that of the velocity [m/s].
+    """
     return MachineSizes(
         {
             Reference.MOTOR_FORCE: force,
+            Reference.FORCE_CHANGE: change,
             Reference.VELOCITY: velocity,
-            Reference.VISCOUS_FRICTION: force / velocity,
+            Reference.VISCOUS_FRICTION: change / velocity,
             Reference.CUTOFF_PERIOD: 1.0 / cutoff,
         }
     )

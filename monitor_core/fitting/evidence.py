@@ -17,13 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import BoolArray, FloatArray
-from monitor_core.effects.effect import Physics
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.comparison import Comparison, Layout
+from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-#: A decrease of χ² is measured with the noise budget at the least: residuals below it may be correlated.
-_LEAST_SCALE = 1.0
+#: A decrease of χ² is measured with the noise budget at the least: residuals below it may be correlated. But what
+#: leaves less than half of a budget, or a quarter of its square, disproves it.
+_LEAST_SCALE, _DISPROVED = 1.0, 0.25
 _HIGHEST_CORRELATION = 0.9
+_SMALLEST = 1e-9  # of s²: data of a model have no noise at all
 #: Evidence, of BIC or of χ² for nothing more that is free (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773).
 STRONG, VERY_STRONG = 6.0, 10.0
 _SHARE_OF_THRESHOLD = 0.4
@@ -69,7 +72,8 @@ def evidence_scale(fitted: Fitted[Physics]) -> EvidenceScale:
     """
     residuals = fitted.standardised[fitted.fitted]
     free = max(residuals.size - fitted.n_seen, 1)
-    mean_square = max((float(residuals @ residuals) + fitted.prior_cost) / free, _LEAST_SCALE)
+    mean_square = (float(residuals @ residuals) + fitted.prior_cost) / free
+    mean_square = max(mean_square, min(_LEAST_SCALE, mean_square / _DISPROVED), _SMALLEST)
     correlation = neighbour_correlation(fitted.comparison.layout, fitted.standardised, fitted.fitted)
     return EvidenceScale(mean_square, min(max(correlation, 0.0), _HIGHEST_CORRELATION), residuals.size)
 
@@ -86,5 +90,37 @@ def neighbour_correlation(layout: Layout, standardised: FloatArray, chosen: Bool
 
 
 def delta_bic(without: Fitted[Physics], fuller: Fitted[Physics], scale: EvidenceScale) -> float:
-    """Return BIC of a hypothesis less BIC of a fuller one: above zero speaks for the fuller."""
-    return scale.factor * (without.cost - fuller.cost) - scale.penalty(fuller.n_seen - without.n_seen)
+    """Return BIC of a hypothesis less BIC of a fuller one: above zero speaks for the fuller.
+
+    What the data gain counts by the scale. The pull of a declared parameter is no residual: it is neither correlated
+    nor larger than its tolerance because the data are, and counts in full.
+    """
+    of_priors = without.prior_cost - fuller.prior_cost
+    of_data = without.cost - fuller.cost - of_priors
+    return scale.factor * of_data + of_priors - scale.penalty(fuller.n_seen - without.n_seen)
+
+
+def covariance(fitted: Fitted[Physics], scale: EvidenceScale) -> FloatArray:
+    r"""Return the covariance of the coordinates, :math:`(f J^T J + \Pi)^{-1}` with the priors' precision Π.
+
+    f is the factor of the evidence scale: residuals that are correlated, or exceed their budget, count for less.
+    """
+    n = fitted.hypothesis.n_coordinates
+    precision = fitted.precision(scale.factor)
+    root = np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    correlation = precision / np.outer(root, root)
+    return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True) / np.outer(root, root)).reshape(n, n)
+
+
+def significance(fitted: Fitted[Physics], effect: Effect[Physics], scale: EvidenceScale) -> float:
+    """Return the size of an effect of a fit over its standard deviation, of its largest size where it has several.
+
+    Beside the scatter of the data stands what the formula of the effect leaves out.
+    """
+    variances, largest = np.diag(covariance(fitted, scale)), 0.0
+    for at, (other, parameter) in enumerate(fitted.hypothesis.unknowns, fitted.hypothesis.n_uncertain):
+        if other.key == effect.key and (parameter is other.parameters[0] or is_size(parameter)):
+            size = abs(fitted.coordinates[at])  # of a size, which is null at 0
+            deviation = math.hypot(math.sqrt(max(float(variances[at]), 0.0)), effect.form_share * size)
+            largest = max(largest, size / max(deviation, 1e-300))
+    return largest

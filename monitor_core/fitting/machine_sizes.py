@@ -53,7 +53,8 @@ def sizes_of_motion(comparison: MotionComparison) -> MachineSizes:
     """Return the sizes of a motion from its record: of the values that are compared, without standstill."""
     velocity = comparison.sampling.values(comparison.motion.velocity)
     force, speed = (float(np.sqrt(np.mean(values**2))) for values in (comparison.force, velocity))
-    return motion_sizes(force=force, velocity=speed, cutoff=comparison.sampling.cutoff)
+    change = float(np.std(comparison.force)) or force  # a force that never changes has no other size
+    return motion_sizes(force=force, change=change, velocity=speed, cutoff=comparison.sampling.cutoff)
 
 
 def _usual_preload(axis: AxisPhysics, conditions: Sequence[DriveConditions], forces: Sequence[float]) -> float:

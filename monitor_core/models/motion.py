@@ -79,6 +79,7 @@ class MotionPhysics:
     force_offset: float = 0.0  # recorded where there is no force [N]
     force_gain_error: float = 0.0  # recorded over true force, less one [-]
     force_delay: float = 0.0  # from a recorded force to the motion that it makes [s]
+    unit_ln_factor: float = 0.0  # ln of what mass and viscous friction act with in the units of the record [-]
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -103,7 +104,9 @@ def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
     is the force that the motion needs: the model of [1]_ with friction that depends on the direction, and with Tustin's
     low-speed term, see [2]_. Recorded is :math:`(1 + \varepsilon) F(t + \tau) + F_0`, since a force that acts a
     delay later is in the record before the motion it makes; at the end, a positive delay long, the last force is held.
-    At standstill friction balances whatever acts, which no function of the velocity gives.
+    Where force or position is recorded in another unit, a factor stands before the stated M and F_v; whatever else acts
+    is then in the units of the record. At standstill friction balances whatever acts, which no function of the velocity
+    gives.
 
     References
     ----------
@@ -113,10 +116,11 @@ def forces(physics: MotionPhysics, motion: Kinematics) -> FloatArray:
        methods for the control of machines with friction, Automatica 30, 1994.
     """
     v = motion.velocity
+    unit = math.exp(physics.unit_ln_factor)
     low_speed = physics.stribeck_friction * np.exp(-np.abs(v) / physics.stribeck_velocity)
     force = (
-        physics.moving_mass * motion.acceleration
-        + physics.viscous_friction * v
+        unit * physics.moving_mass * motion.acceleration
+        + unit * physics.viscous_friction * v
         + 0.5 * physics.viscous_difference * np.abs(v)
         + (physics.coulomb_friction + low_speed) * np.sign(v)
     )

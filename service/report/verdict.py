@@ -50,6 +50,8 @@ _WHEN_HELD_OUT = "None could be held out; of five positions or more, two would b
 _HARDLY_LESS = 0.95  # of a gap
 #: Standard deviations: any of a dozen right parameters is moved farther than the first in one report of seven.
 _MOVED, _STRAINED, _FAR = 2.5, 3.0, 5.0
+#: Tolerances: the square root of the variance of pulls that is no chance (OutcomeSettings.pulls).
+_SCATTERED = 1.73
 
 
 def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for each outcome
@@ -107,6 +109,7 @@ def asides(explanation: Explanation) -> tuple[str, ...]:
         *record_sentences(explanation),
         *explanation.assumptions,
         *_hidden_in_remainder(explanation),
+        *_scattered(explanation),
         *_pulled(explanation),
         *_strained_before(explanation),
     )
@@ -160,6 +163,16 @@ def _hidden_in_remainder(explanation: Explanation) -> Iterator[str]:
             f"{names} {verb}, too, but by little compared with what is left: whatever is missing may look so, and "
             f"{they} {are} neither named nor in the model."
         )
+
+
+def _scattered(explanation: Explanation) -> Iterator[str]:
+    """Say which settings scatter more about what is stated of them than their tolerance allows."""
+    for name, spread in explanation.pulls.items():
+        if name not in explanation.pulls_before and not name.startswith("gain") and spread > _SCATTERED:
+            yield (
+                f"What is stated as {parameter_words(name)} scatters by {rounded(spread, 2)} times its tolerance: "
+                "check the settings, or state the tolerance."
+            )
 
 
 def _pulled(explanation: Explanation) -> Iterator[str]:

@@ -45,7 +45,7 @@ KEYS = [
     "preload-exponent", "thermal-preload", "thermal-stiffness", "position-offset", "torque-delay",
     "sensor-mounting-resonance", "base-compliance", "servo-stiffness", "periodic-preload", "cubic-stiffness",
     "second-mode", "nut-mass", "screw-loss", "table-absorber", "nut-absorber", "motor-damping", "response-delay",
-    "angle-delay", "constant-loss-factor",
+    "angle-delay", "constant-loss-factor", "unit", "torque-unit",
 ]  # fmt: skip
 #: How a unit ends a name.
 ENDINGS = {
@@ -469,7 +469,9 @@ def test_wrong_parameters_and_effects_commute(family) -> None:
 
 
 def assert_same(axis, other):
-    """Compare every number of two axes to rounding."""
+    """Compare every number of two axes to rounding; none of them is another one at each setting."""
+    assert axis.by_setting == other.by_setting == ()
+    axis, other = (replace(each, by_setting={}) for each in (axis, other))
     for record, theirs in zip(asdict(axis).values(), asdict(other).values(), strict=True):
         for name, value in record.items():
             assert value == theirs[name] or value == pytest.approx(theirs[name], rel=1e-12), name
@@ -551,3 +553,17 @@ def test_two_effects_of_one_key_are_refused() -> None:
     mine = Effect("added-mass", "mine", "It is mine.", "none", (EffectParameter("mass_kg", "kg", 0.0, 1.0, 0.1),), max)
     with pytest.raises(OutsideValidityError, match="effects must have different keys; got added-mass twice"):
         applicable_effects(LUMPED_AXIS, (*DRIVE_EFFECTS, mine))
+
+
+@pytest.mark.parametrize(("key", "of_acceleration", "of_angle"), [
+    ("unit", 1.0 / 9.80665, 1.0), ("torque-unit", 9.80665, 9.80665),
+])  # fmt: skip
+def test_another_unit_is_one_factor_of_its_channel(key, of_acceleration, of_angle) -> None:
+    """An acceleration in g and a torque in kgf·m: nothing of the phase, the same at every frequency."""
+    wrong = of_key(key, RATED).added_to(LUMPED_AXIS, {"ln_factor": -math.log(9.80665)})
+    for response, factor in ((ACCELERATION, of_acceleration), (ANGLE, of_angle)):
+        np.testing.assert_allclose(
+            response_at(wrong, AT, response=response),
+            factor * response_at(LUMPED_AXIS, AT, response=response),
+            rtol=1e-12,
+        )

@@ -14,6 +14,7 @@ from monitor_core.effects import (
     wrong_motion_parameters,
 )
 from monitor_core.effects.sizes import motion_sizes
+from monitor_core.effects.units import unit_sentence
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.motion import Kinematics, MotionModel, MotionParameters, forces
 from tests.models.simulated_motion import RATE, Motion, Truth
@@ -23,14 +24,14 @@ WITHOUT_FRICTION = MotionParameters(moving_mass=95.0)
 #: FORMATS, section 6, the part that is about motions; viscous friction is for models that state none.
 KEYS = [
     "coulomb-friction", "force-offset", "direction-dependent-friction", "stribeck-friction", "force-delay",
-    "force-scale", "viscous-friction",
+    "force-scale", "viscous-friction", "unit",
 ]  # fmt: skip
 ENDINGS = {"N": "_n", "N·s/m": "_ns_per_m", "m/s": "_m_per_s", "s": "_s"}
 TIME = np.arange(4000) / RATE
 MOTION = Kinematics(RATE, Motion().at(TIME, 1), Motion().at(TIME, 2))
 
 #: As the motion of an axis of 95 kg is recorded.
-EFFECTS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, velocity=0.09, cutoff=100.0))
+EFFECTS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, change=54.0, velocity=0.09, cutoff=100.0))
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.key)
 
@@ -174,3 +175,26 @@ def test_an_offset_and_coulomb_friction_are_alike_in_one_direction_alone() -> No
     np.testing.assert_allclose(changes[0], changes[1], rtol=1e-12)
     needs = {effect.key for effect in MOTION_EFFECTS if "direction" in effect.needs}
     assert needs == {"coulomb-friction", "force-offset", "direction-dependent-friction"}
+
+
+@pytest.mark.parametrize("factor", [1.0 / 4.4482216152605, 1e-3])
+def test_another_unit_of_force_and_of_position_are_one_factor(factor) -> None:
+    """A force in pounds, of which friction is in pounds too; and a motion in millimetres, of which it is in newtons."""
+    unit = next(effect for effect in EFFECTS if effect.key == "unit")
+    axis = MotionModel.of(STATED).physics
+    wrong = unit.added_to(axis, {"ln_factor": np.log(factor)})
+    np.testing.assert_allclose(forces(wrong, MOTION), factor * forces(axis, MOTION), rtol=1e-12)
+    with_friction = with_effects(MotionModel.of(STATED), {"coulomb-friction": {"friction_n": 4.0}}).physics
+    recorded = Kinematics(RATE, MOTION.velocity / factor, MOTION.acceleration / factor)
+    also_wrong = unit.added_to(with_friction, {"ln_factor": np.log(factor)})
+    np.testing.assert_allclose(forces(also_wrong, recorded), forces(with_friction, MOTION), rtol=1e-9)
+
+
+def test_a_unit_is_said_where_the_factor_is_known_to_be_its_own() -> None:
+    def said(factor, deviation):
+        return unit_sentence("Unit of force or position", np.log(factor), deviation)
+
+    assert said(1.0 / 4.4482216152605, 0.05).endswith("0.225 times what is stated, as by force in lbf")
+    assert said(1.0 / 9.80665, 0.02).endswith("as by force in kgf or force in daN")
+    assert said(1.0 / 60.0, 0.05).endswith("a unit, or a scale (volts, amperes)?")
+    assert said(1e-3, 0.01).endswith("as by force in kN or position in mm")

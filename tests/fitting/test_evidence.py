@@ -121,7 +121,7 @@ def test_each_parameter_more_is_paid_for() -> None:
 
 
 def test_evidence_scale_of_a_fit() -> None:
-    """What the fit leaves per value is noise, but never less than the noise that is stated."""
+    """What the fit leaves per value is noise, no less than is stated, unless it is less than half of that."""
     rng = np.random.default_rng(5)
     series = 3.0 * autoregression(0.5, 10_000, rng) + 0.7
     _, fuller = fits(series)
@@ -131,8 +131,11 @@ def test_evidence_scale_of_a_fit() -> None:
     assert by.mean_square == pytest.approx(np.sum(left**2) / 9_999, rel=1e-6)
     assert by.correlation == pytest.approx(0.5, abs=0.03)
     assert by.factor == pytest.approx(by.share / by.mean_square)
-    quiet = evidence_scale(fits(0.1 * autoregression(-0.5, 10_000, rng))[1])
+    quiet = evidence_scale(fits(0.6 * autoregression(-0.5, 10_000, rng))[1])
     assert (quiet.mean_square, quiet.correlation, quiet.share) == (1.0, 0.0, 1.0)
+    series = 0.1 * autoregression(-0.5, 10_000, rng)
+    disproved = evidence_scale(fits(series)[1])
+    assert disproved.mean_square == pytest.approx(4.0 * np.var(series, ddof=1), rel=1e-6)
 
 
 def test_a_constant_in_correlated_noise_is_rarely_claimed() -> None:

@@ -53,6 +53,8 @@ EFFECTS = {
     "torque_delay": {"torque_delay": 1e-4},
     "response_delay": {"response_delay": 1e-4},
     "angle_delay": {"angle_delay": 1e-4},
+    "response_ln_factor": {"response_ln_factor": -2.3},
+    "torque_ln_factor": {"torque_ln_factor": 1.2},
     "mounting_inverse_square": {"mounting_inverse_square": 1e-8, "mounting_damping_ratio": 0.05},
     "cubic_nut_stiffness": {"cubic_nut_stiffness": 1e10},
     "second_mode_residue": {
@@ -184,7 +186,10 @@ def test_what_is_not_finite_is_refused(effect, value) -> None:
 
 
 #: Effects of the channels are no part of the axis; two effects act on a preload that only one family's axis follows.
-OF_THE_CHANNELS = {"torque_delay", "response_delay", "angle_delay", "mounting_inverse_square"}
+OF_THE_CHANNELS = {
+    "torque_delay", "response_delay", "angle_delay", "response_ln_factor", "torque_ln_factor",
+    "mounting_inverse_square",
+}  # fmt: skip
 OF_THE_AXIS = [name for name in EFFECTS if name not in OF_THE_CHANNELS]
 ON_THE_PRELOAD = {"preload_exponent_change", "thermal_preload", "preload_change"}
 

@@ -75,7 +75,7 @@ DRIVE = sized_for(
     DRIVE_EFFECTS,
     sizes_of_drive(ExtendedModel.of(LUMPED.build().parameters).physics, [ModalObservation(CONDITIONS, 200.0)]),
 )
-MOTIONS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, velocity=0.09, cutoff=100.0))
+MOTIONS = sized_for(MOTION_EFFECTS, motion_sizes(force=54.0, change=54.0, velocity=0.09, cutoff=100.0))
 REPEATABLE = [effect for effect in DRIVE if drive_of(effect) is not None]
 
 

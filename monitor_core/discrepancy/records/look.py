@@ -43,6 +43,8 @@ _EXPLAINED = 3.0
 #: Of the misfit beyond that, what may be left of it.
 _LEFT = 0.1
 _FEWEST_RECORDS = 6
+#: Standard uncertainties that a tag or a gain is off by at least.
+_LEAST_SIZE = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,13 +118,15 @@ def record_under(fitted: Fitted[Physics], whole: HasRecords[Physics], index: int
     )
     best = min(tested.freed(), key=lambda freed: chi_squared - float(freed.taken[0]))
     evidence = float(look.of_taken(best.taken)[0])
-    if chi_squared - float(best.taken[0]) <= allowed and evidence > VERY_STRONG:
+    deviation = float(best.deviation[0]) / math.sqrt(look.factor)
+    has_size = abs(float(best.found[0]) - float(best.stated[0])) >= _LEAST_SIZE * deviation
+    if chi_squared - float(best.taken[0]) <= allowed and evidence > VERY_STRONG and has_size:
         wrong = replace(
             wrong,
             fault=best.fault,
             stated=float(best.stated[0]),
             found=float(best.found[0]),
-            standard_uncertainty=float(best.deviation[0]) / math.sqrt(look.factor),
+            standard_uncertainty=deviation,
             unit=best.unit,
             delta_bic=evidence,
         )

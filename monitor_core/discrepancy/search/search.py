@@ -9,9 +9,10 @@
 from collections.abc import Sequence
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
+from monitor_core.discrepancy.search.clean import cleaned
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
-from monitor_core.discrepancy.search.stepwise import add_stepwise, holds, prune
+from monitor_core.discrepancy.search.stepwise import add_stepwise, findings, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
 from monitor_core.discrepancy.search.workspace import Workspace, gap
 from monitor_core.effects.effect import Effect, Physics
@@ -36,7 +37,7 @@ def find_steps(workspace: Workspace[Physics]) -> tuple[Fitted[Physics], ...]:
     first = first if first.hypothesis.effects else workspace.baseline
     steps = _other_first_steps(workspace, first, steps)
     current = steps[-1] if steps else first
-    final = prune(workspace, current, current.hypothesis.effects)
+    final = cleaned(workspace, prune(workspace, current, current.hypothesis.effects))
     before = [workspace.baseline, *steps[:-1]] if final.hypothesis.effects else []
     return _leading_to(final, before)
 
@@ -53,7 +54,7 @@ def judge_found(workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]])
     """Judge what a search has found: the evidence for each effect, and what else would do in its place."""
     final = steps[-1]
     scale = evidence_scale(final)
-    accepted = tuple(judge_effect(workspace, final, effect, scale) for effect in final.hypothesis.effects)
+    accepted = tuple(judge_effect(workspace, final, effect, scale) for effect in findings(final))
     return Found(
         baseline=workspace.baseline if accepted else final,
         steps=tuple(steps[1:]),
@@ -70,7 +71,7 @@ def judge_so_far(workspace: Workspace[Physics]) -> Found[Physics]:
     baseline, final = workspace.so_far[0], workspace.so_far[-1]
     scale, known = evidence_scale(final), (*workspace.so_far, *workspace.best_fits.values())
     accepted = []
-    for effect in final.hypothesis.effects:
+    for effect in findings(final):
         others = [fitted for fitted in known if fitted.hypothesis.keys <= final.hypothesis.keys - {effect.key}]
         without = min(others, key=lambda fitted: fitted.cost)
         held_out_gain = gain(without.held_out, final.held_out, scale)

@@ -50,15 +50,23 @@ def prune(
     for effect in effects:
         without = workspace.without(fitted, effect)
         evidence = delta_bic(without, fitted, evidence_scale(fitted))
-        if evidence < workspace.least_evidence(without) or is_ordinary(fitted, effect):
+        if evidence < workspace.least_evidence(without):
             return prune(workspace, without, [kept for kept in effects if kept.key != effect.key])
     return fitted
 
 
 def is_ordinary(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
-    """Return whether an effect is found no larger than every axis may have it."""
+    """Return whether an effect is found no larger than every axis may have it.
+
+    It stays in the model, and is no finding: without it another effect would be found in its place.
+    """
     size = fitted.hypothesis.values(fitted.coordinates)[effect.key][effect.parameters[0].name]
     return abs(size) < effect.ordinary
+
+
+def findings(fitted: Fitted[Physics]) -> tuple[Effect[Physics], ...]:
+    """Return the effects of a fit that are findings: those that not every axis may have so."""
+    return tuple(effect for effect in fitted.hypothesis.effects if not is_ordinary(fitted, effect))
 
 
 def holds(
@@ -81,8 +89,7 @@ def _best_addition(workspace: Workspace[Physics], current: Fitted[Physics]) -> F
         scale = evidence_scale(rival.fitted)
         if delta_bic(current, rival.fitted, scale) < least:
             return None
-        ordinary = is_ordinary(rival.fitted, rival.fitted.hypothesis.effects[-1])
-        if not ordinary and holds(workspace, current, rival.fitted, scale):
+        if holds(workspace, current, rival.fitted, scale):
             return rival.fitted
     return None
 

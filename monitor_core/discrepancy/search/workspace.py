@@ -83,7 +83,7 @@ class SearchSettings:
     #: Of what a refit has gained: what promises less is not refitted besides it, where screening can be relied upon.
     least_share_of_gain: float = 0.3
     most_rise: float = 25.0  # of χ², by screening, for an effect to be refitted in the place of an effect found
-    most_effects: int = 4
+    most_effects: int = 5
     n_first_steps: int = 2  # tried one after the other where the best one does not lead to the floor
 
 

@@ -7,13 +7,12 @@ from typing import Generic
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.conditions.groups import modes_that_stay
-from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, least_difference
+from monitor_core.fitting.evidence import STRONG, VERY_STRONG, EvidenceScale, covariance, least_difference
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -197,18 +196,6 @@ def _at_an_end(effect: Effect[Physics], parameter: EffectParameter, value: float
         return False
     room = min(value - parameter.lower, parameter.upper - value) / (parameter.upper - parameter.lower)
     return 0.0 <= room < _AT_THE_END
-
-
-def covariance(fitted: Fitted[Physics], scale: EvidenceScale) -> FloatArray:
-    r"""Return the covariance of the coordinates, :math:`(f J^T J + \Pi)^{-1}` with the priors' precision Π.
-
-    f is the factor of the evidence scale: residuals that are correlated, or exceed their budget, count for less.
-    """
-    n = fitted.hypothesis.n_coordinates
-    precision = fitted.precision(scale.factor)
-    root = np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    correlation = precision / np.outer(root, root)
-    return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True) / np.outer(root, root)).reshape(n, n)
 
 
 def found_parameters(

@@ -4,12 +4,14 @@ Group each accepted effect with its indistinguishable alternatives; refit with t
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.search.clean import strain
 from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
@@ -68,8 +70,16 @@ class OutcomeSettings:
     least_share: float = 0.95
     #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
     pulls: float = 3.0
+    #: The same where nothing else is left and nothing describes it: up to thrice a tolerance, it is the tolerance.
+    pulls_of_tolerances: float = 9.0
     #: Of what is left: an effect that explains less, besides others, may be a part of it in disguise.
     least_of_remainder: float = 0.25
+    #: Standard deviations: a declared parameter that what was found has pulled so far makes no clean name of it.
+    strained: float = 4.0
+
+    def of_tolerances(self) -> "OutcomeSettings":
+        """Return the settings for errors of conditions that nothing explains: their tolerances are too small."""
+        return replace(self, pulls=self.pulls_of_tolerances)
 
 
 def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
@@ -93,17 +103,22 @@ class Remainder:
     gap: JudgedGap
     pulls: Mapping[str, float]  # variances by kind of condition error, from :func:`variances_of_pulls`
     misfit: float  # beyond that of healthy axes, of residuals and of pulls, in χ²
+    strain: float = 0.0  # the largest pull of a declared parameter that what was added has made, in σ
 
     def is_pulled(self, settings: OutcomeSettings) -> bool:
         """Return whether condition errors scatter more than their tolerances allow."""
         return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
 
+    def is_strained(self, settings: OutcomeSettings) -> bool:
+        """Return whether what was added pulls a declared parameter beyond belief."""
+        return self.strain > settings.strained
+
     def is_left(self, settings: OutcomeSettings) -> bool:
         """Return whether anything is left that a healthy axis would not leave."""
-        return self.gap.exceeds_healthy or self.is_pulled(settings)
+        return self.gap.exceeds_healthy or self.is_pulled(settings) or self.is_strained(settings)
 
 
-def remainder_of(fitted: Fitted[Physics]) -> Remainder:
+def remainder_of(fitted: Fitted[Physics], baseline: Fitted[Physics] | None = None) -> Remainder:
     r"""Return what a fit leaves.
 
     Of its misfit, what is beyond that of healthy axes is
@@ -113,13 +128,14 @@ def remainder_of(fitted: Fitted[Physics]) -> Remainder:
         R = \chi^2 \left( 1 - \left( \frac{limit}{gap} \right)^2 \right) + n_{settings} \sum_k (s_k^2 - 1)
 
     with the excess of the gap over what healthy axes leave, and of the variances of the pulls over one, both only where
-    there is any.
+    there is any. Against the ``baseline`` it is known which pulls of declared parameters are those of what was added.
     """
     gap, pulls = judged_gap(fitted), variances_of_pulls(fitted)
     chi_squared = float(np.sum(fitted.standardised[fitted.fitted] ** 2))
     excess = 1.0 - (gap.most_of_healthy / gap.in_floors) ** 2 if gap.exceeds_healthy else 0.0
     of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
-    return Remainder(gap, pulls, chi_squared * excess + len(fitted.comparison.layout.settings) * of_settings)
+    misfit = chi_squared * excess + len(fitted.comparison.layout.settings) * of_settings
+    return Remainder(gap, pulls, misfit, 0.0 if baseline is None else strain(baseline, fitted))
 
 
 def outcome_of(
@@ -163,11 +179,17 @@ def hidden_in_remainder(
     ``without`` returns the fit without one of the effects. None is returned where the effects together do not explain
     enough to be believed: then nothing is named in any case.
     """
-    effects, remainder = final.hypothesis.effects, remainder_of(final)
+    effects, remainder = findings(final), remainder_of(final)
     if len(effects) < 2 or not remainder.is_left(settings):
         return None
     if explained_share(baseline, final, remainder.misfit) < settings.least_share:
         return None
-    explains = [without(final, effect).cost - final.cost for effect in effects]
-    least, effect = min(zip(explains, effects, strict=True), key=lambda pair: pair[0])
+    fits = [(without(final, effect), effect) for effect in effects]
+    # what relieves a declared parameter of a strain is needed, however small beside what is left
+    dispensable = [(lesser, effect) for lesser, effect in fits if strain(final, lesser) <= settings.strained]
+    if not dispensable:
+        return None
+    least, effect = min(
+        ((lesser.cost - final.cost, effect) for lesser, effect in dispensable), key=lambda pair: pair[0]
+    )
     return effect if least < settings.least_of_remainder * remainder.misfit else None

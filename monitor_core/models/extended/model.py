@@ -84,6 +84,7 @@ def _names(
 #: What is added to responses, but is no property of a mode: see :class:`AddedPhysics`.
 _NOT_IN_MODES = (
     "guide_friction", "cubic_nut_stiffness", "torque_delay", "response_delay", "angle_delay",
+    "response_ln_factor", "torque_ln_factor",
     "mounting_inverse_square", "second_mode_residue",
 )  # fmt: skip
 

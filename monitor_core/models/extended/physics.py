@@ -122,6 +122,8 @@ class AddedPhysics:
     torque_delay: float = 0.0  # by which a torque acts later than it is recorded [s]
     response_delay: float = 0.0  # by which what table or nut do is recorded later than it is done [s]
     angle_delay: float = 0.0  # the same of the angle of the motor [s]
+    response_ln_factor: float = 0.0  # ln of recorded over true response of table or nut, by another unit [-]
+    torque_ln_factor: float = 0.0  # ln of recorded over true torque, by another unit [-]
     mounting_inverse_square: float = 0.0  # 1/(2πf)² of the accelerometer on its mounting [s²]
     mounting_damping_ratio: float = 0.0  # [-]
     cubic_nut_stiffness: float = 0.0  # β in nut force = k(1 + β δ²) δ [1/m²]

@@ -89,6 +89,10 @@ def _through_the_channels(values: ComplexArray, physics: AxisPhysics, lines: Pre
         values *= late
     if added.torque_delay:
         values *= np.where(lines.by_torque, np.exp(-1j * added.torque_delay * lines.omega), 1.0)
+    if added.response_ln_factor:
+        values[lines.beyond_screw] *= np.exp(added.response_ln_factor)
+    if added.torque_ln_factor:
+        values *= np.where(lines.by_torque, np.exp(-added.torque_ln_factor), 1.0)
     if added.mounting_inverse_square:
         at = lines.acceleration
         ratio = lines.omega[at] * np.sqrt(added.mounting_inverse_square)

@@ -3,6 +3,7 @@
 Estimate the noise of a measured force from a motion that repeats, or else from frequencies above any motion.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -120,7 +121,8 @@ def force_noise(record: MotionRecord, force: FloatArray, sampling: MotionSamplin
     """Return the standard deviation of the values of a measured force between repetitions of the same motion [N].
 
     Where the reference repeats, or else the position, it is the deviation between times that are a whole number of
-    repetitions apart, as near to half the record as possible: between what is fitted and what is held out. Where
+    repetitions apart, as near to half the record as possible: between what is fitted and what is held out. It is
+    taken from the median of the differences, so that a disturbance which comes and goes is no noise. Where
     nothing repeats it is the noise above the cut-off frequency of the kinematics, taken as white. That is a lower bound
     that ignores friction which changes from stroke to stroke. It is never less than 1e-4 of the force's root mean
     square.
@@ -155,7 +157,8 @@ def _repeatability(record: MotionRecord, force: FloatArray, sampling: MotionSamp
         shift = None if trajectory is None else repetition_shift(sampling.inner(trajectory))
         if shift is not None:
             smooth = sampling.low_passed(force)
-            return float(np.sqrt(0.5 * np.mean((smooth[shift:] - smooth[:-shift]) ** 2)))
+            difference = np.abs(smooth[shift:] - smooth[:-shift])
+            return float(np.median(difference)) / (_NORMAL_MEDIAN * math.sqrt(2.0))
     return None
 
 

@@ -1,0 +1,52 @@
+"""Leave out effects that the evidence carries and that are no clean names all the same.
+
+Evidence is a sum over thousands of values, in all of which the form of the model errs alike. A name also needs a size,
+must help where nothing was fitted, and may not strain what is declared only to explain what a healthy axis leaves.
+"""
+
+from monitor_core.discrepancy.search.stepwise import findings
+from monitor_core.discrepancy.search.workspace import Workspace
+from monitor_core.effects.effect import Effect, Physics
+from monitor_core.fitting.evidence import delta_bic, evidence_scale, significance
+from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+#: Standard deviations that the size of an effect must measure at least, and that a declared parameter may be pulled by.
+_LEAST_SIZE, _STRAINED = 3.0, 3.5
+#: A gap on held-out values that rises by this factor does not fall.
+_RISES = 1.02
+
+
+def cleaned(workspace: Workspace[Physics], fitted: Fitted[Physics]) -> Fitted[Physics]:
+    """Return the fit without the effects that are no clean names."""
+    for effect in findings(fitted):
+        without = workspace.without(fitted, effect)
+        if not is_clean(without, fitted, effect, workspace.settings.forgiven_share):
+            return cleaned(workspace, without)
+    return fitted
+
+
+def is_clean(without: Fitted[Physics], fuller: Fitted[Physics], effect: Effect[Physics], forgiven_share: float) -> bool:
+    """Return whether an effect has a size, does not widen the gap on held-out values, and strains nothing for little.
+
+    Of what it gains where it is fitted, ``forgiven_share`` may be lost where it is not. Where something is
+    missing without it, a strain is for the outcome to judge: something else may be missing beside.
+    """
+    scale, comparison = evidence_scale(fuller), fuller.comparison
+    if significance(fuller, effect, scale) < _LEAST_SIZE:
+        return False
+    before, after = gap_of(comparison, without.held_out), gap_of(comparison, fuller.held_out)
+    forgiven = 0.5 * forgiven_share * max(delta_bic(without, fuller, scale), 0.0)
+    lost = -gain(without.held_out, fuller.held_out, scale)
+    if after > _RISES * before and lost > forgiven:  # never where nothing is held out
+        return False
+    return judged_gap(without).exceeds_healthy or strain(without, fuller) < _STRAINED
+
+
+def strain(without: Fitted[Physics], fuller: Fitted[Physics]) -> float:
+    """Return the largest pull of a declared parameter that is larger with what a fuller fit adds, in its tolerance."""
+    names = without.hypothesis.uncertain
+    before = dict(zip(names, without.coordinates[: len(names)].tolist(), strict=True))
+    after = fuller.coordinates[: fuller.hypothesis.n_uncertain].tolist()
+    pulls = zip(fuller.hypothesis.uncertain, after, strict=True)
+    return max((abs(pull) for name, pull in pulls if abs(pull) > abs(before.get(name, 0.0))), default=0.0)
