@@ -23,6 +23,7 @@ from benchmarks.detectability import detectability
 from benchmarks.score_card import Scored, score_card
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
+from monitor_core.discrepancy.verdict.contradictions import contradictions
 from monitor_core.effects import Effect
 from monitor_core.errors import MonitorCoreError
 from monitor_core.fitting.conditions.settings import default_folds
@@ -116,14 +117,13 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
         },
         "pulls": dict(found.pulls),
         "records": [
-            {"observations": list(record.observations), "fault": str(record.fault)}
-            for record in getattr(found, "records", ())
+            {"observations": list(record.observations), "fault": str(record.fault)} for record in found.records
         ],
         "described": [
             {"place": item.place, "parameter": item.parameter, "frequency_hz": item.frequency_hz}
-            for item in getattr(found, "described", ())
+            for item in found.described
         ],
-        "contradictions": contradictions(found),
+        "contradictions": list(contradictions(found)),
     }
 
 
@@ -140,23 +140,6 @@ def learnt_form(folder: Path) -> ModelFormError:
     text = {str(point): asdict(spectrum) for point, spectrum in form.spectra.items()}
     (folder / "form.json").write_text(json.dumps(text, indent=1), encoding="utf-8")
     return form
-
-
-def contradictions(found: Explanation) -> list[str]:
-    """Return what an answer says against itself, in words."""
-    floor, before, after = found.gap.noise_floor, found.gap.before.fit, found.gap.after.fit
-    claims = {"named": True, "equivalent": True, "partial": True, "none": False}.get(str(found.outcome))
-    described = bool(getattr(found, "described", ()))
-    said = {
-        "nothing is missing, and effects are named": claims is False and bool(found.effects),
-        "named, and no effect": claims is True and not found.effects,
-        "unknown, with a gap below the floor": found.outcome == "unknown" and before < floor,
-        "partial, with nothing left": found.outcome == "partial" and after < floor and not found.unfinished,
-        "more is left than there was": bool(found.effects) and after > 1.02 * before,
-        "nothing is missing, and the gap is twice the floor": claims is False and before > 2.0 * floor,
-        "described, and no description": found.outcome == "described" and not described,
-    }
-    return [words for words, holds in said.items() if holds]
 
 
 def chosen(share: float, seed: int) -> list[Job]:
