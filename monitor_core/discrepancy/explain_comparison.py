@@ -126,7 +126,7 @@ def _detection_limit(result: Screened[Physics] | None, found: Found[Physics]) ->
     scale, parameter = found.evidence_scale, result.effect.parameters[0]
     needed = found.least_delta_bic + scale.penalty(len(result.effect.parameters))
     limit = abs(parameter.scale) * math.sqrt(needed / (scale.factor * result.information))
-    limit = max(limit, result.effect.ordinary)
+    limit = max(limit, result.effect.ordinary, result.effect.least)
     return limit if limit <= max(abs(parameter.lower), abs(parameter.upper)) else None
 
 

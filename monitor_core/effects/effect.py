@@ -162,6 +162,8 @@ class Effect(Generic[Physics]):
     textbook: Mapping[str, float] | None = None  # values at which it is plain physics that a simpler model leaves out
     #: Size that every axis may have of it and no description states: less of it is nothing that a model lacks.
     ordinary: float = 0.0
+    #: Less of it is not this effect but another, and is left to that.
+    least: float = 0.0
     #: Relative standard uncertainty of its size by what the formula leaves out. Those that differ from the default
     #: are what sizes found on simulated machines err by beyond their scatter, as benchmarks/hidden_effects.py lists it.
     form_share: float = 0.02

@@ -60,7 +60,7 @@ _effect = partial(
     Effect,
     source="NIST SP 811: factors between units",
     parameters=(_LN_FACTOR,),
-    ordinary=_LEAST_LN_FACTOR,
+    least=_LEAST_LN_FACTOR,
 )
 
 MOTION_UNIT = _effect(

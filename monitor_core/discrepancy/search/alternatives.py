@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 
 from monitor_core.discrepancy.search.found import Accepted, Rival
 from monitor_core.discrepancy.search.refits import rivals_at, substitute_effect
-from monitor_core.discrepancy.search.stepwise import is_ordinary
+from monitor_core.discrepancy.search.stepwise import is_another, is_ordinary
 from monitor_core.discrepancy.search.textbook import is_at_textbook_value
 from monitor_core.discrepancy.search.workspace import Workspace, is_far, screening_misleads
 from monitor_core.effects.effect import Effect, Physics
@@ -30,7 +30,7 @@ def judge_effect(
         (
             Rival(other, trial, delta_bic(without, trial, scale))
             for other, trial in refitted
-            if other.key != effect.key and not is_ordinary(trial, other)
+            if other.key != effect.key and not (is_ordinary(trial, other) or is_another(trial, other))
         ),
         key=lambda rival: rival.delta_bic,
         reverse=True,

@@ -50,7 +50,7 @@ def prune(
     for effect in effects:
         without = workspace.without(fitted, effect)
         evidence = delta_bic(without, fitted, evidence_scale(fitted))
-        if evidence < workspace.least_evidence(without):
+        if evidence < workspace.least_evidence(without) or is_another(fitted, effect):
             return prune(workspace, without, [kept for kept in effects if kept.key != effect.key])
     return fitted
 
@@ -60,8 +60,16 @@ def is_ordinary(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
 
     It stays in the model, and is no finding: without it another effect would be found in its place.
     """
-    size = fitted.hypothesis.values(fitted.coordinates)[effect.key][effect.parameters[0].name]
-    return abs(size) < effect.ordinary
+    return _size(fitted, effect) < effect.ordinary
+
+
+def is_another(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
+    """Return whether an effect is found so small that it is another effect, and is left to that."""
+    return _size(fitted, effect) < effect.least
+
+
+def _size(fitted: Fitted[Physics], effect: Effect[Physics]) -> float:
+    return abs(fitted.hypothesis.values(fitted.coordinates)[effect.key][effect.parameters[0].name])
 
 
 def findings(fitted: Fitted[Physics]) -> tuple[Effect[Physics], ...]:
@@ -89,7 +97,8 @@ def _best_addition(workspace: Workspace[Physics], current: Fitted[Physics]) -> F
         scale = evidence_scale(rival.fitted)
         if delta_bic(current, rival.fitted, scale) < least:
             return None
-        if holds(workspace, current, rival.fitted, scale):
+        another = is_another(rival.fitted, rival.fitted.hypothesis.effects[-1])
+        if not another and holds(workspace, current, rival.fitted, scale):
             return rival.fitted
     return None
 
