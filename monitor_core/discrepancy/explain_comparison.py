@@ -85,6 +85,9 @@ def candidates_not_found(
         result = screened.get(effect.key)
         limit = _detection_limit(result, found)
         evidence, held_out, untestable, replaced = math.nan, math.nan, None, None
+        if effect.key in found.final.hypothesis.keys:  # no larger than every axis may have it
+            answers[effect.key] = Candidate(effect.key, evidence, held_out, effect.ordinary, effect.parameters[0].unit)
+            continue
         if effect.key in rivals:
             rival, without, replaced = rivals[effect.key]
             evidence = rival.delta_bic  # in the place of what was accepted

@@ -7,6 +7,7 @@ must help where nothing was fitted, and may not strain what is declared only to 
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.workspace import Workspace
 from monitor_core.effects.effect import Effect, Physics
+from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, significance
 from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -33,7 +34,9 @@ def is_clean(without: Fitted[Physics], fuller: Fitted[Physics], effect: Effect[P
     missing without it, a strain is for the outcome to judge: something else may be missing beside.
     """
     scale, comparison = evidence_scale(fuller), fuller.comparison
-    if significance(fuller, effect, scale) < _LEAST_SIZE:
+    # natural frequencies show that of an added mode, and hardly how large the mode is
+    has_only_frequency = effect.frequency is not None and not has_lines(comparison.layout)
+    if not has_only_frequency and significance(fuller, effect, scale) < _LEAST_SIZE:
         return False
     before, after = gap_of(comparison, without.held_out), gap_of(comparison, fuller.held_out)
     forgiven = 0.5 * forgiven_share * max(delta_bic(without, fuller, scale), 0.0)
