@@ -21,7 +21,7 @@ from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_
 from monitor_core.effects import Effect, varying
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
-from monitor_core.fitting.hold_out import gain
+from monitor_core.fitting.hold_out import gain, gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
 
@@ -32,6 +32,8 @@ _WORTH_A_REFIT = 0.15
 #: Of the misfit, what a description must explain; and of what the quantity would explain if it varied freely, what its
 #: law must. Less is no law, but one of many that point the same way.
 _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
+#: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
+_MOST_LEFT = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +142,8 @@ def _holds(baseline: Fitted[AxisPhysics], answer: _Refitted, scale: EvidenceScal
     enough = delta_bic(answer.base, fitted, scale) >= fitted.comparison.least_delta_bic
     of_missing = explained_share(baseline, fitted, remainder.misfit)
     gained = gain(baseline.held_out, fitted.held_out, scale)
-    held = math.isnan(gained) or gained > 0.0
+    left = gap_of(fitted.comparison, fitted.held_out)
+    held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
     return enough and held and of_missing >= _LEAST_EXPLAINED and _share_of_free(answer.tried) >= _LEAST_OF_FREE
 
 
