@@ -219,22 +219,22 @@ def _explain_kept(
     remainder = remainder_of(final, found.baseline)
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
-    left = remainder.is_left(settings.outcome)
-    outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome)
+    judged = settings.outcome
+    outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
     if unfinished:
         outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
     description = None
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
         description = describe(found.baseline, final, candidates, report)
         if description is None:
-            outcome = outcome_of(classes, remainder, explained=explained, settings=settings.outcome.of_tolerances())
+            judged = judged.of_tolerances()
+            outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
     if description is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
         steps = (*found.steps, final) if description.keeps_found else (final,)
         classes = classes if description.keeps_found else ()
         found = replace(found, final=final, steps=steps, accepted=found.accepted if classes else ())
         gap = replace(gap, after=_gap_pair(final))
-        left = remainder.is_left(settings.outcome)
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
     scale = found.evidence_scale
@@ -258,7 +258,7 @@ def _explain_kept(
         gap_by_channel=_gap_by_channel(found),
         pulls_before=_parameter_pulls(found.baseline),
         # an effect that would do in the place of another is reported there
-        hidden_in_remainder=tuple(key for key in hidden if key not in reported and left),
+        hidden_in_remainder=tuple(key for key in hidden if key not in reported and remainder.is_left(judged)),
         unfinished=unfinished,
         described=() if description is None else (description.described,),
     )
