@@ -66,11 +66,11 @@ replay-data: setup  ## write replay_data/ again from the independent plant
 plots: setup     ## draw docs/figures again
 	$(BIN)/python -m benchmarks.plots
 
-LOCK_FLAGS := --quiet --strip-extras --generate-hashes --allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
+LOCK := $(BIN)/uv pip compile --quiet --generate-hashes --no-header --python-version 3.11
 
 lock:            ## resolve the two lock files again from pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --all-extras -o requirements/dev.lock pyproject.toml
-	$(BIN)/pip-compile $(LOCK_FLAGS) --extra formats --extra postgres --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
+	$(LOCK) --all-extras -o requirements/dev.lock pyproject.toml
+	$(LOCK) --extra formats --extra postgres --extra mqtt --extra opcua --extra s3 --extra batch --extra build -c requirements/dev.lock -o requirements/runtime.lock pyproject.toml
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
