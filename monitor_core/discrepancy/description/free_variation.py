@@ -15,6 +15,7 @@ import numpy.typing as npt
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.discrepancy.description.quantities import Quantity
 from monitor_core.effects import ConditionAxis
+from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
@@ -91,7 +92,7 @@ def _setting(stated: Setting, order: float) -> AxisSetting:
     )
 
 
-def _numbers(fitted: Fitted[AxisPhysics]) -> npt.NDArray[np.intp]:
+def _numbers(fitted: Fitted[Physics]) -> npt.NDArray[np.intp]:
     """Return which settings were fitted."""
     return np.flatnonzero(np.logical_or.reduceat(fitted.fitted, fitted.around.whitened_by.starts))
 
@@ -100,10 +101,17 @@ def _costs(fitted: Fitted[AxisPhysics], quantity: Quantity, here: AxisPhysics, t
     record = getattr(here, quantity.record)
     try:
         moved = replace(record, **{quantity.field: np.exp(theta) * quantity.of(here)})
-        misfit = fitted.around.misfit(replace(here, **{quantity.record: moved}))
+        return costs_of_settings(fitted, replace(here, **{quantity.record: moved}))
     except OutsideValidityError:
         return None
+
+
+def costs_of_settings(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
+    """Return χ² of each setting that was fitted under other physics, whitened by its own condition errors alone.
+
+    Raises OutsideValidityError where the model has no answer.
+    """
     whitened_by = fitted.around.whitened_by
-    whitened = replace(whitened_by, common=None)(misfit)
+    whitened = replace(whitened_by, common=None)(fitted.around.misfit(physics))
     of_settings = np.add.reduceat(np.where(fitted.fitted, whitened**2, 0.0), whitened_by.starts)
     return np.asarray(of_settings[_numbers(fitted)])
