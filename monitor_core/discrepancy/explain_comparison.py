@@ -162,8 +162,9 @@ def explain_comparison(
     records = cleared(comparison, axis, progress or (lambda _: None))
     while True:
         explanation, final = _explain_kept(
-            records.kept, axis, candidates, settings=settings, sizes=sizes, progress=progress, time_is_up=time_is_up
-        )
+            records.kept, axis, candidates, baseline=records.baseline, settings=settings, sizes=sizes,
+            progress=progress, time_is_up=time_is_up,
+        )  # fmt: skip
         worst = None if explanation.unfinished else records.worst(final)
         if worst is None:
             break
@@ -185,6 +186,7 @@ def _explain_kept(
     axis: DescribedAxis[Physics],
     candidates: Sequence[Effect[Physics]],
     *,
+    baseline: Fitted[Physics] | None = None,
     settings: ExplainSettings | None,
     sizes: MachineSizes | None,
     progress: Callable[[str], None] | None,
@@ -204,7 +206,7 @@ def _explain_kept(
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report)
     hidden, unfinished = list[str](), ""
     try:
-        steps = find_steps(workspace)
+        steps = find_steps(workspace, baseline)
         while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
             hidden.append(least.key)
             steps = leave_out(workspace, steps, least)

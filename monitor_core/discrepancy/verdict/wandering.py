@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.description.free_variation import costs_of_settings
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, Remainder
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import evidence_scale
+from monitor_core.fitting.solver.costs_of_settings import costs_of_settings
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 #: θ: a resonance is narrow, so that no step may lie far from the next, and what wanders goes far.
