@@ -64,7 +64,7 @@ def test_folds_of_several_values() -> None:
 
 
 def test_of_responses_a_fold_left_out_by_one_step_is_that_of_a_whole_fit() -> None:
-    """Of three positions at four preloads each preload in turn: the gap is the same, whether a step was enough or not."""
+    """Each of four preloads in turn, at three positions: the gap is the same, whether a step was enough or not."""
     case = draw_case("none", seed=31, respond=transmission_line.respond, situation=Situation(design="poor"))
     measured, file = observations(case), parse_model(case.baseline, "none")
     drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})

@@ -1,13 +1,13 @@
 r"""Tell a resonance that stays from one that wanders: no effect of the catalogue is at another frequency elsewhere.
 
 What wanders with the position or the preload is taken for a resonance where it stands at some settings, and for a
-second one beside it where it stands at others: each explains a part of the settings only. So the own frequency f of
-every effect is freed at each setting, everything else as it was found,
+second one where it stands at others: each explains a part of the settings only. So the own frequency f of every effect
+is freed at each setting, everything else as it was found,
 
 .. math:: \Delta\chi^2 = \sum_s \left( \chi^2_s(f) - \min_\theta \chi^2_s(f e^\theta) \right)
 
 which counts by the evidence scale of the fit, at the price of one unknown for each setting. Where something else is
-missing beside a resonance that stays, its frequency takes up little of that.
+missing, too, the frequency of a resonance that stays takes up little of that.
 """
 
 from collections.abc import Iterable
