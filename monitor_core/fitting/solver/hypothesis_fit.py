@@ -254,12 +254,12 @@ def fit(
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance), quick=True))
+        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
         at = _least_squares(tempered, hypothesis, at, chosen, _Pace(_MOST_TEMPERED_EVALUATIONS))
         errors = tempered(at).errors
     around = likely_from(errors, layout.standard_deviation, at)
     if not tolerance and hypothesis.n_coordinates:
-        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation, quick=True))
+        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation))
         try:
             at = _least_squares(likely, hypothesis, at, chosen, _Pace(_MOST_EVALUATIONS, to_beat))
         except _GivenUpError as creeping:

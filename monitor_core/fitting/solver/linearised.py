@@ -192,13 +192,8 @@ def linearise_at_likely_errors(
     errors: FloatArray,
     deviation: FloatArray,
     coordinates: FloatArray,
-    *,
-    quick: bool = False,
 ) -> Linearised[Physics]:
     """Linearise a comparison around the errors that are likely at coordinates, sought from other errors.
-
-    ``quick`` on the way to a minimum: what an error changes is taken from the errors that it was sought from, which the
-    search has found shortly before.
 
     Errors that stayed where they were likely before would let a search run far along what they almost make up for: the
     nut's stiffness, say, against a preload that was wrong in all settings alike.
@@ -208,16 +203,7 @@ def linearise_at_likely_errors(
     linearised_at = partial(linearise, resolved, physics, deviation=deviation)
     around = _answer_at(linearised_at, errors)
     likely = np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
-    return _answer_at(partial(_moved, around, resolved, physics) if quick else linearised_at, likely)
-
-
-def _moved(
-    around: Linearised[Physics], comparison: Comparison[Physics], physics: Physics, errors: FloatArray
-) -> Linearised[Physics]:
-    """Return a comparison around other errors, which change the misfit by as much as around those of ``around``."""
-    shifted = comparison.shifted(errors)
-    offset = -around.whitened_by.share_of(errors)
-    return Linearised(shifted, errors, around.whitened_by, offset, shifted.misfit(physics) + offset)
+    return _answer_at(linearised_at, likely)
 
 
 def _answer_at(ask: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:

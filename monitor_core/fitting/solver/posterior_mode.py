@@ -118,8 +118,8 @@ def _deviations(fitted: Fitted[Physics]) -> FloatArray:
 #: Of its standard deviation: where ln det V draws no parameter of an effect further away, a fit is left as it is.
 _NEGLIGIBLE = 0.25
 _STEP = 0.1  # of a standard deviation, for derivatives of a cost that is smooth to far less
-_NEAR = 0.05  # of a standard deviation: so near the mode the search ends
-_SETTLED = 0.002  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
+_NEAR = 0.15  # of a standard deviation: so near the mode the search ends
+_SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
 _FARTHEST = 5.0  # standard deviations: beyond lies no mode of what least squares have found
 _LEAST_PRECISION = 1e-3  # of a coordinate's own scale, inverse squared: what is known less has no scale but its own
@@ -149,22 +149,15 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
     if not math.isfinite(start):
         return fitted
 
-    # second derivatives are about one in every direction, so that the mode lies where the slopes point to: only these
-    # directions are searched, and those that move an effect
-    along = np.linalg.qr(np.column_stack([np.nan_to_num(slope), of_effects.T]))[0]
-    still = np.zeros(along.shape[1])
+    def half_cost(z: FloatArray) -> float:  # above that of the fit; its second derivatives are about one
+        return min(0.5 * (_integrated(at(z)) - start), _NO_ANSWER)
 
-    def half_cost(y: FloatArray) -> float:  # above that of the fit
-        return min(0.5 * (_integrated(at(along @ y)) - start), _NO_ANSWER)
-
-    def gradient(y: FloatArray) -> FloatArray:
-        steps = _STEP * np.eye(y.size)
-        return np.array([half_cost(y + step) - half_cost(y - step) for step in steps]) / (2.0 * _STEP)
-
-    options = {"gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    bounds = [(-_FARTHEST, _FARTHEST)] * still.size
-    found = minimize(half_cost, still, jac=gradient, method="L-BFGS-B", bounds=bounds, options=options)
-    mode = at(along @ found.x)
+    still = np.zeros(hypothesis.n_coordinates)
+    options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
+    found = minimize(
+        half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options
+    )
+    mode = at(found.x)
     return mode if mode is not None and found.fun < 0.0 else fitted
 
 
