@@ -15,6 +15,7 @@ from service.api import (
     analyses,
     axes,
     calibrations,
+    changes,
     health,
     jobs,
     receivers,
@@ -43,6 +44,7 @@ from service.operations.identification.identification_job import IDENTIFICATION
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
@@ -61,7 +63,8 @@ from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
-from service.web import login, pages
+from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web.site import STATIC, Site
 
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -109,15 +112,16 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Gate)
     app.add_middleware(Compression, minimum_size=1000)
     app.add_middleware(Guard, host_names=settings.own_names())
+    app.add_middleware(Site)
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers):
+    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers, changes):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    app.include_router(pages.router)
-    app.include_router(login.router)
-    app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
+    for page in (fleet, axis, alarm_forms, api_pages, login):
+        app.include_router(page.router)
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     return app
 
@@ -179,6 +183,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
         alarms=Alarms(database, lanes),
+        changes=Changes(database),
         replays=replays,
         recordings=uploads,
         stored_windows=StoredWindows(database, waveforms, files),

@@ -43,6 +43,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
+        ("POST", "/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/explanations"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/replays"): Scope.REPLAYS_RUN,
@@ -52,7 +53,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         **{
             ("GET", path): Scope.TRENDS_READ
             for path in (
-                "/", "/axes/{axis}", "/docs", "/redoc", "/openapi.json", "/metrics",
+                "/", "/wall", "/axes/{axis}", "/docs", "/redoc", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",
                 f"{_AXIS}/calibrations", f"{_AXIS}/calibrations/{{calibration}}",
@@ -60,6 +61,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
+                "/v1/changes",
             )
         },
     }

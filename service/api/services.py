@@ -15,6 +15,7 @@ from service.operations.identification.identification_job import IdentificationI
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import Replays
@@ -40,6 +41,7 @@ class Services:
     history: History
     calibrations: Calibrations
     alarms: Alarms
+    changes: Changes
     replays: Replays
     recordings: Recordings
     stored_windows: StoredWindows

@@ -42,6 +42,11 @@ def count_open(session: Session, axis_id: str) -> int:
     return int(session.scalar(query) or 0)
 
 
+def list_open(session: Session) -> list[AlarmRow]:
+    """Return the alarms that are not cleared, newest first."""
+    return list(session.scalars(select(AlarmRow).where(AlarmRow.status.in_(OPEN)).order_by(AlarmRow.id.desc())))
+
+
 def open_by_axis(session: Session) -> dict[str, int]:
     """Count the open alarms of every axis that has any."""
     query = (

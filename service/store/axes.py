@@ -60,6 +60,13 @@ def axes_with_documents(session: Session) -> list[tuple[AxisRow, Documents]]:
     return [(row, tuple(texts)) for row, *texts in session.execute(_AS_TEXTS.order_by(AxisRow.id))]
 
 
+def silences(session: Session) -> list[tuple[datetime, float]]:
+    """Return when each axis was last heard, and after how many hours without a word it counts as silent."""
+    hours = AxisRow.configuration["silent_after_hours"].as_float()
+    heard = select(AxisRow.last_charted_at, hours).where(AxisRow.last_charted_at.is_not(None))
+    return [(last_at, hours) for last_at, hours in session.execute(heard) if hours is not None]
+
+
 def revision_of(session: Session, axis_id: str) -> int:
     """Return how often the row of an axis was changed: with every measurement that was judged, for one."""
     revision = session.scalar(select(AxisRow.revision).where(AxisRow.id == axis_id))

@@ -230,6 +230,7 @@ class AlarmEventRow(Base):
     old_status: Mapped[str | None] = mapped_column(String(16))
     new_status: Mapped[str] = mapped_column(String(16))
     reason: Mapped[str] = mapped_column(String(1000))
+    who: Mapped[str | None] = mapped_column(String(120))  # None: the service itself, or from before it was kept
 
 
 class RecordingRow(Base):

@@ -38,6 +38,10 @@ class AlarmView:
     row: AlarmRow
     events: list[AlarmEventRow]
 
+    def last_to(self, status: str) -> AlarmEventRow | None:
+        """Return the last event that brought the alarm into a status."""
+        return next((event for event in reversed(self.events) if event.new_status == status), None)
+
 
 def settle_alarms(
     connection: Connection,
@@ -102,34 +106,41 @@ class Alarms:
             events = alarms.events_of(session, [row.id for row in rows])
             return [AlarmView(row, events[row.id]) for row in rows]
 
+    def open_by_axis(self) -> dict[str, AlarmView]:
+        """Return the newest open alarm of each axis that has any."""
+        with self._database.read() as session:
+            newest = {row.axis_id: row for row in reversed(alarms.list_open(session))}
+            events = alarms.events_of(session, [row.id for row in newest.values()])
+            return {axis_id: AlarmView(row, events[row.id]) for axis_id, row in newest.items()}
+
     def get(self, alarm_id: int) -> AlarmView:
         """Return one alarm."""
         with self._database.read() as session:
             return AlarmView(alarms.get_alarm(session, alarm_id), alarms.events_of(session, [alarm_id])[alarm_id])
 
-    def acknowledge(self, alarm_id: int, comment: str) -> AlarmView:
+    def acknowledge(self, alarm_id: int, comment: str, who: str) -> AlarmView:
         """Note that somebody has seen the alarm."""
         with self._database.write() as session:
             row = alarms.get_alarm(session, alarm_id)
             if row.status != alarms.ACTIVE:
                 raise ConflictError(f"only an active alarm can be acknowledged; alarm {alarm_id} is {row.status}")
-            _change(session, row, alarms.ACKNOWLEDGED, comment)
+            _change(session, row, alarms.ACKNOWLEDGED, comment, who)
         return self.get(alarm_id)
 
-    def clear(self, alarm_id: int, comment: str) -> AlarmView:
+    def clear(self, alarm_id: int, comment: str, who: str) -> AlarmView:
         """Close an alarm; its axis has been looked at, so a new baseline is learnt."""
         axis_id = self.get(alarm_id).row.axis_id
         with self._lanes.of(axis_id), self._database.write() as session:
             row = alarms.get_alarm(session, alarm_id)
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")
-            _change(session, row, alarms.CLEARED, comment)
+            _change(session, row, alarms.CLEARED, comment, who)
             begin_again(session, get_axis(session, axis_id))
         return self.get(alarm_id)
 
 
-def _change(session: Session, row: AlarmRow, status: str, reason: str) -> None:
-    event = AlarmEventRow(alarm_id=row.id, at=now(), old_status=row.status, new_status=status, reason=reason)
+def _change(session: Session, row: AlarmRow, status: str, reason: str, who: str | None = None) -> None:
+    event = AlarmEventRow(alarm_id=row.id, at=now(), old_status=row.status, new_status=status, reason=reason, who=who)
     row.status = status
     _tell(session, row, event)
 

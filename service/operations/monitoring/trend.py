@@ -149,6 +149,7 @@ class Trend:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._newest: dict[str, tuple[int, list[float]]] = {}  # preloads, at a revision of their axis
         self._read: dict[str, tuple[axes.Documents, AxisConfiguration]] = {}  # documents that can be read
 
     def status(self, axis_id: str) -> AxisStatus:
@@ -177,6 +178,21 @@ class Trend:
             except DocumentDamagedError as error:
                 damaged.append(DamagedAxis(row.id, row.name, str(error)))
         return Fleet(statuses, damaged)
+
+    def newest_preloads(self, rows: Sequence[AxisRow], most: int) -> dict[str, list[float]]:
+        """Return the newest preloads of axes in time order, for a small picture of each; refused ones have none.
+
+        They are read again when the row of the axis has changed.
+        """
+        outdated = [row for row in rows if self._newest.get(row.id, (-1,))[0] != row.revision]
+        with self._database.read() as session:
+            for row in outdated:
+                points = page_of_points(
+                    session.connection(), row.number, Span(), after=None, limit=most, newest_first=True
+                )
+                preloads = [point.preload_n for point in reversed(points) if point.preload_n is not None]
+                self._newest[row.id] = row.revision, preloads
+        return {row.id: self._newest[row.id][1] for row in rows}
 
     def paper_rule(self, axis_id: str) -> JsonObject | None:
         """Compare the first measurements since the charts began with the latest, as the paper does."""
