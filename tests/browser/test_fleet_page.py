@@ -29,7 +29,9 @@ def small_texts(page) -> list[str]:
 def small_targets(page) -> list[str]:
     """Return buttons, fields and links that stand alone and are lower than a finger of 44 px."""
     return page.evaluate("""() =>
-      [...document.querySelectorAll("button, .button, input:not([type=hidden]), select, summary, nav a, th a")].filter(element => element.getClientRects().length && element.getBoundingClientRect().height < 43.5)
+      [...document.querySelectorAll("button, .button, input:not([type=hidden]), select, summary, nav a, th a")]
+      .filter(element => element.getClientRects().length
+        && element.getBoundingClientRect().height < 43.5)
       .map(element => element.outerHTML.slice(0, 120))""")
 
 
@@ -79,6 +81,7 @@ def test_the_wall_is_large(served: Site, visit: Visit) -> None:
     expect(page.locator(".tiles li").first).to_contain_text("nobody has it yet")
 
 
+@pytest.mark.slow
 def test_a_thousand_axes_take_three_tenths_of_a_second(fresh_service: Site) -> None:
     for number in range(1000 - len(STATES) - 1):
         fresh_service.api.register(f"axis-{number:03d}")

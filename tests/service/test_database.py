@@ -257,3 +257,16 @@ def test_sqlite_keeps_what_it_has_acknowledged(tmp_path: Path) -> None:
         pragma = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in names}
     database.close()
     assert pragma == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1}  # 2 is FULL
+
+
+def test_a_server_shows_that_another_service_has_written(postgresql: str) -> None:
+    url = emptied(postgresql)
+    database, other_service = Database(url), Database(url)
+    database.migrate()
+    before = database.revision()
+    assert database.revision() == before
+    with other_service.write() as session:
+        session.execute(text("INSERT INTO notices (at, kind, subject, content) VALUES (now(), 'test', 'test', '{}')"))
+    assert database.revision() != before
+    database.close()
+    other_service.close()
