@@ -221,7 +221,7 @@ def test_every_page_is_in_the_navigation_of_the_site():
 
 # --- the guided tours ------------------------------------------------------------------------------------------------
 
-TOURS = ["reference/http-api.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
+TOURS = ["reference/http-api.md", "how-to/python-client.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
 
 
 def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:
@@ -238,8 +238,9 @@ def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:
 def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:
         pytest.skip("the tour is told with curl, which is not installed")
-    for script in re.findall(r"^```python\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL):
-        (tmp_path / "encodings.py").write_text(script, encoding="utf-8")
+    scripts = re.findall(r'^```python(?: title="(\S+)")?\n(.*?)^```', text_of(page), flags=re.MULTILINE | re.DOTALL)
+    for name, script in scripts:
+        (tmp_path / (name or "encodings.py")).write_text(script, encoding="utf-8")
     (tmp_path / "replay_data").symlink_to(PROJECT_ROOT / "replay_data")
     (tmp_path / ".venv").symlink_to(sys.prefix)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
