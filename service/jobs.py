@@ -121,6 +121,11 @@ class JobRunner:
         with self._database.read() as session:
             return jobs.list_jobs(session, axis_id, limit, after)
 
+    def unfinished(self) -> dict[tuple[str, str], int]:
+        """Count the jobs that wait or are at work, by kind and status."""
+        with self._database.read() as session:
+            return jobs.unfinished_by_kind(session)
+
     def cancel(self, job_id: str) -> JobRow:
         """Ask a job to stop; work already done stays done."""
         with self._database.write() as session:

@@ -82,3 +82,9 @@ def count_unfinished(session: Session, kind: str) -> int:
     """Count the jobs of one kind that wait or are at work."""
     query = select(func.count()).where(JobRow.kind == kind, JobRow.status.in_((QUEUED, RUNNING)))
     return int(session.scalar(query) or 0)
+
+
+def unfinished_by_kind(session: Session) -> dict[tuple[str, str], int]:
+    """Count the jobs that wait or are at work, by kind and status."""
+    query = select(JobRow.kind, JobRow.status, func.count()).where(JobRow.status.in_((QUEUED, RUNNING)))
+    return {(kind, status): n for kind, status, n in session.execute(query.group_by(JobRow.kind, JobRow.status))}

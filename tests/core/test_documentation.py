@@ -24,7 +24,7 @@ from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
 from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
-from service.observability import Metrics
+from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
@@ -191,7 +191,8 @@ def test_every_state_has_a_row(name):
 
 
 def test_every_metric_is_listed():
-    families = {metric.name: metric.type for metric in Metrics().registry.collect()}
+    now = FleetGauges((), (), 0, {}).collect()
+    families = {metric.name: metric.type for metric in (*Metrics().registry.collect(), *now)}
     names = {name + ("_total" if kind == "counter" else "") for name, kind in families.items()}
     assert names <= first_cells(text_of("how-to/supervise.md"))
 
