@@ -184,7 +184,7 @@ def fleet() -> None:
         with closing(sqlite3.connect(folder / "preload.db")) as database, database:
             database.execute("UPDATE axes SET monitor_state = ?, revision = revision + 1", [learnt_state()])
         with served(folder) as api:
-            for path in ("/v1/axes", "/"):
+            for path in ("/v1/axes", "/", "/metrics"):
                 taken = [seconds(get(api, path), i) for i in range(200)]
                 p50, p99 = 1e3 * np.percentile(taken[5:], [50, 99])
                 print(f"1000 axes, GET {path:9} p50 {p50:.0f} ms, p99 {p99:.0f} ms")
