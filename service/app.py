@@ -31,6 +31,7 @@ from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
 from service.api.http.problems import PROBLEM_RESPONSES, describe, install_problem_handlers
+from service.api.http.tables.export import Tables
 from service.api.services import Services
 from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError, StorageError
@@ -105,6 +106,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
+    app.add_middleware(Tables)
     app.add_middleware(
         RequestLimits,
         largest_body=settings.max_body_mib * 2**20,

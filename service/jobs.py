@@ -116,10 +116,15 @@ class JobRunner:
         with self._database.read() as session:
             return jobs.get_job(session, job_id)
 
-    def list(self, axis_id: str | None, limit: int) -> list[JobRow]:
-        """Return jobs, newest first."""
+    def list(self, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
+        """Return jobs, newest first; those older than a job if it is named."""
         with self._database.read() as session:
-            return jobs.list_jobs(session, axis_id, limit)
+            return jobs.list_jobs(session, axis_id, limit, after)
+
+    def unfinished(self) -> dict[tuple[str, str], int]:
+        """Count the jobs that wait or are at work, by kind and status."""
+        with self._database.read() as session:
+            return jobs.unfinished_by_kind(session)
 
     def cancel(self, job_id: str) -> JobRow:
         """Ask a job to stop; work already done stays done."""

@@ -24,7 +24,7 @@ from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
 from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
-from service.observability import Metrics
+from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
@@ -191,7 +191,8 @@ def test_every_state_has_a_row(name):
 
 
 def test_every_metric_is_listed():
-    families = {metric.name: metric.type for metric in Metrics().registry.collect()}
+    now = FleetGauges((), (), 0, {}).collect()
+    families = {metric.name: metric.type for metric in (*Metrics().registry.collect(), *now)}
     names = {name + ("_total" if kind == "counter" else "") for name, kind in families.items()}
     assert names <= first_cells(text_of("how-to/supervise.md"))
 
@@ -221,7 +222,7 @@ def test_every_page_is_in_the_navigation_of_the_site():
 
 # --- the guided tours ------------------------------------------------------------------------------------------------
 
-TOURS = ["reference/http-api.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
+TOURS = ["reference/http-api.md", "how-to/python-client.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
 
 
 def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:
@@ -244,8 +245,9 @@ def cells_of(text: str) -> str:
 def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:
         pytest.skip("the tour is told with curl, which is not installed")
-    for script in re.findall(r"^```python\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL):
-        (tmp_path / "encodings.py").write_text(script, encoding="utf-8")
+    scripts = re.findall(r'^```python(?: title="(\S+)")?\n(.*?)^```', text_of(page), flags=re.MULTILINE | re.DOTALL)
+    for name, script in scripts:
+        (tmp_path / (name or "encodings.py")).write_text(script, encoding="utf-8")
     (tmp_path / "replay_data").symlink_to(PROJECT_ROOT / "replay_data")
     (tmp_path / ".venv").symlink_to(sys.prefix)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
