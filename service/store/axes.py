@@ -66,3 +66,8 @@ def revision_of(session: Session, axis_id: str) -> int:
     if revision is None:
         raise _no_axis(axis_id)
     return revision
+
+
+def revisions(session: Session) -> dict[str, int]:
+    """Return how often the row of each axis was changed."""
+    return dict(session.execute(select(AxisRow.id, AxisRow.revision)).tuples().all())
