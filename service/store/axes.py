@@ -70,4 +70,4 @@ def revision_of(session: Session, axis_id: str) -> int:
 
 def revisions(session: Session) -> dict[str, int]:
     """Return how often the row of each axis was changed."""
-    return dict(session.execute(select(AxisRow.id, AxisRow.revision)).tuples().all())
+    return {row.id: row.revision for row in session.execute(select(AxisRow.id, AxisRow.revision))}

@@ -150,3 +150,11 @@ class Client:
     def close(self) -> None:
         self.client.disconnect()
         self.client.loop_stop()
+
+
+def certificate(folder: Path, uri: str = "urn:preload") -> None:
+    """Write the certificate of a server on the loopback, which signs itself, and its key."""
+    names = f"subjectAltName=IP:127.0.0.1,URI:{uri}"
+    files = ["-keyout", folder / "key.pem", "-out", folder / "cert.pem"]
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"]
+    subprocess.run([*command, "-addext", names, *files], check=True, capture_output=True)
