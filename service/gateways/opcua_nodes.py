@@ -2,7 +2,6 @@
 
 from asyncua import Node, Server, ua
 from asyncua.common.event_objects import AlarmCondition
-from asyncua.common.instantiate_util import instantiate
 from asyncua.server.event_generator import EventGenerator
 
 from service.gateways.opcua_reading import AlarmSeen, AxisSeen, Reading, values_of
@@ -69,7 +68,7 @@ class Nodes:
         self._shown.clear()
         for variables in self._axes.values():
             for variable in variables.values():
-                await variable.write_value(ua.DataValue(StatusCode_=ua.StatusCode(ua.StatusCodes.BadNoCommunication)))
+                await variable.write_value(ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNoCommunication)))
 
     def _id(self, path: str) -> ua.NodeId:
         return ua.NodeId(path, self._index)
@@ -90,16 +89,16 @@ class Nodes:
         return variables
 
     async def _number(self, axis: Node, path: str, name: str, meaning: str) -> Node:
-        kind = self._server.get_node(ua.ObjectIds.AnalogUnitType)
-        found, *_ = await instantiate(
-            axis, kind, self._id(f"{path}/{name}"), ua.QualifiedName(name, self._index), instantiate_optional=False
+        variable = await axis.add_variable(
+            self._id(f"{path}/{name}"), ua.QualifiedName(name, self._index), 0.0, ua.VariantType.Double
         )
-        double, text = ua.NodeId(ua.ObjectIds.Double), ua.LocalizedText(meaning)
-        await found.write_attribute(ua.AttributeIds.DataType, ua.DataValue(ua.Variant(double, ua.VariantType.NodeId)))
-        await found.write_attribute(ua.AttributeIds.Description, ua.DataValue(ua.Variant(text)))
-        unit = await found.get_child(ua.QualifiedName("EngineeringUnits", 0))
-        await unit.write_value(ua.Variant(NEWTON, ua.VariantType.ExtensionObject))
-        return found
+        await variable.delete_reference(ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.HasTypeDefinition)
+        await variable.add_reference(ua.ObjectIds.AnalogUnitType, ua.ObjectIds.HasTypeDefinition)
+        unit = self._id(f"{path}/{name}/EngineeringUnits")
+        await variable.add_property(unit, ua.QualifiedName("EngineeringUnits", 0), NEWTON)
+        text = ua.Variant(ua.LocalizedText(meaning), ua.VariantType.LocalizedText)
+        await variable.write_attribute(ua.AttributeIds.Description, ua.DataValue(text))
+        return variable
 
     async def _show_alarm(self, alarm: AlarmSeen, *, is_open: bool) -> None:
         """Send the event of a condition; while it is open, who subscribes later gets it by ConditionRefresh."""

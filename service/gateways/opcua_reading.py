@@ -120,5 +120,5 @@ def values_of(axis: AxisSeen) -> dict[str, ua.DataValue]:
 
 def _number(value: float | None, quality: ua.StatusCode, at: datetime | None) -> ua.DataValue:
     if value is None or quality.is_bad():
-        return ua.DataValue(StatusCode_=quality, SourceTimestamp=at)
-    return ua.DataValue(ua.Variant(value, ua.VariantType.Double), StatusCode_=quality, SourceTimestamp=at)
+        return ua.DataValue(StatusCode=quality, SourceTimestamp=at)
+    return ua.DataValue(ua.Variant(value, ua.VariantType.Double), StatusCode=quality, SourceTimestamp=at)

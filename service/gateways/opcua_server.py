@@ -15,7 +15,7 @@ from httpx import AsyncClient
 from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from service.gateways.opcua_nodes import Nodes
+from service.gateways.opcua_nodes import SEVERITY, Nodes
 from service.gateways.opcua_reading import ServiceAwayError, read_service
 from service.operations.notices.receivers import read_secret
 
@@ -53,9 +53,7 @@ class OpcuaSettings(BaseSettings):
         except ValueError:
             on_loopback = self.host == "localhost"
         if not on_loopback and not self.is_secured:
-            raise ValueError(
-                "beyond loopback, certificate_file, private_key_file, username and password_file are needed"
-            )
+            raise ValueError("beyond loopback it needs certificate_file, private_key_file, username and password_file")
         return self
 
 
@@ -103,12 +101,13 @@ async def _new_server(settings: OpcuaSettings) -> Server:
         users = _OneUser(settings.username, read_secret(settings.password_file).get_secret_value())
         policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
     server = Server(user_manager=users)
+    server.iserver.bind_condition_methods = SEVERITY  # ConditionRefresh; its own events have a severity, too
     await server.init()
     server.set_endpoint(f"opc.tcp://{settings.host}:{settings.port}/preload")
     server.set_server_name("Preload Monitor")
     server.set_security_policy([policy])
+    server.set_identity_tokens([ua.AnonymousIdentityToken if users is None else ua.UserNameIdentityToken])
     if settings.certificate_file is not None and settings.private_key_file is not None:
-        server.set_identity_tokens([ua.UserNameIdentityToken])
         await server.load_certificate(settings.certificate_file)
         await server.load_private_key(settings.private_key_file)
     return server

@@ -389,16 +389,20 @@ def test_a_key_is_needed_where_the_service_asks_for_one(
         client.close()
 
 
+@needs_mosquitto  # amqtt does not send again what was not acknowledged
 def test_while_the_service_is_away_the_broker_keeps_the_windows(
-    broker: BrokerProcess, tmp_path: Path, start_gateway: Callable[..., Any], start_server: Callable[..., ServerProcess]
+    mosquitto: BrokerProcess,
+    tmp_path: Path,
+    start_gateway: Callable[..., Any],
+    start_server: Callable[..., ServerProcess],
 ) -> None:
     port, windows = free_port(), measurement(12)
     server = start_server(tmp_path / "var", port)
     server.wait_until_up()
     with httpx.Client(base_url=server.url, trust_env=False) as http:
         Api(http, tmp_path / "var").register("axis", windows_per_measurement=50)
-    start_gateway(broker, server.url)
-    client = Client(broker)
+    start_gateway(mosquitto, server.url)
+    client = Client(mosquitto)
     for window in windows[:3]:
         client.publish("preload/plant/axes/axis/windows", packed([window]))
     wait_until(lambda: len(stored_windows(tmp_path / "var", "axis")) == 3, what="storing")
@@ -419,15 +423,16 @@ def starts_of(windows: list[Window]) -> list[str]:
     return [window.started_at.isoformat() for window in windows]
 
 
+@needs_mosquitto
 @pytest.mark.slow
 def test_kills_of_the_gateway_lose_and_double_no_window(
-    broker: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
+    mosquitto: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
 ) -> None:
     """The sender publishes each window once: what was not on disk is not acknowledged, and comes again."""
     api.register("axis", windows_per_measurement=15)
     windows, going = measurement(1500), threading.Event()
-    client, published = Client(broker, "preload/plant/axes/+/windows/refused"), list[Window]()
-    gateway = start_gateway(broker, str(api.http.base_url))
+    client, published = Client(mosquitto, "preload/plant/axes/+/windows/refused"), list[Window]()
+    gateway = start_gateway(mosquitto, str(api.http.base_url))
 
     def publish() -> None:
         for window in windows:
@@ -446,7 +451,7 @@ def test_kills_of_the_gateway_lose_and_double_no_window(
         time.sleep(rng.uniform(0.0, 0.05))
         gateway.kill()
         gateway.wait()
-        gateway = start_gateway(broker, str(api.http.base_url))
+        gateway = start_gateway(mosquitto, str(api.http.base_url))
     going.set()
     thread.join()
     wait_until(

@@ -20,7 +20,7 @@ from tests.service.brokers import certificate
 from tests.service.conftest import Api, free_port, running_service
 from tests.service.test_notices import losing_preload
 
-FIELDS = ("SourceName", "Message", "Severity", "Retain", "ConditionName", "ActiveState/Id", "AckedState/Id")
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - refused unless it is encrypted
 
 
 class Subscriber:
@@ -161,8 +161,8 @@ def seen(**measured: Any) -> AxisSeen:
         (seen(), "BadNoData"),
         (seen(refused=True, reason="low-coherence"), "BadNoData"),
         (seen(preload_n=200.0, interval_95_n=[150.0, None]), "Good"),
-        (seen(preload_n=200.0, interval_95_n=[150.0, 250.0], doubts=[{"reason": "x", "detail": "y"}]), "UncertainSubNormal"),
-        (seen(preload_n=200.0, interval_95_n=[1.0, 2.0]).model_copy(update={"state": "unknown"}), "UncertainLastUsableValue"),
+        (seen(preload_n=200.0, interval_95_n=[150.0, 250.0], doubts=[{"reason": "x"}]), "UncertainSubNormal"),
+        (seen(preload_n=200.0).model_copy(update={"state": "unknown"}), "UncertainLastUsableValue"),
     ],
 )  # fmt: skip
 def test_the_quality_says_whether_there_is_a_value_and_whether_it_is_in_doubt(axis: AxisSeen, quality: str) -> None:
@@ -179,12 +179,12 @@ def test_an_open_end_of_an_interval_is_infinite() -> None:
 
 def test_beyond_loopback_it_is_encrypted_and_asks_for_a_password(tmp_path: Path, api: Api) -> None:
     with pytest.raises(ValueError, match="beyond loopback it needs certificate_file"):
-        OpcuaSettings(host="0.0.0.0")
+        OpcuaSettings(host=EVERYWHERE)
     certificate(tmp_path, "urn:preload:test")
     (tmp_path / "password").write_text("right\n")
     api.register("axis")
     secured = {
-        "host": "0.0.0.0", "certificate_file": tmp_path / "cert.pem", "private_key_file": tmp_path / "key.pem",
+        "host": EVERYWHERE, "certificate_file": tmp_path / "cert.pem", "private_key_file": tmp_path / "key.pem",
         "username": "control", "password_file": tmp_path / "password",
     }  # fmt: skip
 
