@@ -2,7 +2,6 @@
 
 import logging
 import threading
-import time
 from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -74,6 +73,7 @@ class WindowsGateway:
         client.on_message = self._take
         client.on_publish = self._answer_was_taken
         self._problem: str | None = None  # why this connection is of no use any more
+        self._has_taken = False  # anything, in this connection
         self._waiting: deque[_Taken] = deque()  # in their order, in which they must be acknowledged
         self._answers: dict[int, _Taken] = {}  # by the number of the answer that is on its way
 
@@ -81,10 +81,10 @@ class WindowsGateway:
         """Take windows until it is to stop."""
         pause_s = FIRST_PAUSE_S
         while not stopping.is_set():
-            began = time.monotonic()
+            self._has_taken = False
             problem = self._serve(stopping)
             if problem is not None:
-                pause_s = FIRST_PAUSE_S if time.monotonic() - began > LONGEST_PAUSE_S else pause_s
+                pause_s = FIRST_PAUSE_S if self._has_taken else pause_s
                 log.warning("no windows are taken, next try in %.1f s: %s", pause_s, problem)
                 stopping.wait(pause_s)
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
@@ -138,6 +138,7 @@ class WindowsGateway:
         except ServiceAwayError as error:
             self._problem = str(error)
             return
+        self._has_taken = True
         taken = _Taken(message.mid)
         if message.qos > 0:
             self._waiting.append(taken)

@@ -31,10 +31,7 @@ MOSQUITTO_CONFIGURATION = """\
 user root
 listener {port} 127.0.0.1
 allow_anonymous {anonymous}
-persistence true
-persistence_location {folder}/
-autosave_on_changes true
-autosave_interval 1
+max_queued_messages 0
 """
 
 
@@ -47,7 +44,10 @@ def wait_until(holds: Callable[[], bool], *, seconds: float = 10.0, what: str = 
 
 @dataclass
 class BrokerProcess:
-    """A broker of one of two kinds on the loopback: mosquitto speaks MQTT 5, amqtt 3.1.1."""
+    """A broker of one of two kinds on the loopback: mosquitto speaks MQTT 5, amqtt 3.1.1.
+
+    It keeps everything in memory: one that is killed forgets sessions, subscriptions and messages.
+    """
 
     kind: str
     folder: Path
@@ -66,9 +66,7 @@ class BrokerProcess:
         path = self.folder / f"{self.kind}.conf"
         if self.kind == "mosquitto":
             assert MOSQUITTO is not None
-            text = MOSQUITTO_CONFIGURATION.format(
-                port=self.port, folder=self.folder, anonymous=str(not self.extra).lower()
-            )
+            text = MOSQUITTO_CONFIGURATION.format(port=self.port, anonymous=str(not self.extra).lower())
             path.write_text(text + self.extra)
             command = [MOSQUITTO, "-c", str(path)]
         else:
