@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -90,7 +90,7 @@ def start_gateway(tmp_path: Path) -> Iterator[Callable[..., "subprocess.Popen[by
             command = [sys.executable, "-m", "service.cli.main", "mqtt", "--url", url]
             process = subprocess.Popen(command, stdout=output, stderr=output, env=os.environ | settings | environment)
         started.append(process)
-        wait_until(lambda: b"windows are taken from" in log.read_bytes(), seconds=30.0, what="the subscription")
+        wait_until(lambda: b"windows are taken from" in log.read_bytes(), seconds=60.0, what="the subscription")
         return process
 
     yield start
@@ -425,6 +425,11 @@ def starts_of(windows: list[Window]) -> list[str]:
     return [window.started_at.isoformat() for window in windows]
 
 
+def many_windows() -> list[Window]:
+    """Return windows of many measurements."""
+    return [replace(window, measurement=f"m{i // 15}") for i, window in enumerate(measurement(1500))]
+
+
 def count_stored(api: Api) -> int:
     with sqlite3.connect(f"file:{api.data_dir / 'preload.db'}?mode=ro", uri=True) as connection:
         (count,) = connection.execute("SELECT count(*) FROM windows").fetchone()
@@ -484,7 +489,7 @@ def test_kills_of_the_gateway_lose_and_double_no_window(
     """The sender publishes each window once: what was not on disk is not acknowledged, and comes again."""
     api.register("axis", windows_per_measurement=15)
     client, rng = Client(mosquitto, "preload/plant/axes/+/windows/refused"), np.random.default_rng()
-    sender = Sender(client, measurement(4000))
+    sender = Sender(client, many_windows())
     gateway = start_gateway(mosquitto, str(api.http.base_url))
     with sender.running():
         for _ in range(N_KILLS):
@@ -510,7 +515,7 @@ def test_kills_of_the_broker_lose_and_double_no_window(
     api.register("axis", windows_per_measurement=15)
     asked = "preload/plant/answers/daq"
     client, rng = Client(mosquitto, asked, "preload/plant/axes/+/windows/refused"), np.random.default_rng()
-    sender = Sender(client, measurement(4000), asked)
+    sender = Sender(client, many_windows(), asked)
     start_gateway(mosquitto, str(api.http.base_url))
     with sender.running():
         for _ in range(N_KILLS):
