@@ -4,6 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
@@ -55,7 +56,7 @@ from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
-from service.operations.notices.receivers import read_receivers
+from service.operations.notices.receivers import Receivers, read_receivers
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
@@ -68,6 +69,10 @@ from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
 from service.web import alarm_forms, api_pages, axis, fleet, login
 from service.web.site import STATIC, Site
+
+if TYPE_CHECKING:
+    from service.operations.notices.mqtt_states import StatePublisher
+    from service.operations.notices.senders import Sender
 
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -84,9 +89,13 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.services = services
         services.jobs.resume()
         services.dispatcher.start()
+        for publisher in services.states:
+            publisher.start()
         try:
             yield
         finally:
+            for publisher in services.states:
+                publisher.close()
             services.dispatcher.close()
             services.recordings.close()
             services.jobs.close()
@@ -167,6 +176,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     files = RecordingFiles(settings.data_dir)
     uploads = Recordings(database, files, ingest, runner, settings.max_recording_mib * 2**20)
     reports = ReportStore(settings.data_dir)
+    receivers, trend = read_receivers(settings.receivers_file), Trend(database)
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
     work |= {
@@ -183,7 +193,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         access=Access(database, on_loopback=settings.is_on_loopback()),
         axes=Axes(database, lanes),
         ingest=ingest,
-        trend=Trend(database),
+        trend=trend,
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
         alarms=Alarms(database, lanes),
@@ -195,16 +205,31 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         discrepancies=discrepancies,
         alarm_explanations=alarm_explanations,
         jobs=runner,
-        dispatcher=_dispatcher(settings, database, metrics),
+        dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
+        states=_state_publishers(receivers, trend),
         advice=read_advice(settings.advice_file),
     )
 
 
-def _dispatcher(settings: Settings, database: Database, metrics: Metrics) -> Dispatcher:
-    receivers, source = read_receivers(settings.receivers_file), settings.public_url.rstrip("/")
-    if not (receivers.webhook or receivers.mail):
-        return Dispatcher(database, (), metrics)
+def _senders(receivers: Receivers, source: str) -> "list[Sender]":
+    if not (receivers.webhook or receivers.mail or receivers.mqtt):
+        return []
     from service.operations.notices.senders import MailSender, WebhookSender  # noqa: PLC0415  # brings an HTTP client
 
-    webhooks = [WebhookSender(webhook, source) for webhook in receivers.webhook]
-    return Dispatcher(database, [*webhooks, *(MailSender(mail, source) for mail in receivers.mail)], metrics)
+    senders: list[Sender] = [
+        *(WebhookSender(webhook, source) for webhook in receivers.webhook),
+        *(MailSender(mail, source) for mail in receivers.mail),
+    ]
+    if receivers.mqtt:
+        from service.operations.notices.mqtt_sender import MqttSender  # noqa: PLC0415  # an extra
+
+        senders += [MqttSender(broker, source) for broker in receivers.mqtt]
+    return senders
+
+
+def _state_publishers(receivers: Receivers, trend: Trend) -> "list[StatePublisher]":
+    if not receivers.mqtt:
+        return []
+    from service.operations.notices.mqtt_states import StatePublisher  # noqa: PLC0415  # an extra
+
+    return [StatePublisher(broker, trend) for broker in receivers.mqtt]

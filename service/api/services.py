@@ -1,7 +1,7 @@
 """Give the routers the operations of one application."""
 
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from fastapi import Request
 
@@ -27,6 +27,9 @@ from service.operations.recordings.stored_windows import StoredWindows
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 
+if TYPE_CHECKING:
+    from service.operations.notices.mqtt_states import StatePublisher
+
 
 @dataclass(frozen=True, slots=True)
 class Services:
@@ -51,6 +54,7 @@ class Services:
     alarm_explanations: AlarmExplanations
     jobs: JobRunner
     dispatcher: Dispatcher
+    states: "list[StatePublisher]"
     advice: AdviceTable
 
 

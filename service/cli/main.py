@@ -26,6 +26,8 @@ COMMANDS = {
     "identify": "Find the joints of an axis from peaks, responses or a session.",
     "key": "Make and revoke the keys of programs.",
     "modes": "List the modes of a drive model.",
+    "mqtt": "Take windows from an MQTT broker to a service.",
+    "opcua": "Show preload, state and alarms of a service to OPC UA clients.",
     "replay": "Post a recorded session to a service.",
     "restore": "Verify a backup and make a data folder of it.",
     "serve": "Run the service.",

@@ -25,6 +25,8 @@ from service.app import create_app
 from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
 from service.observability import FleetGauges, Metrics
+from service.gateways.mqtt_windows import MqttSettings
+from service.gateways.opcua_server import OpcuaSettings
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
@@ -172,6 +174,15 @@ def shown_default(value: object) -> str:
 def test_every_setting_is_listed_with_its_default(name):
     default = shown_default(Settings.model_fields[name].default)
     assert f"| `PRELOAD_{name.upper()}` | {default} | " in text_of("how-to/settings.md")
+
+
+@pytest.mark.parametrize(
+    ("settings", "prefix", "page"),
+    [(MqttSettings, "PRELOAD_MQTT_", "how-to/mqtt.md"), (OpcuaSettings, "PRELOAD_OPCUA_", "how-to/opcua.md")],
+)
+def test_every_setting_of_a_gateway_is_listed_with_its_default(settings, prefix, page):
+    for name, field in settings.model_fields.items():
+        assert f"| `{prefix}{name.upper()}` | {shown_default(field.default)} | " in text_of(page)
 
 
 @pytest.mark.parametrize("name", AxisConfiguration.model_fields)

@@ -221,6 +221,11 @@ class Trend:
         with self._database.read() as session:
             return axes.revision_of(session, axis_id)
 
+    def revisions(self) -> dict[str, int]:
+        """Return for each axis a number that changes whenever it does."""
+        with self._database.read() as session:
+            return axes.revisions(session)
+
     def page(
         self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool = False
     ) -> TrendPage:
