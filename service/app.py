@@ -19,6 +19,7 @@ from service.api import (
     jobs,
     receivers,
     recordings,
+    retention,
     trend,
     windows,
 )
@@ -40,6 +41,12 @@ from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DISCREPANCY
 from service.operations.identification.identification_job import IDENTIFICATION
+from service.operations.keeping.pins import Pins
+from service.operations.keeping.purge import Purge
+from service.operations.keeping.purges import KIND as PURGE
+from service.operations.keeping.purges import Purges
+from service.operations.keeping.rule import rule_of
+from service.operations.keeping.survey import Surveys
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
@@ -76,12 +83,14 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services = _build_services(settings, metrics)
         app.state.services = services
+        services.purges.start()
         services.jobs.resume()
         services.dispatcher.start()
         try:
             yield
         finally:
             services.dispatcher.close()
+            services.purges.close()
             services.recordings.close()
             services.jobs.close()
             services.ingest.close()
@@ -112,7 +121,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers):
+    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers, retention):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
@@ -161,12 +170,15 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     reports = ReportStore(settings.data_dir)
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
+    rule = rule_of(settings)
+    purges = Purges(database, runner, Purge(database, waveforms, rule), rule)
     work |= {
         "replay": replays.run,
         IMPORT: uploads.run,
         identifications.kind: identifications.run,
         discrepancies.kind: discrepancies.run,
         ALARM_EXPLANATION: alarm_explanations.run,
+        PURGE: purges.run,
     }
     return Services(
         database=database,
@@ -187,6 +199,9 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         alarm_explanations=alarm_explanations,
         jobs=runner,
         dispatcher=_dispatcher(settings, database, metrics),
+        pins=Pins(database),
+        purges=purges,
+        surveys=Surveys(database, waveforms, rule),
     )
 
 
