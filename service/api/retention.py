@@ -52,12 +52,15 @@ class PurgeOut(BaseModel):
 
 
 class PaceOut(BaseModel):
-    """What an axis stores: counted over so many days, and what a year brings at this pace (1 GB = 1e9 bytes)."""
+    """What an axis stores: counted over so many days, and what a year brings at this pace (1 GB = 1e9 bytes).
+
+    Within its first day nothing is said of a year.
+    """
 
     axis: str
     days: float
     bytes: int
-    gb_per_year: float
+    gb_per_year: float | None
 
 
 class RetentionOut(BaseModel):
@@ -101,7 +104,7 @@ def retention_out(survey: Survey) -> RetentionOut:
             )
             for row in survey.purges
         ],
-        gb_per_year=sum(pace.gb_per_year for pace in survey.paces),
+        gb_per_year=sum(pace.gb_per_year or 0.0 for pace in survey.paces),
         axes=[
             PaceOut(axis=pace.axis_id, days=pace.days, bytes=pace.n_bytes, gb_per_year=pace.gb_per_year)
             for pace in survey.paces

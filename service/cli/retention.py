@@ -84,5 +84,8 @@ def _print(found: RetentionOut) -> None:
     rows = [(str(kept.why), str(kept.windows), f"{kept.bytes / 1e9:.3f}") for kept in found.kept]
     rows.append(("to be let go", str(found.to_let_go.windows), f"{found.to_let_go.bytes / 1e9:.3f}"))
     print_table(f"{found.bytes / 1e9:.3f} GB in {found.files} files", ("kept because", "windows", "GB"), rows)
-    paces = [(pace.axis, f"{pace.days:.1f}", f"{pace.gb_per_year:.2f}") for pace in found.axes]
+    paces = [
+        (pace.axis, f"{pace.days:.1f}", "—" if pace.gb_per_year is None else f"{pace.gb_per_year:.2f}")
+        for pace in found.axes
+    ]
     print_table(f"{found.gb_per_year:.2f} GB a year at this pace", ("axis", "days counted", "GB a year"), paces)

@@ -214,6 +214,7 @@ def test_unpinned_is_let_go_by_the_next_purge(living: tuple[Api, History]) -> No
 def test_without_a_rule_everything_is_kept(history: History, tmp_path: Path) -> None:
     with running_service(tmp_path / "var") as api:
         said = retention(api)
+        assert [pace["gb_per_year"] for pace in said["axes"]] == [None]  # registered a moment ago
         assert said["rule"]["keep_raw_days"] is None
         assert [share["why"] for share in said["kept"]] == ["for-ever"]
         assert said["kept"][0]["windows"] == N_WINDOWS * (len(history.old) + 1)

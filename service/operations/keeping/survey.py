@@ -19,7 +19,7 @@ from service.store.waveforms import WaveformStore, folder_of_day
 #: To walk through all files takes seconds where there are many: what was counted is told again for so long.
 FRESH_S = 60.0
 #: The pace is that of so many days.
-PACE_DAYS = 30
+PACE_DAYS, FEWEST_DAYS = 30, 1.0
 MOST_PURGES = 10
 _YEAR = timedelta(days=365.25)
 _BYTES_PER_GB = 1e9
@@ -42,8 +42,10 @@ class Pace:
     n_bytes: int  # stored in these days
 
     @property
-    def gb_per_year(self) -> float:
-        """What a year would bring at this pace [GB, 1e9 bytes]."""
+    def gb_per_year(self) -> float | None:
+        """What a year would bring at this pace [GB, 1e9 bytes]; None: less than a day says nothing of a year."""
+        if self.days < FEWEST_DAYS:
+            return None
         return self.n_bytes / _BYTES_PER_GB * (_YEAR / timedelta(days=self.days))
 
 
