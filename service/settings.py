@@ -45,6 +45,7 @@ class Settings(BaseSettings):
         default=30, ge=0, le=36500, description="until so long after the measurement that raised it."
     )
     receivers_file: Path | None = Field(default=None, description="TOML file that says who is told of alarms.")
+    advice_file: Path | None = Field(default=None, description="TOML file with what else to check next.")
     public_url: str = Field(
         default="http://127.0.0.1:8710", description="Address that receivers find this service at; its name in notices."
     )

@@ -1,8 +1,8 @@
 """Let waveforms go that the rule does not keep: file by file, so that a crash at any point leaves nothing half done.
 
 Files are noted as unsettled in the database before they are written or removed. What is kept of a file is written into
-a new one in its folder; one transaction says where it lies now and which windows are let go; then every unsettled file that
-no window names is removed. After a crash the last step is done at the next start, and the purge goes on.
+a new one in its folder; one transaction says where it lies now and which windows are let go; then every unsettled file
+that no window names is removed. After a crash the last step is done at the next start, and the purge goes on.
 """
 
 import logging
