@@ -22,6 +22,7 @@ from service.api import (
     jobs,
     receivers,
     recordings,
+    retention,
     trend,
     windows,
 )
@@ -45,6 +46,12 @@ from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DISCREPANCY
 from service.operations.identification.identification_job import IDENTIFICATION
+from service.operations.keeping.pins import Pins
+from service.operations.keeping.purge import Purge
+from service.operations.keeping.purges import KIND as PURGE
+from service.operations.keeping.purges import Purges
+from service.operations.keeping.rule import rule_of
+from service.operations.keeping.survey import Surveys
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
@@ -87,6 +94,7 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services = _build_services(settings, metrics)
         app.state.services = services
+        services.purges.start()
         services.jobs.resume()
         services.dispatcher.start()
         for publisher in services.states:
@@ -97,6 +105,7 @@ def create_app(settings: Settings) -> FastAPI:
             for publisher in services.states:
                 publisher.close()
             services.dispatcher.close()
+            services.purges.close()
             services.recordings.close()
             services.jobs.close()
             services.ingest.close()
@@ -129,7 +138,10 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers, changes, advice):
+    resources = (
+        axes, trend, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention
+    )  # fmt: skip
+    for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     for page in (fleet, axis, alarm_forms, api_pages, login):
@@ -179,12 +191,15 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     receivers, trend = read_receivers(settings.receivers_file), Trend(database)
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
+    rule = rule_of(settings)
+    purges = Purges(database, runner, Purge(database, waveforms, rule), rule)
     work |= {
         "replay": replays.run,
         IMPORT: uploads.run,
         identifications.kind: identifications.run,
         discrepancies.kind: discrepancies.run,
         ALARM_EXPLANATION: alarm_explanations.run,
+        PURGE: purges.run,
     }
     return Services(
         database=database,
@@ -208,6 +223,9 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
         states=_state_publishers(receivers, trend),
         advice=read_advice(settings.advice_file),
+        pins=Pins(database),
+        purges=purges,
+        surveys=Surveys(database, waveforms, rule),
     )
 
 

@@ -40,6 +40,15 @@ class Settings(BaseSettings):
     host_names: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="Further names that browsers and programs may ask this service by, with commas between."
     )
+    keep_raw_days: int | None = Field(
+        default=None, ge=1, le=36500, description="Raw waveforms are let go after so many days; unset: never."
+    )
+    keep_before_alarm_days: int = Field(
+        default=30, ge=0, le=36500, description="Waveforms are kept from so long before the onset of an alarm,"
+    )
+    keep_after_alarm_days: int = Field(
+        default=30, ge=0, le=36500, description="until so long after the measurement that raised it."
+    )
     receivers_file: Path | None = Field(default=None, description="TOML file that says who is told of alarms.")
     advice_file: Path | None = Field(default=None, description="TOML file with what else to check next.")
     public_url: str = Field(

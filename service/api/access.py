@@ -42,6 +42,11 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
+        ("DELETE", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/pins"): Scope.CALIBRATIONS_WRITE,
+        ("DELETE", f"{_AXIS}/pins/{{pin}}"): Scope.CALIBRATIONS_WRITE,
+        ("POST", "/v1/retention/purges"): Scope.ADMIN,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
@@ -61,7 +66,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
-                "/v1/changes", "/v1/advice",
+                "/v1/changes", "/v1/advice", "/v1/retention", f"{_AXIS}/pins",
             )
         },
     }

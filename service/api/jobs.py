@@ -20,7 +20,7 @@ class JobOut(BaseModel):
 
     id: str
     kind: str
-    axis: str
+    axis: Annotated[str | None, Field(description="null: it is about all axes")]
     arguments: JsonObject
     status: Literal["queued", "running", "done", "failed", "cancelled"]
     done: int

@@ -13,6 +13,9 @@ from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
 from service.operations.identification.identification_job import IdentificationIn
+from service.operations.keeping.pins import Pins
+from service.operations.keeping.purges import Purges
+from service.operations.keeping.survey import Surveys
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
@@ -55,6 +58,9 @@ class Services:
     jobs: JobRunner
     dispatcher: Dispatcher
     states: "list[StatePublisher]"
+    pins: Pins
+    purges: Purges
+    surveys: Surveys
     advice: AdviceTable
 
 

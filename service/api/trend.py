@@ -50,6 +50,7 @@ class WindowEntry(BaseModel):
     started_at: datetime
     refusal_reason: str | None
     refusal_detail: str | None
+    let_go: Annotated[bool, Field(description="its waveform is not stored any more")]
 
 
 class MeasurementOut(BaseModel):
@@ -61,6 +62,7 @@ class MeasurementOut(BaseModel):
     status: str
     outcome: JsonObject | None
     windows: list[WindowEntry]
+    let_go: Annotated[str | None, Field(description="when and by which rule waveforms of it were let go; null: none")]
     response: JsonObject | None
 
 
@@ -174,8 +176,12 @@ def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, De
         status=row.status,
         outcome=view.outcome,
         windows=[
-            WindowEntry(started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail)
+            WindowEntry(
+                started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail,
+                let_go=w.let_go_by is not None,
+            )
             for w in view.windows
         ],
+        let_go=None if view.let_go is None else str(view.let_go),
         response=view.response,
-    )
+    )  # fmt: skip

@@ -30,6 +30,7 @@ COMMANDS = {
     "opcua": "Show preload, state and alarms of a service to OPC UA clients.",
     "replay": "Post a recorded session to a service.",
     "restore": "Verify a backup and make a data folder of it.",
+    "retention": "Say how long waveforms are kept and what they take; let go what the rule does not keep.",
     "serve": "Run the service.",
     "simulate": "Record a session of a drive model, without a machine.",
     "user": "Make and change the people who may log in.",

@@ -113,7 +113,7 @@ _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
 )
 _NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
-_NEW_WINDOW = PreparedChange(insert(_WINDOWS), [column.name for column in _WINDOWS.c if column.name != "id"])
+_NEW_WINDOW = PreparedChange(insert(_WINDOWS), list(WindowRecord.__slots__))
 _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
     for table in (_AXES, _MEASUREMENTS)

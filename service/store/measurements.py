@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 from monitor_core.recording import RejectionReason
 from service.errors import UnknownResourceError
 from service.store.intake import JUDGED, REFUSED
+from service.store.retention import require_stored
 from service.store.tables import MeasurementRow, WindowRow
 from service.store.waveforms import WaveformPlace
 
@@ -27,14 +28,14 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
 
 
 def accepted_places(connection: Session | Connection, measurement_id: int) -> list[WaveformPlace]:
-    """Tell where the accepted windows of a measurement lie, in time order."""
+    """Tell where the accepted windows of a measurement lie, in time order; raises LetGoError if they were let go."""
     return [place for place, accepted in member_places(connection, measurement_id) if accepted]
 
 
 def member_places(connection: Session | Connection, measurement_id: int) -> list[tuple[WaveformPlace, bool]]:
     """Tell where the windows of a measurement lie that are accepted, or would be if it stood elsewhere; and which are.
 
-    In time order.
+    In time order. Raises LetGoError if their waveforms were let go.
     """
     columns = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
     reason = WindowRow.refusal_reason
@@ -46,7 +47,10 @@ def member_places(connection: Session | Connection, measurement_id: int) -> list
         )
         .order_by(WindowRow.started_at)
     )
-    return [(WaveformPlace(*row[:4]), bool(row[4])) for row in connection.execute(query)]
+    found = [(WaveformPlace(*row[:4]), bool(row[4])) for row in connection.execute(query)]
+    if any(not place.path for place, _ in found):
+        require_stored(connection, [measurement_id])
+    return found
 
 
 def calibration_measurements(
@@ -68,9 +72,13 @@ def looked_at(
 def newest_monitored(
     session: Session, axis_id: str, start: datetime, end: datetime | None, limit: int
 ) -> list[MeasurementRow]:
-    """Return the newest judged measurements whose preload was not set on purpose, in time order."""
+    """Return the newest judged measurements whose preload was not set on purpose, in time order.
+
+    Those whose waveforms were let go are passed over.
+    """
+    let_go = select(WindowRow.id).where(WindowRow.measurement_id == MeasurementRow.id, WindowRow.let_go_by.is_not(None))
     query = _looked_at(axis_id, start, end).where(
-        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None)
+        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None), ~let_go.exists()
     )
     newest_first = query.order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(limit)
     return list(session.scalars(newest_first))[::-1]

@@ -186,7 +186,10 @@ class WindowRow(Base):
     """One window: where its waveform lies and whether it was accepted."""
 
     __tablename__ = "windows"
-    __table_args__ = (UniqueConstraint("axis_id", "started_at"),)
+    __table_args__ = (
+        UniqueConstraint("axis_id", "started_at"),
+        _partial_index("ix_windows_file_path", "file_path", where="file_path <> ''"),
+    )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
@@ -194,11 +197,51 @@ class WindowRow(Base):
     started_at: Mapped[datetime]
     received_at: Mapped[datetime]
     content_sha256: Mapped[str] = mapped_column(String(64))
-    file_path: Mapped[str] = mapped_column(String(400))
+    file_path: Mapped[str] = mapped_column(String(400))  # empty: its waveform was let go
     offset_in_file: Mapped[int] = mapped_column(BigInteger)  # of the frame [bytes]
     index_in_frame: Mapped[int]
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
     refusal_detail: Mapped[str | None] = mapped_column(String(500))
+    let_go_by: Mapped[int | None] = mapped_column(ForeignKey("purges.id"))  # None: its waveform is stored
+
+
+class PurgeRow(Base):
+    """A purge: by which rule it lets waveforms go, and what came of it, counted in the transactions that do it."""
+
+    __tablename__ = "purges"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    begun_at: Mapped[datetime]
+    ended_at: Mapped[datetime | None]  # None: at work, or broken off
+    keep_raw_days: Mapped[int]
+    lets_go_before: Mapped[datetime]  # the beginning of a day, UTC
+    n_windows: Mapped[int]
+    freed_bytes: Mapped[int] = mapped_column(BigInteger)
+    audit_id: Mapped[int] = mapped_column(ForeignKey("audit_log.id"))
+
+
+class PinRow(Base):
+    """Waveforms that are kept because somebody wants them: of a measurement, or of a span of an axis."""
+
+    __tablename__ = "pins"
+    __table_args__ = (Index("ix_pins_axis", "axis_id", "id"),)
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
+    measurement_id: Mapped[int | None] = mapped_column(ForeignKey("measurements.id"), unique=True)  # None: a span
+    start_at: Mapped[datetime | None]  # inclusive; None of a measurement
+    end_at: Mapped[datetime | None]  # exclusive
+    reason: Mapped[str] = mapped_column(String(1000))
+    who: Mapped[str] = mapped_column(String(120))
+    at: Mapped[datetime]
+
+
+class UnsettledFileRow(Base):
+    """A waveform file that is being written or removed by a purge: it is removed unless a window names it."""
+
+    __tablename__ = "unsettled_files"
+
+    path: Mapped[str] = mapped_column(String(400), primary_key=True)
 
 
 class AlarmRow(Base):
@@ -261,7 +304,7 @@ class JobRow(Base):
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     kind: Mapped[str] = mapped_column(String(20))
-    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    axis_id: Mapped[str | None] = mapped_column(ForeignKey("axes.id"), index=True)  # None: of all axes
     arguments: Mapped[JsonObject]
     status: Mapped[str] = mapped_column(String(16))  # queued | running | done | failed | cancelled
     done: Mapped[int]

@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 
@@ -74,14 +74,12 @@ def read_frame(path: Path, offset: int) -> bytes:
 
 
 @contextmanager
-def storage_errors() -> Iterator[None]:
-    """Turn a failure of the disk into an error of the service."""
+def storage_errors(outcome: str = "nothing of the request is stored") -> Iterator[None]:
+    """Turn a failure of the disk into an error of the service, which says what came of it."""
     try:
         yield
     except OSError as error:
-        raise StorageError(
-            f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
-        ) from error
+        raise StorageError(f"the disk did not take the waveforms ({error.strerror}); {outcome}") from error
 
 
 def write_all(file: FileIO, content: bytes) -> None:
@@ -98,6 +96,35 @@ def give_back_cache(file: FileIO) -> None:
     # cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
     if hasattr(os, "posix_fadvise"):
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+def remove_file(root: Path, path: str) -> None:
+    """Remove a file, and the folders that are empty without it, durably; one that is gone already is no error."""
+    (root / path).unlink(missing_ok=True)
+    folder = (root / path).parent
+    while folder != root:
+        if folder.is_dir():
+            sync_folder(folder)
+            try:
+                folder.rmdir()
+            except OSError:  # there is more in it
+                return
+        folder = folder.parent
+
+
+def file_sizes(root: Path, folder: str) -> Iterator[tuple[str, int]]:
+    """Yield the files below a folder, by their path relative to the root, with their size [bytes]."""
+    try:
+        entries = sorted(os.scandir(root / folder), key=lambda entry: entry.name)
+    except FileNotFoundError:
+        return
+    for entry in entries:
+        path = f"{folder}/{entry.name}"
+        if entry.is_dir():
+            yield from file_sizes(root, path)
+        else:
+            with suppress(FileNotFoundError):  # removed meanwhile
+                yield path, entry.stat().st_size
 
 
 def make_folder(folder: Path) -> None:

@@ -9,12 +9,14 @@ import os
 import threading
 import uuid
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from io import FileIO
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -25,15 +27,19 @@ from monitor_core.recording import Window
 from service.errors import StorageError, WaveformDamagedError
 from service.store.waveform_files import (
     compressed,
+    file_sizes,
     give_back_cache,
     make_folder,
     read_frame,
+    remove_file,
     storage_errors,
     sync_folder,
     write_all,
 )
 from service.store.window_format import content_sha256, pack_windows, size_of, unpack_windows
 
+#: All files lie below it; the next levels are the day on which they began (UTC) and the axis.
+FOLDER = "raw"
 #: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
 COMPRESSION_LEVEL = 1
 #: A file that has grown beyond this is followed by another: what is copied or lost at once stays small.
@@ -43,6 +49,12 @@ WRITERS = 4
 HANDED_OVER_BYTES = 512 * 1024
 #: Windows that were written last are kept in memory: those of an open measurement are wanted again within minutes.
 REMEMBERED_BYTES = 64 * 2**20
+_OF_A_PURGE = "what is stored stays as it is"
+
+
+def folder_of_day(moment: datetime) -> str:
+    """Return where the files of a day lie: in the order of these names, days are in the order of time."""
+    return f"{FOLDER}/{moment.astimezone(UTC):%Y/%m/%d}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +134,7 @@ class WaveformStore:
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system, which begins to write them."""
         with storage_errors():
-            path, file = self._open(axis_id, f"raw/{received_at.astimezone(UTC):%Y/%m/%d}/{axis_id}")
+            path, file = self._open(axis_id, f"{folder_of_day(received_at)}/{axis_id}")
         offset = file.tell()
         places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
         frame = _Frame(axis_id, path, file, offset, places)
@@ -178,6 +190,20 @@ class WaveformStore:
             else:
                 (self.root / frame.path).unlink(missing_ok=True)
 
+    def read_where_they_lie(self, places: Callable[[], Sequence[WaveformPlace]]) -> list[Window]:
+        """Read windows whose places are asked for; asked again if a purge moved them between asking and reading.
+
+        Raises WaveformDamagedError as :meth:`read`, and what the asking raises.
+        """
+        asked = list(places())
+        while True:
+            try:
+                return self.read(asked)
+            except WaveformDamagedError:
+                before, asked = asked, list(places())
+                if asked == before:
+                    raise
+
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
         """Read windows, or remember them; each frame is read once.
 
@@ -195,6 +221,41 @@ class WaveformStore:
                 frames[key] = self._read_frame(*key)
             windows.append(_checked(frames[key], place))
         return windows
+
+    def write_beside(self, path: str, places: Sequence[WaveformPlace]) -> list[WaveformPlace]:
+        """Write stored windows once more into a new file, frame by frame, durably; tell where each lies in it.
+
+        Raises WaveformDamagedError if one of them is not what was stored, StorageError if the disk does not take them.
+        What was written until then stays: whoever calls knows the name.
+        """
+        moved = []
+        with storage_errors(_OF_A_PURGE), FileIO(f"{self.root}/{path}", "x") as file:
+            for _, group in groupby(places, key=lambda place: (place.path, place.offset)):
+                frame = list(group)
+                windows, offset = self.read(frame), file.tell()
+                for part in compressed(partial(pack_windows, windows), size_of(windows), COMPRESSION_LEVEL):
+                    write_all(file, part)
+                moved += [WaveformPlace(path, offset, index, place.content_sha256) for index, place in enumerate(frame)]
+            os.fsync(file.fileno())
+            sync_folder((self.root / path).parent)
+        return moved
+
+    def remove(self, path: str) -> None:
+        """Remove a file that no row names; raises StorageError if the disk does not let it."""
+        with storage_errors(_OF_A_PURGE):
+            remove_file(self.root, path)
+
+    def size_of_file(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
+        try:
+            return (self.root / path).stat().st_size
+        except FileNotFoundError:
+            return 0
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield all files with their size [bytes]; raises StorageError."""
+        with storage_errors(_OF_A_PURGE):
+            yield from file_sizes(self.root, FOLDER)
 
     def _read_frame(self, path: str, offset: int) -> Sequence[Window]:
         try:

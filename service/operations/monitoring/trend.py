@@ -21,6 +21,7 @@ from service.operations.monitoring.intake.chart_state import load_design, load_s
 from service.store import alarms, axes, measurements
 from service.store.database import Database, document_of
 from service.store.intake import outcomes_of
+from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.points import (
     Cursor,
@@ -142,6 +143,7 @@ class MeasurementView:
     outcome: JsonObject | None
     response: JsonObject | None
     windows: list[WindowRow]
+    let_go: LetGo | None  # None: all waveforms are stored
 
 
 class Trend:
@@ -255,7 +257,9 @@ class Trend:
             point = point_of(connection, number, row.started_at, measurement_id)
             outcome = None if document is None or point is None else with_trend(document.outcome, point)
             windows = measurements.windows_of(session, measurement_id)
-            return MeasurementView(row, outcome, None if document is None else document.response, windows)
+            response = None if document is None else document.response
+            gone = let_go(connection, [measurement_id]).get(measurement_id)
+            return MeasurementView(row, outcome, response, windows, gone)
 
     def _status(
         self, row: AxisRow, documents: axes.Documents, last_measurement: JsonObject | None, open_alarms: int

@@ -26,6 +26,7 @@ from service.store import intake
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import member_places
+from service.store.retention import LetGo, let_go
 from service.store.safekeeping.verification import heal
 from service.store.trend.points import point_of
 from service.store.waveforms import WaveformPlace, WaveformStore, Writing
@@ -111,6 +112,7 @@ class Batch:
         self._admission = Admission(
             self.axis.id, self.configuration, self._charts, self._received_at, self._measurements
         )
+        self._admission.let_go = self._let_go(connection)
         was_judged_at = {row.name: row.started_at for row in self._measurements.values() if row.status != OPEN}
         for window in new:
             quality = check_window(window, settings, self.calibration)
@@ -209,13 +211,31 @@ class Batch:
     ) -> tuple[list[Window], dict[datetime, bool]]:
         """Return the windows of a measurement, and of those stored before whether they were accepted."""
         windows = [item.window for item in self._admission.admitted if item.measurement is row and counts(item.refusal)]
-        if row.id is None:
+        number, members = row.id, list[tuple[WaveformPlace, bool]]()
+        if number is None:
             return windows, {}
-        with reading(connection):
-            members = member_places(connection, row.id)
-        stored = waveforms.read([place for place, _ in members])
+
+        def places() -> list[WaveformPlace]:
+            with reading(connection):
+                members[:] = member_places(connection, number)
+            return [place for place, _ in members]
+
+        stored = waveforms.read_where_they_lie(places)
         accepted = {window.started_at: own for window, (_, own) in zip(stored, members, strict=True)}
         return windows + stored, accepted
+
+    def _let_go(self, connection: Connection) -> dict[int, LetGo]:
+        """Return which of the measurements that are judged, and get more windows, have lost some to a purge."""
+        named = {window.measurement for window in self._new.values()}
+        judged = [
+            row.id
+            for name, row in self._measurements.items()
+            if row.status != OPEN and row.id is not None and name in named
+        ]
+        if not judged:
+            return {}
+        with reading(connection):
+            return let_go(connection, judged)
 
     def _outcomes(self, connection: Connection, rows: Iterable[MeasurementRecord]) -> dict[str, JsonObject]:
         """Return what was said about measurements that were judged before, by name."""
