@@ -60,6 +60,7 @@ from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
+from service.store.waveform_files import FolderFiles, WaveformFiles
 from service.store.waveforms import WaveformStore
 from service.web import login, pages
 
@@ -149,7 +150,7 @@ def open_database(settings: Settings) -> Database:
 def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = open_database(settings)
     renew_charts(database)
-    waveforms = WaveformStore(settings.data_dir)
+    waveforms = WaveformStore(_waveform_files(settings))
     lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
     runner = JobRunner(database, work, settings.max_waiting_jobs)
@@ -188,6 +189,14 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         jobs=runner,
         dispatcher=_dispatcher(settings, database, metrics),
     )
+
+
+def _waveform_files(settings: Settings) -> WaveformFiles:
+    if settings.waveform_url is None:
+        return FolderFiles(settings.data_dir)
+    from service.store.waveform_objects import ObjectFiles  # noqa: PLC0415  # an extra
+
+    return ObjectFiles(settings.waveform_url)
 
 
 def _dispatcher(settings: Settings, database: Database, metrics: Metrics) -> Dispatcher:

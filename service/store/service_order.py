@@ -33,7 +33,7 @@ def is_shared(connection: Connection) -> bool:
 
 
 def keep_others_out(connection: Connection) -> None:
-    """Wait until no other service migrates or writes, however long that takes; until the transaction ends, none does."""
+    """Wait until no other service migrates or writes, however long; until the transaction ends none does."""
     connection.execute(text("SET LOCAL lock_timeout = 0"))
     connection.execute(text(f"SELECT pg_advisory_xact_lock({_MIGRATION})"))
 
