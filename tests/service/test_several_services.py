@@ -17,6 +17,7 @@ from service.clock import now
 from service.errors import BusyError, DataFolderError, StorageError
 from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.observability import Metrics
+from service.operations.access.people import People
 from service.operations.monitoring.intake.batch import Batch
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
@@ -385,3 +386,20 @@ def test_nothing_is_written_while_another_service_migrates(url: str, monkeypatch
         pass
     old.close()
     new.close()
+
+
+# people
+
+
+def test_who_logs_in_at_one_service_is_known_to_the_other(url: str, tmp_path: Path) -> None:
+    database = Database(url)
+    database.migrate()
+    People(database, "test").add_user("anna", "administrator", "a long enough password")
+    database.close()
+    with services(url, tmp_path, 2) as apis:
+        assert_problem(apis[1].http.get("/v1/axes"), 401, "unauthenticated")
+        time.sleep(0.25)
+        form = {"name": "anna", "password": "a long enough password", "next": "/"}
+        answer = apis[0].http.post("/login", data=form)
+        cookie = {"cookie": answer.headers["set-cookie"].partition(";")[0]}
+        assert apis[1].http.get("/v1/axes", headers=cookie).status_code == 200
