@@ -73,6 +73,7 @@ from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
 from service.store.safekeeping.database_file import require_database_of
+from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
 from service.web import alarm_forms, api_pages, axis, fleet, login
 from service.web.site import STATIC, Site
@@ -178,7 +179,7 @@ def open_database(settings: Settings) -> Database:
 def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = open_database(settings)
     renew_charts(database)
-    waveforms = WaveformStore(settings.data_dir)
+    waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
     lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
     runner = JobRunner(database, work, settings.max_waiting_jobs)
@@ -192,7 +193,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
     rule = rule_of(settings)
-    purges = Purges(database, runner, Purge(database, waveforms, rule), rule)
+    purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
     work |= {
         "replay": replays.run,
         IMPORT: uploads.run,

@@ -54,15 +54,38 @@ class Settings(BaseSettings):
     public_url: str = Field(
         default="http://127.0.0.1:8710", description="Address that receivers find this service at; its name in notices."
     )
+    trusted_proxies: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(),
+        description="Addresses or networks of reverse proxies that say whom they forward for, with commas between.",
+    )
+    waveform_url: str | None = Field(
+        default=None,
+        pattern="^s3://[^/]+(/.*)?$",
+        description="s3://bucket/prefix for the raw waveforms; unset means the folder raw in data_dir.",
+    )
     log_level: str = Field(default="INFO", pattern="^(DEBUG|INFO|WARNING|ERROR)$")
 
-    @field_validator("host_names", mode="before")
+    @field_validator("host_names", "trusted_proxies", mode="before")
     @classmethod
     def _split(cls, names: object) -> object:
         return tuple(name.strip() for name in names.split(",") if name.strip()) if isinstance(names, str) else names
 
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _addresses(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        for name in names:
+            try:
+                ipaddress.ip_network(name)
+            except ValueError as error:
+                raise ValueError(
+                    f"expected addresses or networks such as 10.0.0.5 or 10.0.0.0/24; got {name}"
+                ) from error
+        return names
+
     def is_on_loopback(self) -> bool:
-        """Return whether only this machine reaches the service."""
+        """Return whether only this machine reaches the service: a proxy lets others reach it."""
+        if self.trusted_proxies:
+            return False
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:

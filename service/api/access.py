@@ -167,7 +167,7 @@ class Gate:
         find = partial(
             access.caller, key=key.strip() if scheme.lower() == "bearer" else None, cookie=cookie, address=address
         )
-        return find() if access.is_fresh else await run_sync(find)
+        return find() if access.is_known(cookie) else await run_sync(find)
 
     async def _logged(self, access: Access, entry: int, scope: Connection, receive: Receive, send: Send) -> None:
         """Serve a request that changes something. Its entry is complete before the answer is on its way."""

@@ -16,6 +16,7 @@ from service.operations.keeping.rule import Rule, rule_of
 from service.operations.keeping.survey import survey
 from service.settings import Settings
 from service.store.database import Database
+from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
 
 _data_dir = click.option(
@@ -25,14 +26,15 @@ _days = click.option("--days", type=click.IntRange(1, 36500), help="As if PRELOA
 
 
 @contextmanager
-def _store(data_dir: Path | None, **more: int) -> Iterator[tuple[Database, WaveformStore, Rule]]:
+def _store(data_dir: Path | None, **more: int) -> Iterator[tuple[Database, WaveformStore, Rule, Path]]:
     """Open the data of a service, which may be running."""
     settings = Settings(**({} if data_dir is None else {"data_dir": data_dir}), **more)  # type: ignore[arg-type]  # pydantic checks them
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    database, waveforms = Database(settings.resolved_database_url()), WaveformStore(settings.data_dir)
+    waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
+    database = Database(settings.resolved_database_url())
     try:
         database.migrate()
-        yield database, waveforms, rule_of(settings)
+        yield database, waveforms, rule_of(settings), settings.data_dir
     finally:
         waveforms.close()
         database.close()
@@ -49,7 +51,7 @@ def retention() -> None:
 @json_option
 def show(days: int | None, data_dir: Path | None, as_json: bool) -> None:
     """Say what is kept and why, what a purge would let go, and what a year brings. Nothing is changed."""
-    with _store(data_dir, **({} if days is None else {"keep_raw_days": days})) as (database, waveforms, rule):
+    with _store(data_dir, **({} if days is None else {"keep_raw_days": days})) as (database, waveforms, rule, _):
         found = retention_out(survey(database, waveforms, rule, now()))
     if as_json:
         print_json(found.model_dump(mode="json"))
@@ -67,8 +69,8 @@ def run(context: click.Context, dry_run: bool, data_dir: Path | None, as_json: b
     if dry_run:
         context.invoke(show, days=None, data_dir=data_dir, as_json=as_json)
         return
-    with _store(data_dir) as (database, waveforms, rule), progress_bar() as progress:
-        purge = Purge(database, waveforms, rule)
+    with _store(data_dir) as (database, waveforms, rule, folder), progress_bar() as progress:
+        purge = Purge(database, waveforms, rule, folder)
         with database.write() as session:
             begun = purge.begin(session, f"command line ({getpass.getuser()})", now())
         task = progress.add_task("files looked at", total=None)

@@ -36,7 +36,9 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
         announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
-            Server(app, lambda: click.echo(announcement, err=True)).run(sockets=[listening])
+            Server(app, lambda: click.echo(announcement, err=True), trusted_proxies=settings.trusted_proxies).run(
+                sockets=[listening]
+            )
         except ServiceError as error:
             click.echo(f"preload: {error}", err=True)
             raise SystemExit(1) from error

@@ -313,6 +313,8 @@ class JobRow(Base):
     error: Mapped[str | None] = mapped_column(String(1000))
     created_at: Mapped[datetime]
     updated_at: Mapped[datetime]
+    owner: Mapped[str | None] = mapped_column(String(100))  # who works on it, a new name each time it is taken up
+    lease_until: Mapped[datetime | None]  # then another may take it up; the owner moves it on as long as it lives
 
 
 class UserRow(Base):
@@ -394,6 +396,8 @@ class ReceiverRow(Base):
     next_try_at: Mapped[datetime]
     last_error: Mapped[str | None] = mapped_column(String(500))
     last_told_at: Mapped[datetime | None]
+    owner: Mapped[str | None] = mapped_column(String(100))  # which service tells it at this moment
+    lease_until: Mapped[datetime | None]  # then another service may
 
 
 class DeadLetterRow(Base):

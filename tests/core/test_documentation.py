@@ -24,9 +24,9 @@ from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
 from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
-from service.observability import FleetGauges, Metrics
 from service.gateways.mqtt_windows import MqttSettings
 from service.gateways.opcua_server import OpcuaSettings
+from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from tests.conftest import PROJECT_ROOT

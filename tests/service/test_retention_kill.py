@@ -52,7 +52,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, History]:
 def purge_until(data_dir: Path, step: int, counted: Any) -> None:
     """Purge in this process, and kill it before or after one of its calls that reach disk or database."""
     database, waveforms = Database(f"sqlite:///{data_dir}/preload.db"), WaveformStore(data_dir)
-    purge = Purge(database, waveforms, rule_of(Settings(data_dir=data_dir, **RULE)))
+    purge = Purge(database, waveforms, rule_of(Settings(data_dir=data_dir, **RULE)), data_dir)
     with database.write() as session:
         number = purge.begin(session, "test", now()).id
 

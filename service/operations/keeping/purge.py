@@ -57,15 +57,11 @@ class _Replacement:
 class Purge:
     """Lets the waveforms of a data folder go by a rule."""
 
-    def __init__(self, database: Database, waveforms: WaveformStore, rule: Rule) -> None:
+    def __init__(self, database: Database, waveforms: WaveformStore, rule: Rule, data_dir: Path) -> None:
+        self.data_dir = data_dir
         self._database = database
         self._waveforms = waveforms
         self._rule = rule
-
-    @property
-    def data_dir(self) -> Path:
-        """The folder that holds the waveforms."""
-        return self._waveforms.root
 
     def begin(self, session: Session, who: str, at: datetime) -> PurgeRow:
         """Store a purge that is about to begin, with its entry of the log; raises ConflictError if there is no rule."""

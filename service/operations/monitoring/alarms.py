@@ -120,7 +120,7 @@ class Alarms:
 
     def acknowledge(self, alarm_id: int, comment: str, who: str) -> AlarmView:
         """Note that somebody has seen the alarm."""
-        with self._database.write() as session:
+        with self._database.write(self.get(alarm_id).row.axis_id) as session:
             row = alarms.get_alarm(session, alarm_id)
             if row.status != alarms.ACTIVE:
                 raise ConflictError(f"only an active alarm can be acknowledged; alarm {alarm_id} is {row.status}")
@@ -130,7 +130,7 @@ class Alarms:
     def clear(self, alarm_id: int, comment: str, who: str) -> AlarmView:
         """Close an alarm; its axis has been looked at, so a new baseline is learnt."""
         axis_id = self.get(alarm_id).row.axis_id
-        with self._lanes.of(axis_id), self._database.write() as session:
+        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             row = alarms.get_alarm(session, alarm_id)
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")

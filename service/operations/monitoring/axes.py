@@ -35,7 +35,7 @@ class Axes:
         if configuration.drive_model is not None:
             axis_drive(configuration.drive_model)
         design = self._detector_design(axis_id, configuration)
-        with self._lanes.of(axis_id), self._database.write() as session:
+        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             row = session.get(AxisRow, axis_id)
             created = row is None
             if row is None:

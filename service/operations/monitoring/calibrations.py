@@ -108,7 +108,7 @@ class Calibrations:
 
         Activating what is in force changes nothing, so that a request may be repeated.
         """
-        with self._lanes.of(axis_id), self._database.write() as session:
+        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             axis = get_axis(session, axis_id)
             row = calibrations.get_calibration(session, axis_id, calibration_id)
             in_force = "none" if axis.active_calibration_id is None else str(axis.active_calibration_id)

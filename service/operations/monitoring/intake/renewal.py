@@ -30,13 +30,20 @@ def renew_charts(database: Database) -> None:
     with database.read() as session:
         outdated = [axis.id for axis in list_axes(session) if is_outdated(axis)]
     for axis_id in outdated:
-        with database.connect() as connection, writing(connection), suppress(DocumentDamagedError):
+        with (
+            database.connect() as connection,
+            database.at_axes(connection, [axis_id], wait=True),
+            writing(connection),
+            suppress(DocumentDamagedError),
+        ):
             _renew(connection, axis_id)
 
 
 def _renew(connection: Connection, axis_id: str) -> None:
     axis = intake.read_axis(connection, axis_id)
     before = intake.read_charts(connection, axis)
+    if not is_outdated(before):
+        return  # another service, which started at the same time, has done it
     design = detector_design(detector_settings(load_configuration(axis.configuration)))
     beginning = dump_state(AxisState())
     forget_checkpoints(connection, axis.number, before.epoch, None)
