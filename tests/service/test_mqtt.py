@@ -250,14 +250,16 @@ def test_a_password_and_tls_are_used(tmp_path: Path) -> None:
     def send(**settings: Any) -> None:
         MqttSender(broker.settings(**login, **settings), "s").send(notice)
 
-    with pytest.raises(NotTakenError, match="certificate verify failed"):
-        send(tls=True)
-    with pytest.raises(NotTakenError, match="Not authorized"):
-        send(tls=True, ca_file=tmp_path / "cert.pem")
-    (tmp_path / "password").write_text("right\n")
-    with pytest.raises(NotTakenError, match="nobody subscribes"):  # so it was let in, over TLS
-        send(tls=True, ca_file=tmp_path / "cert.pem")
-    broker.kill()
+    try:
+        with pytest.raises(NotTakenError, match="certificate verify failed"):
+            send(tls=True)
+        with pytest.raises(NotTakenError, match="Not authorized"):
+            send(tls=True, ca_file=tmp_path / "cert.pem")
+        (tmp_path / "password").write_text("right\n")
+        with pytest.raises(NotTakenError, match="nobody subscribes"):  # so it was let in, over TLS
+            send(tls=True, ca_file=tmp_path / "cert.pem")
+    finally:
+        broker.kill()
 
 
 @pytest.mark.slow
