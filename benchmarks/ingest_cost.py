@@ -77,9 +77,11 @@ def main() -> None:
     compute_in_one_thread()  # as the service does
     with tempfile.TemporaryDirectory() as our_folder, tempfile.TemporaryDirectory() as least_folder:
         axes_with_history(Path(our_folder), options.history, [AXIS])
-        with running(Path(our_folder), *OUR_SERVICE) as ours:
-            with running(Path(least_folder), *LEAST_SERVICE, "--judging") as least:
-                core, least_cost, our_cost = np.array(costs(ours, least, options.turns)).T
+        with (
+            running(Path(our_folder), *OUR_SERVICE) as ours,
+            running(Path(least_folder), *LEAST_SERVICE, "--judging") as least,
+        ):
+            core, least_cost, our_cost = np.array(costs(ours, least, options.turns)).T
     print(f"one by one, processor time of a window, {core.size} turns of {IN_A_ROW * N_WINDOWS} windows")
     print(f"{'':16} ms a window   bare core / it: of all   median   quartiles     nine of ten")
     for name, spent in (("bare core", core), ("least service", least_cost), ("our service", our_cost)):

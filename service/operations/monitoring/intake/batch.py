@@ -131,13 +131,11 @@ class Batch:
         return [] if self._frame is None else self._frame.sync()
 
     def store(self, connection: Connection, places: Sequence[WaveformPlace]) -> Settled | None:
-        """Write everything in the transaction that is open; None: the charts and counts of the axis stay as they are."""
+        """Write everything in the transaction that is open; None: charts and counts of the axis stay as they are."""
         for row in self._admission.changed():
             intake.save_measurement(connection, row)
         intake.add_windows(connection, self._window_records(places))
-        settled = settle(
-            connection, self.axis, self._judged, self.calibration, refused_windows=self._refusals()
-        )
+        settled = settle(connection, self.axis, self._judged, self.calibration, refused_windows=self._refusals())
         if self._frame is not None:
             self._frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
         return settled
