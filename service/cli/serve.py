@@ -34,7 +34,7 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
         app = create_app(settings)
         _allow_many_connections()
-        _keep_freed_memory()
+        keep_freed_memory()
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
         announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
@@ -55,7 +55,7 @@ _M_TRIM_THRESHOLD, _KEPT_BYTES = -1, 16 * 2**20
 _M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 8 * 2**20
 
 
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Let the C library keep what is freed for the next window, in place of giving it back to the system.
 
     A measurement that is judged frees several MiB. To get them anew, page by page, takes longer than to gate the
