@@ -51,8 +51,8 @@ def _allow_many_connections() -> None:
 
 
 #: Numbers of glibc's malloc.h: what is freed is given back beyond the first, what is larger than the second at once.
-_M_TRIM_THRESHOLD, _KEPT_BYTES = -1, 16 * 2**20
-_M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 8 * 2**20
+_M_TRIM_THRESHOLD, _KEPT_BYTES = -1, 12 * 2**20
+_M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 4 * 2**20
 
 
 def keep_freed_memory() -> None:

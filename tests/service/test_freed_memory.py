@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
-#: Twelve MiB in four arrays, as a measurement that is judged takes and frees them, twenty times.
+#: Nine MiB in three arrays, as a measurement that is judged takes and frees them, twenty times.
 PROGRAM = """
 import resource
 import numpy as np
 from service.cli.serve import keep_freed_memory
 
 def judge():
-    return sum(array.size for array in [np.ones(3 * 2**17) for _ in range(4)])
+    return sum(array.size for array in [np.ones(3 * 2**17) for _ in range(3)])
 
 if {kept}:
     keep_freed_memory()
@@ -23,7 +23,7 @@ for _ in range(20):
     judge()
 print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
-PAGES = 20 * 12 * 2**20 // 4096
+PAGES = 20 * 9 * 2**20 // 4096
 
 
 def new_pages(*, kept: bool) -> int:
