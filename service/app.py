@@ -17,6 +17,7 @@ from service.api import (
     calibrations,
     health,
     jobs,
+    maintenance,
     receivers,
     recordings,
     trend,
@@ -47,6 +48,7 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
+from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -112,7 +114,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers):
+    for resource in (axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
@@ -179,6 +181,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
         alarms=Alarms(database, lanes),
+        maintenance=Maintenance(database, lanes),
         replays=replays,
         recordings=uploads,
         stored_windows=StoredWindows(database, waveforms, files),

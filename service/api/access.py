@@ -44,6 +44,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
+        ("POST", f"{_AXIS}/maintenance"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/explanations"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/replays"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/identifications"): Scope.REPLAYS_RUN,
@@ -53,7 +54,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
             ("GET", path): Scope.TRENDS_READ
             for path in (
                 "/", "/axes/{axis}", "/docs", "/redoc", "/openapi.json", "/metrics",
-                "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history",
+                "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",
                 f"{_AXIS}/calibrations", f"{_AXIS}/calibrations/{{calibration}}",
                 f"{_AXIS}/recordings", f"{_AXIS}/recordings/{{recording}}",

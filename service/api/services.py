@@ -17,6 +17,7 @@ from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -40,6 +41,7 @@ class Services:
     history: History
     calibrations: Calibrations
     alarms: Alarms
+    maintenance: Maintenance
     replays: Replays
     recordings: Recordings
     stored_windows: StoredWindows

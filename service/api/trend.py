@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
+from service.api.maintenance import MaintenanceOut, maintenance_out
 from service.api.services import Services, services
 from service.documents.measurement import interval_of
 from service.json_types import JsonObject
@@ -147,6 +148,7 @@ class HistoryOut(BaseModel):
     alert: Annotated[
         JsonObject | None, Field(description="that stands: how far the preload is off, and what to do; null if none")
     ] = None
+    events: Annotated[list[MaintenanceOut], Field(description="what was done to it, in order of time")] = []
 
 
 @router.get("/axes/{axis}/history")
@@ -159,6 +161,7 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
         trend_line=history.line,
         false_alarms=history.false_alarms,
         alert=history.alert,
+        events=[maintenance_out(row) for row in history.events],
     )
 
 

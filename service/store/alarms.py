@@ -51,8 +51,9 @@ def open_by_axis(session: Session) -> dict[str, int]:
 
 
 def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | None) -> list[AlarmRow]:
-    """Return the alarms that the charts of one epoch raised by measurements later than a moment, in time order."""
-    query = select(AlarmRow).where(AlarmRow.axis_id == axis_id, AlarmRow.epoch == epoch, AlarmRow.status != WITHDRAWN)
+    """Return the alarms that the charts raised by measurements later than a moment, in an epoch or after it, in order."""
+    of_axis = (AlarmRow.axis_id == axis_id, AlarmRow.status != WITHDRAWN)
+    query = select(AlarmRow).where(*of_axis, AlarmRow.epoch >= epoch)
     if after is not None:
         query = query.where(AlarmRow.measured_at > after)
     return list(session.scalars(query.order_by(AlarmRow.measured_at, AlarmRow.id)))

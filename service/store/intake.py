@@ -44,6 +44,7 @@ class ChartsRecord:
     epoch: int
     epoch_after: datetime | None
     epoch_from: datetime | None
+    epoch_begins_at: datetime | None
     last_charted_at: datetime | None
     since_checkpoint: int
     state: str
@@ -147,17 +148,6 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     """Return the charts of an axis."""
     (row,) = _CHARTS.rows(connection, {"axis_id": axis.id})
     return ChartsRecord(*row)
-
-
-def read_epoch_state(connection: Connection, axis: AxisRecord) -> JsonObject | None:
-    """Return how the charts of an axis stood when their epoch began."""
-    state: JsonObject | None = connection.execute(select(_AXES.c.epoch_state).where(_AXES.c.id == axis.id)).scalar()
-    return state
-
-
-def save_epoch_state(connection: Connection, axis: AxisRecord, state: JsonObject) -> None:
-    """Store how the charts of an axis stood when their epoch began."""
-    connection.execute(update(_AXES).where(_AXES.c.id == axis.id).values(epoch_state=state))
 
 
 def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:

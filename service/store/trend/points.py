@@ -38,6 +38,12 @@ def forget_checkpoints(connection: Connection, axis_number: int, epoch: int, aft
     connection.execute(of_epoch if after is None else of_epoch.where(_CHECKPOINTS.c.at > after))
 
 
+def forget_checkpoints_beyond(connection: Connection, axis_number: int, epoch: int) -> None:
+    """Remove the checkpoints of all epochs later than one."""
+    later = (_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch > epoch)
+    connection.execute(delete(_CHECKPOINTS).where(*later))
+
+
 def add_checkpoint(
     connection: Connection, axis_number: int, epoch: int, at: datetime, state: JsonObject, *, most: int
 ) -> datetime | None:
@@ -111,6 +117,9 @@ Cursor = tuple[datetime, int]
 _POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
 _COLUMNS = [_POINTS.c[name] for name in TrendPoint.__slots__]
 _KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
+#: Why a measurement moved no chart that came when they could not be folded again from before it.
+TOO_LATE = "too-late"
+_IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
 
 
@@ -162,16 +171,23 @@ def point_of(connection: Connection, axis_number: int, at: datetime, measurement
     return None if row is None else TrendPoint(*row)
 
 
-def points_after(
-    connection: Connection, axis_number: int, epoch: int, after: datetime | None, begun: datetime | None
-) -> list[TrendPoint]:
-    """Return the points of one epoch of the charts, which begins with a moment, that are later than another one."""
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch == epoch)
+def points_after(connection: Connection, axis_number: int, epoch: int, after: datetime | None) -> list[TrendPoint]:
+    """Return the points of an epoch of the charts, and of those after it, that are later than a moment.
+
+    Those that came too late for the charts are not among them.
+    """
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch >= epoch, _IN_TIME)
     if after is not None:
         query = query.where(_POINTS.c.at > after)
-    if begun is not None:
-        query = query.where(_POINTS.c.at >= begun)
     return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+
+
+def first_of_epoch(connection: Connection, axis_number: int, epoch: int, since: datetime) -> datetime | None:
+    """Return when the first point of an epoch was measured, which begins at a moment."""
+    query = select(_POINTS.c.at).where(
+        _POINTS.c.axis_number == axis_number, _POINTS.c.at >= since, _POINTS.c.epoch == epoch, _IN_TIME
+    )
+    return connection.execute(query.order_by(_POINTS.c.at).limit(1)).scalar()
 
 
 def point_before(connection: Connection, axis_number: int, at: datetime) -> TrendPoint | None:

@@ -17,7 +17,7 @@ from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.documents.measurement import finite_or_null, measurement_document, response_document, with_trend
 from service.json_types import JsonObject
-from service.operations.monitoring.alarms import settle_alarms
+from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.intake.charts import Uncharted, put_in
 from service.store import intake
@@ -102,7 +102,7 @@ def settle(
     sum_up(connection, axis.number, {point.at for point in (*new, *replaced)})
     new_alarms = 0
     if calibration is not None and (folded.raised or folded.again):
-        new_alarms = settle_alarms(connection, axis, folded, calibration)
+        new_alarms = settle_alarms(connection, axis, folded)
     after = replace(
         folded.charts,
         refused_windows=_counted(before.refused_windows, refused_windows),
