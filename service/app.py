@@ -49,6 +49,7 @@ from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
 from service.operations.monitoring.maintenance import Maintenance
+from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -61,6 +62,7 @@ from service.store.axes import list_axes
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
+from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveforms import WaveformStore
 from service.web import login, pages
@@ -163,7 +165,9 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     reports = ReportStore(settings.data_dir)
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
+    rejudgements = Rejudgements(database, waveforms, lanes, runner)
     work |= {
+        REJUDGEMENT: rejudgements.run,
         "replay": replays.run,
         IMPORT: uploads.run,
         identifications.kind: identifications.run,
@@ -180,6 +184,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         trend=Trend(database),
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
+        rejudgements=rejudgements,
         alarms=Alarms(database, lanes),
         maintenance=Maintenance(database, lanes),
         replays=replays,

@@ -42,6 +42,9 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/archive"): Scope.CALIBRATIONS_WRITE,
+        ("DELETE", f"{_AXIS}/archive"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/rejudgements"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
         ("POST", f"{_AXIS}/maintenance"): Scope.ALARMS_ACK,
@@ -61,6 +64,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
+                "/v1/machines",
             )
         },
     }

@@ -32,6 +32,7 @@ class AxisRecord:
     configuration: JsonObject
     active_calibration_id: int | None
     revision: int
+    archived_at: datetime | None
     newest_window_at: datetime | None  # start of the last of its stored windows
 
 
@@ -98,8 +99,10 @@ _CHARTS = PreparedSelect(
 )
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
 _AXIS = PreparedSelect(
-    select(_AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
-    .where(_AXES.c.id == bindparam("axis_id"))
+    select(
+        _AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision,
+        _AXES.c.archived_at, _NEWEST,
+    ).where(_AXES.c.id == bindparam("axis_id"))
 )  # fmt: skip
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
 _NAMED_MEASUREMENT = PreparedSelect(

@@ -277,6 +277,7 @@ class JobRow(Base):
     """Long work with its progress; it survives a restart."""
 
     __tablename__ = "jobs"
+    __table_args__ = (_partial_index("ix_jobs_unfinished", "kind", "axis_id", where="status IN ('queued', 'running')"),)
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     kind: Mapped[str] = mapped_column(String(20))

@@ -15,6 +15,7 @@ from service.api.axes import axes_out, axis_out
 from service.api.services import Services, services
 from service.documents.measurement import shares_in_words
 from service.operations.discrepancy.discrepancy_job import finished_discrepancies
+from service.operations.monitoring.machines import SEVERITY
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -29,9 +30,6 @@ _OF_API_PAGES = {
         "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
 }
-
-#: Worst first; an axis nobody can judge comes before one that is well.
-SEVERITY = ("alarm", "alert", "unknown", "learning", "normal")
 
 
 def minutes(moment: datetime | str | None) -> str:

@@ -20,7 +20,7 @@ from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, 
 from monitor_core.uncertainty import Estimate
 from service.documents.stored import StoredRecord
 from service.json_types import Json, JsonObject
-from service.operations.fields import Positive
+from service.operations.fields import Label, Moment, Positive, SetPreload
 
 
 def axis_drive(text: str) -> DescribedDrive:
@@ -78,6 +78,13 @@ class AxisConfiguration(BaseModel):
         default=None, description="drive model as TOML: with it an alarm says which change of the axis explains it"
     )
 
+    machine: Label | None = Field(default=None, description="name of the machine that the axis is of")
+    machine_place: Label | None = Field(default=None, description="where the machine stands; goes with machine")
+    commissioned_preload_n: SetPreload | None = Field(
+        default=None, description="preload that the axis was put into service with: what is left of it is said"
+    )
+    commissioned_at: Moment | None = Field(default=None, description="goes with commissioned_preload_n")
+
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.search_band_hz is not None and not self.search_band_hz[0] < self.search_band_hz[1]:
@@ -89,6 +96,10 @@ class AxisConfiguration(BaseModel):
             )
         if (self.moving_mass_kg is None) != (self.moving_mass_standard_uncertainty_kg is None):
             raise ValueError("moving_mass_kg and moving_mass_standard_uncertainty_kg are stated together or not at all")
+        if (self.commissioned_preload_n is None) != (self.commissioned_at is None):
+            raise ValueError("commissioned_preload_n and commissioned_at are stated together or not at all")
+        if self.machine is None and self.machine_place is not None:
+            raise ValueError("machine_place is of a machine: expected its name in machine; got none")
         return self
 
 
@@ -97,7 +108,17 @@ _STORED = StoredRecord(
     TypeAdapter(AxisConfiguration),
     version=1,
     remedy="send it again with PUT /v1/axes, or restore the backup",
-    added=frozenset({"measurement_timeout_s", "baseline_days", "axis_type"}),
+    added=frozenset(
+        {
+            "measurement_timeout_s",
+            "baseline_days",
+            "axis_type",
+            "machine",
+            "machine_place",
+            "commissioned_preload_n",
+            "commissioned_at",
+        }
+    ),
 )
 
 

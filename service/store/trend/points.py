@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, insert, literal, select, tuple_, update
+from sqlalchemy import ColumnElement, Connection, and_, delete, func, insert, literal, select, tuple_, update
 
 from monitor_core.preload import DoubtReason
 from service.json_types import JsonObject
@@ -214,6 +214,20 @@ def page_of_points(
     order = (_POINTS.c.at, _POINTS.c.measurement_id)
     ordered = query.order_by(*(column.desc() for column in order)) if newest_first else query.order_by(*order)
     return [TrendPoint(*row) for row in connection.execute(ordered.limit(limit))]
+
+
+def points_within(connection: Connection, axis_number: int, span: Span) -> list[TrendPoint]:
+    """Return all points of a span, in time order."""
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
+    return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+
+
+def count_uncharted(connection: Connection, axis_number: int) -> dict[str, int]:
+    """Count the points of an axis that moved no chart, by the reason."""
+    query = select(_POINTS.c.uncharted, func.count().label("number")).where(
+        _POINTS.c.axis_number == axis_number, _POINTS.c.uncharted.is_not(None)
+    )
+    return {row.uncharted: row.number for row in connection.execute(query.group_by(_POINTS.c.uncharted))}
 
 
 def points_at(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> list[TrendPoint]:

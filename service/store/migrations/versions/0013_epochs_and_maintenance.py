@@ -81,12 +81,17 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("job_id", "measurement_id", name=op.f("pk_rejudged_measurements")),
         sa.ForeignKeyConstraint(["job_id"], ["jobs.id"], name=op.f("fk_rejudged_measurements_job_id_jobs")),
     )
+    unfinished = sa.text("status IN ('queued', 'running')")
+    op.create_index(
+        "ix_jobs_unfinished", "jobs", ["kind", "axis_id"], sqlite_where=unfinished, postgresql_where=unfinished
+    )
 
 
 def downgrade() -> None:
     """Go back; refused if something was done to an axis, or one is archived: nobody would know of it any more."""
     refuse_to_lose("entries of the maintenance log", "SELECT count(*) FROM maintenance")
     refuse_to_lose("that axes are archived", "SELECT count(*) FROM axes WHERE archived_at IS NOT NULL")
+    op.drop_index("ix_jobs_unfinished", table_name="jobs")
     op.drop_table("rejudged_measurements")
     op.drop_index("ix_maintenance_axis_at", table_name="maintenance")
     op.drop_table("maintenance")
