@@ -2,13 +2,16 @@
 
 import json
 import shutil
+import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -112,8 +115,6 @@ def service(under_first: Path, tmp_path: Path) -> Iterator[Api]:
 @contextmanager
 def held_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
     """Hold a job up before its second measurement until it is let go on."""
-    import threading
-
     reached, may_go_on, real = threading.Event(), threading.Event(), rejudgements.judged_anew
 
     def wait(*arguments: Any) -> Any:
@@ -249,19 +250,30 @@ def test_it_goes_on_after_kill_9(
 ) -> None:
     shutil.copytree(under_first, tmp_path / "var")
     port = free_port()
+
+    def n_aside() -> int:
+        with closing(sqlite3.connect(tmp_path / "var" / "preload.db")) as database:
+            return int(database.execute("SELECT count(*) FROM rejudged_measurements").fetchone()[0])
+
+    def is_half_way() -> bool:
+        return 0 < n_aside() < 40
+
     job: dict[str, Any] | None = None
-    for n_kills in range(6):
+    for is_time in (lambda: True, is_half_way, lambda: True):  # before anything, half way, and at once after it
         server = fork_server(tmp_path / "var", port)
         server.wait_until_up()
-        import httpx
-
         with httpx.Client(base_url=server.url, trust_env=False) as http:
-            api = Api(http, tmp_path / "var")
-            job = job or start(api, calibration=2)
-            if n_kills == 5:
-                assert ended(api, job)["status"] == "done"
-                assert as_bytes(said_of(api)) == as_bytes(under_second)
-            else:
-                time.sleep(0.03 * n_kills)
+            job = job or start(Api(http, tmp_path / "var"), calibration=2)
+            while not is_time():
+                assert http.get(f"/v1/jobs/{job['id']}").json()["status"] in ("queued", "running")
         server.process.kill()
         server.process.wait()
+    assert n_aside() > 0
+    server = fork_server(tmp_path / "var", port)
+    server.wait_until_up()
+    with httpx.Client(base_url=server.url, trust_env=False) as http:
+        api = Api(http, tmp_path / "var")
+        assert job is not None
+        assert ended(api, job)["status"] == "done"
+        assert as_bytes(said_of(api)) == as_bytes(under_second)
+    assert n_aside() == 0
