@@ -25,7 +25,7 @@ COMMANDS = {
     "identify": "Find the joints of an axis from peaks, responses or a session.",
     "key": "Make and revoke the keys of programs.",
     "modes": "List the modes of a drive model.",
-    "rejudge": "Have a service judge a history anew under another calibration.",
+    "rejudge": "Judge the history of an axis anew under another calibration.",
     "replay": "Post a recorded session to a service.",
     "restore": "Verify a backup and make a data folder of it.",
     "serve": "Run the service.",

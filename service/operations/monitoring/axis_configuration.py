@@ -70,6 +70,12 @@ class AxisConfiguration(BaseModel):
     axis_type: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
         default=None, description="axes of one type lend a young one what it cannot know yet"
     )
+    machine: Label | None = Field(default=None, description="name of the machine that the axis is of")
+    machine_place: Label | None = Field(default=None, description="where the machine stands; goes with machine")
+    commissioned_preload_n: SetPreload | None = Field(
+        default=None, description="preload that the axis was put into service with: what is left of it is said"
+    )
+    commissioned_at: Moment | None = Field(default=None, description="goes with commissioned_preload_n")
     silent_after_hours: Positive = Field(
         default=168.0, le=1e7, description="without an accepted measurement for so long the state is unknown"
     )
@@ -77,13 +83,6 @@ class AxisConfiguration(BaseModel):
     drive_model: Annotated[str, Field(max_length=20_000)] | None = Field(
         default=None, description="drive model as TOML: with it an alarm says which change of the axis explains it"
     )
-
-    machine: Label | None = Field(default=None, description="name of the machine that the axis is of")
-    machine_place: Label | None = Field(default=None, description="where the machine stands; goes with machine")
-    commissioned_preload_n: SetPreload | None = Field(
-        default=None, description="preload that the axis was put into service with: what is left of it is said"
-    )
-    commissioned_at: Moment | None = Field(default=None, description="goes with commissioned_preload_n")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

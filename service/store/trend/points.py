@@ -171,13 +171,17 @@ def point_of(connection: Connection, axis_number: int, at: datetime, measurement
     return None if row is None else TrendPoint(*row)
 
 
-def points_after(connection: Connection, axis_number: int, epoch: int, after: datetime | None) -> list[TrendPoint]:
+def points_after(
+    connection: Connection, axis_number: int, epoch: int, after: datetime | None, since: datetime | None
+) -> list[TrendPoint]:
     """Return the points of an epoch of the charts, and of those after it, that are later than a moment.
 
-    Those that came too late for the charts are not among them.
+    Those that came too late for the charts are not among them. ``since``: there is nothing older in that epoch.
     """
     query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch >= epoch, _IN_TIME)
-    if after is not None:
+    if since is not None and (after is None or since > after):  # of two bounds SQLite would take the first
+        query = query.where(_POINTS.c.at >= since)
+    elif after is not None:
         query = query.where(_POINTS.c.at > after)
     return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
 

@@ -116,8 +116,9 @@ def put_in(
         return Folded(charts, aside, (), None)
     fold = _Fold(connection, axis, charts, calibration)
     again = bool(replaced) or (charts.last_measured_at is not None and min(touched) <= charts.last_measured_at)
-    if again or (charts.epoch_begins_at is not None and min(touched) < charts.epoch_begins_at):
-        fold.go_back(min(touched))
+    of_before = charts.epoch_begins_at is not None and min(touched) < charts.epoch_begins_at
+    if again or of_before:
+        fold.go_back(min(touched), since=None if of_before else charts.epoch_from or min(touched))
     folded = fold.over(put)
     return replace(folded, points=aside | folded.points)
 
@@ -176,10 +177,11 @@ class _Fold:
         self._session_of: dict[int, datetime | None] = {}  # when it began, by measurement; None: it moved no chart
         self._places: dict[datetime, str | None] = {}  # how those of a session contradict each other, in words
 
-    def go_back(self, first: datetime) -> None:
+    def go_back(self, first: datetime, *, since: datetime | None = None) -> None:
         """Return to the charts as they stood before a moment: what was measured since is to be folded again.
 
-        Where it lies before the first epoch that is known, they return to where that begins.
+        Where it lies before the first epoch that is known, they return to where that begins. ``since``: the epoch holds
+        nothing older, so that no more of the history is read.
         """
         connection, number = self._connection, self._axis.number
         epochs = epochs_of(connection, number)
@@ -191,7 +193,7 @@ class _Fold:
         newest = self._charts.epoch
         self._return_to(None if current is None else epochs[current], first)
         self._forget_since(self._begun_after, newest)
-        self._old = points_after(connection, number, self._charts.epoch, self._begun_after)
+        self._old = points_after(connection, number, self._charts.epoch, self._begun_after, since)
         self._again = True
 
     def enter(self, epoch: EpochRecord) -> None:
@@ -249,8 +251,8 @@ class _Fold:
         if limit is not None and first <= limit:  # it was reached later, or somebody said what was done before it
             limit = None if epoch is None else self._limit(epoch, None)
         epoch_from = self._charts.epoch_from
-        if counted != self._charts.epoch or epoch_from is None:
-            epoch_from = first_of_epoch(connection, number, counted, begun_at) if begun_at is not None else None
+        if counted != self._charts.epoch:
+            epoch_from = None if begun_at is None else first_of_epoch(connection, number, counted, begun_at)
         self._take_calibration(None if epoch is None else epoch.calibration_id)
         self._since_epoch = counted
         self._charts = replace(

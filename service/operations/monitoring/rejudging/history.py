@@ -1,4 +1,4 @@
-"""Put a history that was judged anew in the place of the old one, all of it in the transaction that is open."""
+"""Replace a history by one that was judged anew, all of it in the transaction that is open."""
 
 from collections import Counter
 from collections.abc import Sequence
