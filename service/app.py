@@ -20,6 +20,7 @@ from service.api import (
     changes,
     health,
     jobs,
+    maintenance,
     receivers,
     recordings,
     retention,
@@ -60,6 +61,8 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
+from service.operations.monitoring.maintenance import Maintenance
+from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -72,6 +75,7 @@ from service.store.axes import list_axes
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
+from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
@@ -140,7 +144,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(windows.router)
     app.include_router(recordings.router)
     resources = (
-        axes, trend, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention
+        axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
@@ -194,7 +198,9 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
     rule = rule_of(settings)
     purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
+    rejudgements = Rejudgements(database, waveforms, lanes, runner)
     work |= {
+        REJUDGEMENT: rejudgements.run,
         "replay": replays.run,
         IMPORT: uploads.run,
         identifications.kind: identifications.run,
@@ -212,8 +218,10 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         trend=trend,
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
+        rejudgements=rejudgements,
         alarms=Alarms(database, lanes),
         changes=Changes(database),
+        maintenance=Maintenance(database, lanes),
         replays=replays,
         recordings=uploads,
         stored_windows=StoredWindows(database, waveforms, files),

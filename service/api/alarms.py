@@ -15,7 +15,7 @@ from service.operations.monitoring.alarms import AlarmView
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
 
-AlarmStatus = Literal["active", "acknowledged", "cleared"]
+AlarmStatus = Literal["active", "acknowledged", "cleared", "withdrawn"]
 
 
 class AlarmEventOut(BaseModel):

@@ -22,6 +22,8 @@ from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.maintenance import Maintenance
+from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -47,8 +49,10 @@ class Services:
     trend: Trend
     history: History
     calibrations: Calibrations
+    rejudgements: Rejudgements
     alarms: Alarms
     changes: Changes
+    maintenance: Maintenance
     replays: Replays
     recordings: Recordings
     stored_windows: StoredWindows

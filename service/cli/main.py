@@ -28,6 +28,7 @@ COMMANDS = {
     "modes": "List the modes of a drive model.",
     "mqtt": "Take windows from an MQTT broker to a service.",
     "opcua": "Show preload, state and alarms of a service to OPC UA clients.",
+    "rejudge": "Judge the history of an axis anew under another calibration.",
     "replay": "Post a recorded session to a service.",
     "restore": "Verify a backup and make a data folder of it.",
     "retention": "Say how long waveforms are kept and what they take; let go what the rule does not keep.",

@@ -35,8 +35,8 @@ def new_axis(session: Session, axis_id: str, at: datetime) -> AxisRow:
     number = session.scalar(select(func.coalesce(func.max(AxisRow.number), 0) + 1))
     return AxisRow(
         id=axis_id, number=number, created_at=at, active_calibration_id=None, monitor_state=None, epoch=0,
-        epoch_state=None,
-        epoch_after=None, epoch_from=None, since_checkpoint=0, state=str(TrendStatus.UNKNOWN), state_since=None,
+        epoch_after=None, epoch_from=None, epoch_begins_at=None, archived_at=None, since_checkpoint=0,
+        state=str(TrendStatus.UNKNOWN), state_since=None,
         last_charted_at=None, last_measurement_id=None, last_measured_at=None, refused_windows={}, uncharted={},
     )  # fmt: skip
 

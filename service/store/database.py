@@ -213,6 +213,15 @@ def writing(connection: Connection) -> Iterator[None]:
     _COMMITS[connection.engine].note()
 
 
+@contextmanager
+def trying(connection: Connection) -> Iterator[None]:
+    """Write as :func:`writing` does, and undo everything at the end."""
+    with connection.begin() as transaction:
+        _begin(connection, "IMMEDIATE")
+        yield
+        transaction.rollback()
+
+
 def _begin(connection: Connection, mode: str) -> None:
     # Not by an event of the engine: where there is one, listeners are looked for at each statement.
     if connection.dialect.name == "sqlite":

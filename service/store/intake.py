@@ -32,6 +32,7 @@ class AxisRecord:
     configuration: JsonObject
     active_calibration_id: int | None
     revision: int
+    archived_at: datetime | None
     newest_window_at: datetime | None  # start of the last of its stored windows
 
 
@@ -44,6 +45,7 @@ class ChartsRecord:
     epoch: int
     epoch_after: datetime | None
     epoch_from: datetime | None
+    epoch_begins_at: datetime | None
     last_charted_at: datetime | None
     since_checkpoint: int
     state: str
@@ -97,8 +99,10 @@ _CHARTS = PreparedSelect(
 )
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
 _AXIS = PreparedSelect(
-    select(_AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
-    .where(_AXES.c.id == bindparam("axis_id"))
+    select(
+        _AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision,
+        _AXES.c.archived_at, _NEWEST,
+    ).where(_AXES.c.id == bindparam("axis_id"))
 )  # fmt: skip
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
 _NAMED_MEASUREMENT = PreparedSelect(
@@ -149,17 +153,6 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     """Return the charts of an axis."""
     (row,) = _CHARTS.rows(connection, {"axis_id": axis.id})
     return ChartsRecord(*row)
-
-
-def read_epoch_state(connection: Connection, axis: AxisRecord) -> JsonObject | None:
-    """Return how the charts of an axis stood when their epoch began."""
-    state: JsonObject | None = connection.execute(select(_AXES.c.epoch_state).where(_AXES.c.id == axis.id)).scalar()
-    return state
-
-
-def save_epoch_state(connection: Connection, axis: AxisRecord, state: JsonObject) -> None:
-    """Store how the charts of an axis stood when their epoch began."""
-    connection.execute(update(_AXES).where(_AXES.c.id == axis.id).values(epoch_state=state))
 
 
 def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:

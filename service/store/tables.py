@@ -105,7 +105,7 @@ class AxisRow(Base):
     epoch: Mapped[int]  # of the charts: each begins with a new baseline
     epoch_after: Mapped[datetime | None]  # what was measured until then moves no chart any more
     epoch_from: Mapped[datetime | None]  # its first measurement
-    epoch_state: Mapped[JsonObject | None] = mapped_column(deferred=True)  # of the charts when it began
+    epoch_begins_at: Mapped[datetime | None]  # what is older is charted in an epoch before it, if at all
     since_checkpoint: Mapped[int]  # measurements in the charts since the last row of chart_checkpoints
     # what every page shows, kept with each measurement: to count the history each time costs more each time
     state: Mapped[str] = mapped_column(String(16))  # of the charts; silence is not seen in it
@@ -115,10 +115,30 @@ class AxisRow(Base):
     last_measured_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)  # as in the tables of the trend
     refused_windows: Mapped[CountsByReason]
     uncharted: Mapped[CountsByReason]  # measurements that moved no chart
+    archived_at: Mapped[datetime | None]  # since when it takes no windows and is listed only where that is asked for
     revision: Mapped[int] = mapped_column()
 
     # A writer who read the row before another process changed it is refused: what it computed rests on what is no more.
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - SQLAlchemy's own hook
+
+
+class MaintenanceRow(Base):
+    """What was done to an axis. An entry is never changed: another one corrects it."""
+
+    __tablename__ = "maintenance"
+    __table_args__ = (Index("ix_maintenance_axis_at", "axis_id", "at", "id"),)
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
+    at: Mapped[datetime]  # when it was done
+    entered_at: Mapped[datetime]
+    who: Mapped[str] = mapped_column(String(120))
+    kind: Mapped[str] = mapped_column(String(16))  # lubricated | nut-replaced | screw-replaced | mounting | other
+    note: Mapped[str] = mapped_column(String(1000))
+    set_preload_n: Mapped[float | None]
+    corrects: Mapped[int | None] = mapped_column(
+        BigInteger, ForeignKey("maintenance.id")
+    )  # the entry that it takes the place of
 
 
 class CalibrationRow(Base):
@@ -301,6 +321,7 @@ class JobRow(Base):
     """Long work with its progress; it survives a restart."""
 
     __tablename__ = "jobs"
+    __table_args__ = (_partial_index("ix_jobs_unfinished", "kind", "axis_id", where="status IN ('queued', 'running')"),)
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     kind: Mapped[str] = mapped_column(String(20))
@@ -315,6 +336,21 @@ class JobRow(Base):
     updated_at: Mapped[datetime]
     owner: Mapped[str | None] = mapped_column(String(100))  # who works on it, a new name each time it is taken up
     lease_until: Mapped[datetime | None]  # then another may take it up; the owner moves it on as long as it lives
+
+
+class RejudgedRow(Base):
+    """A measurement as another calibration judges it: kept aside until all of its axis are."""
+
+    __tablename__ = "rejudged_measurements"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True)
+    measurement_id: Mapped[int] = mapped_column(Identity, primary_key=True, autoincrement=False)
+    seen_revision: Mapped[int]  # of the measurement: if it has another one now, it is to be judged once more
+    measurement: Mapped[JsonObject | None]  # where and when it stands; None: its waveform is gone
+    point: Mapped[JsonObject | None]  # of the trend
+    outcome: Mapped[JsonObject | None]
+    response: Mapped[JsonObject | None]
+    refusals: Mapped[JsonObject | None]  # of windows that are refused otherwise now, by their start
 
 
 class UserRow(Base):

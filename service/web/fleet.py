@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 from service.api.services import Services, services
 from service.operations.fields import RequestModel
 from service.operations.monitoring.alarms import AlarmView
+from service.operations.monitoring.machines import SEVERITY
 from service.operations.monitoring.standing import open_alarm
 from service.operations.monitoring.trend import AxisStatus
 from service.report.trend_chart import sparkline
@@ -19,8 +20,6 @@ from service.web.site import PageOf
 
 router = APIRouter(include_in_schema=False)
 
-#: Worst first; an axis nobody can judge comes before one that is well.
-SEVERITY: Final = ("alarm", "alert", "unknown", "learning", "normal")
 #: In these states an axis needs somebody.
 NEEDY: Final = ("alarm", "alert", "unknown")
 #: Axes on one page: the worst of a large fleet come first, and the rest is found by name.

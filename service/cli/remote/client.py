@@ -82,7 +82,7 @@ class Client:
 
     def register_if_new(self, axis: str) -> bool:
         """Register an axis with default settings unless it is there; tell whether it was new."""
-        if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes).axes):
+        if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes, archived="true").axes):
             return False
         self.put(f"/v1/axes/{axis}", {"name": axis})
         return True

@@ -88,6 +88,11 @@ class Batch:
         starts = {window.started_at for post in posts for window in post.windows}
         with reading(connection):
             self.axis: AxisRecord = intake.read_axis(connection, axis_id)
+            if self.axis.archived_at is not None and starts:
+                raise ConflictError(
+                    f"axis '{axis_id}' is archived since {text_of(self.axis.archived_at)} and takes no windows; "
+                    f"DELETE /v1/axes/{axis_id}/archive takes that back"
+                )
             self._contents = intake.contents_at(connection, self.axis, starts)
             self._measurements = intake.read_measurements(connection, axis_id, names)
             self._closed = self._too_late(connection)

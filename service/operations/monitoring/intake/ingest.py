@@ -19,7 +19,7 @@ from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.errors import BusyError, StorageError
 from service.observability import Metrics
-from service.operations.monitoring.alarms import PRELOAD_LOSS
+from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
 from service.operations.monitoring.intake.known import KnownAxes, Lanes
