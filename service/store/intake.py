@@ -119,9 +119,11 @@ _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     for table in (_AXES, _MEASUREMENTS)
 )
 _CHANGED = ("started_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id")
+#: What a window that is taken into a measurement changes of it: an index is written for each column that is set.
+_ADMITTED = ("started_at", "closes_at", "n_accepted")
 _FORGET_DOCUMENT = PreparedChange(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == bindparam("_id")))
 _NEW_DOCUMENT = PreparedChange(insert(_DOCUMENTS), [column.name for column in _DOCUMENTS.c])
-_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_CHANGED, "revision"])
+_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_ADMITTED, "revision"])
 
 
 def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
@@ -199,11 +201,12 @@ def save_measurement(connection: Connection, measurement: MeasurementRecord, jud
     Here and below StaleDataError is raised if the row was changed since it was read: what is to be written is out of
     date.
     """
-    columns = {name: getattr(measurement, name) for name in _CHANGED}
+    admitted = measurement.id is not None and judged_at is None
+    columns = {name: getattr(measurement, name) for name in (_ADMITTED if admitted else _CHANGED)}
     if measurement.id is None:
         new = columns | {"axis_id": measurement.axis_id, "name": measurement.name, "revision": measurement.revision}
         measurement.id = connection.execute(_NEW_MEASUREMENT, new).scalar_one()
-    elif judged_at is None:
+    elif admitted:
         _expect_one(measurement, _CHANGE_ADMITTED.run(connection, _next_revision(measurement, **columns)))
     else:
         changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, judged_at=judged_at, **columns))

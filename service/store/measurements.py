@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, or_, select
+from sqlalchemy import Connection, Select, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
@@ -10,6 +10,21 @@ from service.errors import UnknownResourceError
 from service.store.intake import JUDGED, REFUSED
 from service.store.tables import MeasurementRow, WindowRow
 from service.store.waveforms import WaveformPlace
+
+#: Built once: to build it takes longer than to run it.
+_MEMBERS = (
+    select(
+        WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
+        WindowRow.refusal_reason.is_(None),
+    )
+    .where(
+        WindowRow.measurement_id == bindparam("measurement_id"),
+        or_(
+            WindowRow.refusal_reason.is_(None), WindowRow.refusal_reason == str(RejectionReason.POSITION_MISMATCH)
+        ),
+    )
+    .order_by(WindowRow.started_at)
+)  # fmt: skip
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:
@@ -36,17 +51,8 @@ def member_places(connection: Session | Connection, measurement_id: int) -> list
 
     In time order.
     """
-    columns = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
-    reason = WindowRow.refusal_reason
-    query = (
-        select(*columns, reason.is_(None))
-        .where(
-            WindowRow.measurement_id == measurement_id,
-            or_(reason.is_(None), reason == str(RejectionReason.POSITION_MISMATCH)),
-        )
-        .order_by(WindowRow.started_at)
-    )
-    return [(WaveformPlace(*row[:4]), bool(row[4])) for row in connection.execute(query)]
+    rows = connection.execute(_MEMBERS, {"measurement_id": measurement_id})
+    return [(WaveformPlace(*row[:4]), bool(row[4])) for row in rows]
 
 
 def calibration_measurements(

@@ -111,6 +111,7 @@ def dump_configuration(configuration: AxisConfiguration) -> JsonObject:
     return _STORED.dump(configuration)
 
 
+@lru_cache(maxsize=1024)  # wanted with every window
 def core_settings(configuration: AxisConfiguration) -> AxisSettings:
     """Return the core's settings, in SI units."""
     mass, uncertainty = configuration.moving_mass_kg, configuration.moving_mass_standard_uncertainty_kg

@@ -1,6 +1,6 @@
 """Which measurement a new window belongs to, whether it is averaged there, and what completes a measurement."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
@@ -8,8 +8,7 @@ from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import to_millimetres
 from service.clock import text_of
 from service.operations.monitoring.axis_configuration import AxisConfiguration
-from service.operations.monitoring.intake.charts import too_late
-from service.store.intake import OPEN, ChartsRecord, MeasurementRecord
+from service.store.intake import OPEN, MeasurementRecord
 
 #: A window that says it began so long after it arrived comes from a clock that is wrong: put into the charts, it would
 #: make everything that is measured until then too old for them.
@@ -31,9 +30,9 @@ class Admission:
 
     axis_id: str
     configuration: AxisConfiguration
-    charts: ChartsRecord
     received_at: datetime
     measurements: dict[str, MeasurementRecord]  # those that the windows name
+    closed: Collection[str]  # names of those that were judged too long ago to take more
     admitted: list[Admitted] = field(default_factory=list)
 
     def admit(self, window: Window, own_refusal: Rejection | None) -> None:
@@ -88,7 +87,7 @@ class Admission:
         )
 
     def _closed(self, row: MeasurementRecord) -> Rejection | None:
-        if row.status == OPEN or not too_late(self.charts, row.started_at):
+        if row.name not in self.closed:
             return None
         return Rejection(
             RejectionReason.TOO_LATE, f"measurement '{row.name}' was {row.status} too long before this window arrived"

@@ -20,6 +20,7 @@ from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.monitoring.axis_configuration import core_settings
 from service.operations.monitoring.intake.admission import Admission, at_its_position, counts
+from service.operations.monitoring.intake.charts import too_late
 from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
 from service.operations.monitoring.intake.known import KnownAxes
 from service.store import intake
@@ -88,7 +89,7 @@ class Batch:
             self.axis: AxisRecord = intake.read_axis(connection, axis_id)
             self._contents = intake.contents_at(connection, self.axis, starts)
             self._measurements = intake.read_measurements(connection, axis_id, names)
-            self._charts = intake.read_charts(connection, self.axis)
+            self._closed = self._too_late(connection)
             self.calibration: Calibration | None = known.calibration_of(connection, self.axis)
             self._said_before = self._outcomes(connection, self._measurements.values())
         self.configuration = known.configuration_of(self.axis)
@@ -109,7 +110,7 @@ class Batch:
             self._frame = files.enter_context(waveforms.begin_write(self.axis.id, new, self._received_at))
         settings = core_settings(self.configuration)
         self._admission = Admission(
-            self.axis.id, self.configuration, self._charts, self._received_at, self._measurements
+            self.axis.id, self.configuration, self._received_at, self._measurements, self._closed
         )
         was_judged_at = {row.name: row.started_at for row in self._measurements.values() if row.status != OPEN}
         for window in new:
@@ -129,14 +130,12 @@ class Batch:
         """Wait until the waveforms are on disk."""
         return [] if self._frame is None else self._frame.sync()
 
-    def store(self, connection: Connection, places: Sequence[WaveformPlace]) -> Settled:
-        """Write everything in the transaction that is open."""
+    def store(self, connection: Connection, places: Sequence[WaveformPlace]) -> Settled | None:
+        """Write everything in the transaction that is open; None: charts and counts of the axis stay as they are."""
         for row in self._admission.changed():
             intake.save_measurement(connection, row)
         intake.add_windows(connection, self._window_records(places))
-        settled = settle(
-            connection, self.axis, self._charts, self._judged, self.calibration, refused_windows=self._refusals()
-        )
+        settled = settle(connection, self.axis, self._judged, self.calibration, refused_windows=self._refusals())
         if self._frame is not None:
             self._frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
         return settled
@@ -183,6 +182,14 @@ class Batch:
                 return
         self._new |= new
         self.posts.append(post)
+
+    def _too_late(self, connection: Connection) -> frozenset[str]:
+        """Return the names of the measurements that were judged too long ago to take more."""
+        judged = [row for row in self._measurements.values() if row.status != OPEN]
+        if not judged:
+            return frozenset()  # as it should be: the charts are not asked
+        charts = intake.read_charts(connection, self.axis)
+        return frozenset(row.name for row in judged if too_late(charts, row.started_at))
 
     def _judge(
         self, connection: Connection, waveforms: WaveformStore, row: MeasurementRecord, was_judged_at: datetime | None

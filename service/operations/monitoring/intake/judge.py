@@ -21,7 +21,7 @@ from service.operations.monitoring.alarms import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.intake.charts import Uncharted, put_in
 from service.store import intake
-from service.store.intake import JUDGED, REFUSED, AxisRecord, ChartsRecord, MeasurementRecord
+from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
 from service.store.tables import CountsByReason
 from service.store.trend.points import TrendPoint, point_of
 from service.store.trend.rollups import sum_up
@@ -76,15 +76,18 @@ def judge(
 def settle(
     connection: Connection,
     axis: AxisRecord,
-    before: ChartsRecord,
     judged: Sequence[Judged],
     calibration: Calibration | None,
     *,
     refused_windows: Counter[str],
-) -> Settled:
-    """Write what was judged, the charts that follow from it, their alarms, and the counts of the axis."""
+) -> Settled | None:
+    """Write what was judged, the charts that follow from it, their alarms, and the counts of the axis.
+
+    None: nothing of this changes, as with most windows, and nothing of it is read.
+    """
     if not judged and not any(refused_windows.values()):
-        return Settled({}, (), (), 0, TrendStatus(before.state))
+        return None
+    before = intake.read_charts(connection, axis)
     documents: dict[int, JsonObject] = {}
     new: list[TrendPoint] = []
     replaced: list[TrendPoint] = []
