@@ -11,6 +11,7 @@ from fastapi_offline import FastAPIOffline
 
 from service.api import (
     access,
+    advice,
     alarms,
     analyses,
     axes,
@@ -35,6 +36,7 @@ from service.errors import ServiceError, StorageError
 from service.jobs import JobRunner, Work
 from service.observability import Metrics
 from service.operations.access.access import Access
+from service.operations.advice.advice import read_advice
 from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
@@ -113,7 +115,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers):
+    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers, advice):
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     app.include_router(pages.router)
@@ -188,6 +190,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         alarm_explanations=alarm_explanations,
         jobs=runner,
         dispatcher=_dispatcher(settings, database, metrics),
+        advice=read_advice(settings.advice_file),
     )
 
 

@@ -36,6 +36,7 @@ class Settings(BaseSettings):
         default=(), description="Further names that browsers and programs may ask this service by, with commas between."
     )
     receivers_file: Path | None = Field(default=None, description="TOML file that says who is told of alarms.")
+    advice_file: Path | None = Field(default=None, description="TOML file with what else to check next.")
     public_url: str = Field(
         default="http://127.0.0.1:8710", description="Address that receivers find this service at; its name in notices."
     )

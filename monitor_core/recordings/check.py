@@ -16,7 +16,7 @@ from monitor_core.recordings.raw import inspection
 from monitor_core.recordings.raw.formats import read_channels
 from monitor_core.recordings.raw.inspection import AsProposed, ChannelSummary
 from monitor_core.recordings.raw.mapping.channel_map import read_channel_map
-from monitor_core.recordings.raw.mapping.map_proposal import made_of
+from monitor_core.recordings.raw.proposal.parts import made_of
 from monitor_core.recordings.raw.text.text_times import columns_of_texts
 from monitor_core.recordings.recognition import (
     CALIBRATION,

@@ -8,6 +8,7 @@ from fastapi import Request
 from service.jobs import JobRunner
 from service.observability import Metrics
 from service.operations.access.access import Access
+from service.operations.advice.advice import AdviceTable
 from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
@@ -48,6 +49,7 @@ class Services:
     alarm_explanations: AlarmExplanations
     jobs: JobRunner
     dispatcher: Dispatcher
+    advice: AdviceTable
 
 
 async def services(request: Request) -> Services:

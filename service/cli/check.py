@@ -13,7 +13,8 @@ from monitor_core.recordings.check import FileReport, check_file
 from monitor_core.recordings.elements.fields import format_instant
 from monitor_core.recordings.raw.channels import Channel
 from monitor_core.recordings.raw.inspection import ChannelSummary
-from monitor_core.recordings.raw.mapping.map_proposal import FILL_IN, proposed_map
+from monitor_core.recordings.raw.proposal.entries import FILL_IN
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
 from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
 from service.cli.output import json_option, print_json, print_line, print_table

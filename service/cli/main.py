@@ -15,6 +15,7 @@ from service.errors import ServiceError
 #: database, and the list of commands needs none of them.
 COMMANDS = {
     "backup": "Copy the data folder while the service runs, verified.",
+    "batch": "Run many computing commands, by several workers or by Dask.",
     "calibrate": "Fit k1…k4 to natural frequencies at several positions and preloads.",
     "check": "Say what is in a file, who can use it, and what to do next with it.",
     "demo": "Replay the bundled sessions through an embedded service.",

@@ -8,6 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 
 import click
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -45,14 +46,31 @@ def print_json(document: Mapping[str, object]) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table for a person."""
+    """Print a table: with lines in a terminal, a row on each line in plain columns where a program reads."""
+    numeric = [bool(rows) and _is_number(cell) for cell in (rows[0] if rows else columns)]
+    cells = [[printable(cell) for cell in row] for row in (columns, *rows)]
+    console = Console()
+    if not console.is_terminal:
+        click.echo("\n".join((printable(title), *_plain(cells, numeric))))
+        return
     table = Table(title=Text(printable(title)), title_justify="left")
-    for column in columns:
-        justify = "right" if rows and _is_number(rows[0][columns.index(column)]) else "left"
-        table.add_column(Text(printable(column)), justify=justify, overflow="fold")  # type: ignore[arg-type]  # a str, not the literal
-    for row in rows:
-        table.add_row(*(Text(printable(cell)) for cell in row))
-    Console(width=None if Console().is_terminal else 140).print(table)
+    for column, is_numeric in zip(cells[0], numeric, strict=True):
+        table.add_column(Text(column), justify="right" if is_numeric else "left", overflow="fold")
+    for row in cells[1:]:
+        table.add_row(*map(Text, row))
+    console.print(table)
+
+
+def _plain(cells: Sequence[Sequence[str]], numeric: Sequence[bool]) -> list[str]:
+    """Return lines with the cells of a column under each other, numbers to the right."""
+    widths = [max(map(cell_len, column)) for column in zip(*cells, strict=True)]
+    return [
+        "  ".join(
+            " " * (width - cell_len(cell)) + cell if is_numeric else cell + " " * (width - cell_len(cell))
+            for cell, width, is_numeric in zip(row, widths, numeric, strict=True)
+        ).rstrip()
+        for row in cells
+    ]
 
 
 def progress_bar(*, of_unknown_length: bool = False) -> Progress:

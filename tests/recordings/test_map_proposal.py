@@ -18,7 +18,8 @@ from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
 from monitor_core.recordings import import_session, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
-from monitor_core.recordings.raw.mapping.map_proposal import CONFIRM, FILL_IN, map_text, printed, proposed_map
+from monitor_core.recordings.raw.proposal.entries import CONFIRM, FILL_IN, printed
+from monitor_core.recordings.raw.proposal.map_proposal import map_text, proposed_map
 from monitor_core.recordings.raw.text.text_times import TextTimes, text_times
 from monitor_core.recordings.raw.text.times import times_of
 

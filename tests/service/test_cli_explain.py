@@ -165,7 +165,7 @@ def test_people_read_verdict_values_gaps_and_candidates(preload: Any, responses:
     assert verdict.startswith("The model lacks “Axial stiffness of the far bearing”: with it the gap falls, from ")
     assert re.search(r"σ, on data that were not fitted \(noise floor [\d.]+ σ\)\.$", verdict)
     for words in (
-        "Where model and measurement differ", " │ stiffness │ ", "× 10⁶ N/m", "│ yes",
+        "Where model and measurement differ", "  stiffness  ", "× 10⁶ N/m", "  yes",
         "1. with Axial stiffness of the far bearing: ", "held-out data", "What else was considered",
     ):  # fmt: skip
         assert words in answer.out

@@ -1,0 +1,100 @@
+"""What is in a raw file that may be given a meaning, and what it seems to be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from monitor_core.arrays import SampleArray
+from monitor_core.recordings.elements.units import FACTOR_TO_SI, Quantity, canonical_unit
+from monitor_core.recordings.raw.channel_kind import ChannelKind, is_planned, kind_of, unit_in_name
+from monitor_core.recordings.raw.channels import Channel, Channels
+
+#: Arrays with so few rows or columns hold a channel in each of them, not a window.
+_MOST_CHANNELS_IN_ARRAY = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A channel, or a row or column of an array, that may be given a meaning."""
+
+    channel: Channel
+    samples: SampleArray
+    kind: ChannelKind | None
+    entry: str | None = None  # "row" or "column", where it is one of an array
+    number: int = 0  # counted from 1
+
+    @property
+    def unit(self) -> str | None:
+        """The unit in our spelling, from the file or from the name; None if neither says a known one."""
+        return canonical_unit(self.channel.unit) or unit_in_name(self.channel.name)
+
+
+class Made(StrEnum):
+    """What a raw file seems to hold, by the ending of the file that an import makes of it."""
+
+    SESSION = ".session.h5"
+    FRF_SET = ".frf.h5"
+    MOTION = ".motion.csv"
+
+
+def made_of(channels: Channels) -> Made:
+    """Return what channels seem to be: lines of a frequency response, a motion without acceleration, or a session."""
+    return made_of_parts(channels, parts_of(channels))
+
+
+def made_of_parts(channels: Channels, parts: Sequence[Part]) -> Made:
+    """Return what parts seem to be, as :func:`made_of`, where they were found before."""
+    kinds = {part.kind for part in parts}
+    if channels.responses or ChannelKind.FREQUENCY in kinds:
+        return Made.FRF_SET
+    return Made.MOTION if _is_motion(kinds) else Made.SESSION
+
+
+def _is_motion(kinds: set[ChannelKind | None]) -> bool:
+    drive = ChannelKind.FORCE in kinds or ChannelKind.TORQUE in kinds
+    return drive and ChannelKind.POSITION in kinds and ChannelKind.ACCELERATION not in kinds and None not in kinds
+
+
+def parts_of(channels: Channels) -> list[Part]:
+    """Return what may be given a meaning: channels, and the rows or columns of a single array of few of them."""
+    found = []
+    arrays = [channel for channel in channels.channels if channel.samples.ndim == 2]
+    for channel in channels.channels:
+        samples = channel.samples
+        if samples.ndim == 2 and len(arrays) == 1 and 1 < min(samples.shape) <= _MOST_CHANNELS_IN_ARRAY:
+            in_rows = samples.shape[0] < samples.shape[1]
+            for number, values in enumerate(samples if in_rows else samples.T, start=1):
+                kind = kind_of(str(number), None, values)
+                found.append(Part(channel, values, kind, "row" if in_rows else "column", number))
+        else:
+            found.append(Part(channel, samples, kind_of(channel.name, channel.unit, samples)))
+    return found
+
+
+def signals_in(parts: Sequence[Part]) -> tuple[Part | None, Part | None]:
+    """Return what may be excitation and response: by what they look like, else in the order of the file."""
+    excitation = first_like(parts, (ChannelKind.TORQUE, ChannelKind.FORCE))
+    response = first_like(parts, (ChannelKind.ACCELERATION,))
+    longest = max((part.samples.size for part in parts), default=0)
+    left = [part for part in parts if part.kind is None and part.samples.size == longest]
+    if excitation is None and left:
+        excitation = left.pop(0)
+    if response is None and left:
+        response = left.pop(0)
+    return excitation, response
+
+
+def first_like(parts: Sequence[Part], kinds: Sequence[ChannelKind], taken: Sequence[Part | None] = ()) -> Part | None:
+    """Return the first channel that looks so, one that was measured before one that was planned."""
+    fitting = [part for kind in kinds for part in parts if part.kind is kind and part not in taken]
+    return min(fitting, key=lambda part: is_planned(part.channel.name), default=None)
+
+
+def quantity_of(part: Part | None) -> Quantity | None:
+    """Return torque or force as the unit says, else as the name says; None where neither does."""
+    if part is None:
+        return None
+    for quantity in (Quantity.TORQUE, Quantity.FORCE):
+        if part.unit in FACTOR_TO_SI[quantity]:
+            return quantity
+    return Quantity(str(part.kind)) if part.kind in (ChannelKind.TORQUE, ChannelKind.FORCE) else None
