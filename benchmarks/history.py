@@ -3,11 +3,13 @@
 ``python -m benchmarks.history growth``: every route on an axis of 10³ and of 10⁶ stored measurements, side by side.
 ``python -m benchmarks.history trend [--millions 50]``: 1000 points of a trend, over spans of every length, from a
 database of so many rows (axes of a million each). ``python -m benchmarks.history fleet``: 1000 axes with a measurement
-and a learnt baseline.
+and a learnt baseline. ``python -m benchmarks.history tables``: a million measurements as CSV and as Parquet, with the
+processor time and the memory of the service. Trend and fleet take ``--database-url`` of an empty database on PostgreSQL
+in place of SQLite.
 """
 
 import argparse
-import json
+import os
 import sqlite3
 import tempfile
 import time
@@ -15,19 +17,26 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
+from sqlalchemy import func, select, text, update
 
 from benchmarks.hostile_connections import service
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import DetectorSettings, DetectorState, Observation, design_detector, step
+from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import dump_state
+from service.settings import Settings
+from service.store.database import Database, writing
+from service.store.tables import AxisRow, Base
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
 
 EVERY = timedelta(minutes=1)
 REPEATED = 60
+TREND = [Base.metadata.tables[name] for name in ("trend_points", "trend_rollups")]
 
 
 def seconds(call: Callable[[int], object], number: int) -> float:
@@ -116,7 +125,7 @@ def growth() -> None:
             print(f"{name:28} {short:8.2f} {long:8.2f} {long / short:6.2f}", flush=True)
 
 
-def trend(millions: int) -> None:
+def trend(millions: int, each: int) -> None:
     """Time 1000 points of a trend over spans of every length."""
     rng = np.random.default_rng(3)
     with tempfile.TemporaryDirectory() as name:
@@ -124,20 +133,12 @@ def trend(millions: int) -> None:
         with running_service(folder) as api:
             for i in range(millions):
                 api.register(f"axis{i}")
-        lengthen(folder, "axis0", 10**6, every=EVERY)
-        with closing(sqlite3.connect(folder / "preload.db")) as database:
-            for table in ("trend_points", "trend_rollups"):
-                columns = [row[1] for row in database.execute(f"PRAGMA table_info({table})")][1:]
-                copied = ", ".join(columns)
-                for number in range(2, millions + 1):
-                    database.execute(
-                        f"INSERT INTO {table} (axis_number, {copied}) SELECT ?, {copied} FROM {table} "  # noqa: S608
-                        "WHERE axis_number = 1",
-                        [number],
-                    )
-                    database.commit()
-            (n_rows,) = database.execute("SELECT COUNT(*) FROM trend_points").fetchone()
-        size = (folder / "preload.db").stat().st_size / 2**30
+        with closing(Database(Settings(data_dir=folder).resolved_database_url())) as database:
+            if database.file is None:
+                copy_history(folder / "source", database, each)
+            else:
+                lengthen(folder, "axis0", each, every=EVERY)
+            n_rows, size = repeat_history(database, millions)
         taken = []
         with (
             service(folder) as (port, _),
@@ -145,11 +146,11 @@ def trend(millions: int) -> None:
         ):
             api = Api(http, folder)
             for _ in range(500):
-                first, last = np.sort(rng.uniform(0.0, 1e6, 2))
+                first, last = np.sort(rng.uniform(0.0, each, 2))
                 query = {
                     "resolution": 1000,
-                    "from": (START - (1e6 - first) * EVERY).isoformat(),
-                    "to": (START - (1e6 - last) * EVERY).isoformat(),
+                    "from": (START - (each - first) * EVERY).isoformat(),
+                    "to": (START - (each - last) * EVERY).isoformat(),
                 }
                 path = f"/v1/axes/axis{rng.integers(millions)}/trend"
                 taken.append(seconds(get(api, path, **query), 0))
@@ -157,7 +158,48 @@ def trend(millions: int) -> None:
         print(f"{n_rows:,} rows ({size:.1f} GiB): 1000 points of any span p50 {p50:.1f} ms, p99 {p99:.1f} ms")
 
 
-def learnt_state() -> str:
+def copy_history(folder: Path, database: Database, n_measurements: int) -> None:
+    """Write the trend of one axis into a database on a server: that of an embedded one, made for the purpose."""
+    with running_service(folder, database_url=None) as api:
+        api.register("axis0")
+    lengthen(folder, "axis0", n_measurements, every=EVERY)
+    with (
+        closing(sqlite3.connect(folder / "preload.db")) as source,
+        database.connect() as connection,
+        writing(connection),
+    ):
+        driver: Any = connection.connection.driver_connection
+        for table in TREND:
+            columns = ", ".join(column.name for column in table.columns)
+            with driver.cursor().copy(f"COPY {table.name} ({columns}) FROM STDIN") as rows:
+                for row in source.execute(f"SELECT {columns} FROM {table.name}"):  # noqa: S608
+                    rows.write_row(row)
+
+
+def repeat_history(database: Database, n_axes: int) -> tuple[int, float]:
+    """Give all axes the trend of the first one; return how many points there are, and the size of it all [GiB]."""
+    for table in TREND:
+        columns = ", ".join(column.name for column in table.columns if column.name != "axis_number")
+        for number in range(2, n_axes + 1):
+            with database.write() as session:
+                session.execute(
+                    text(
+                        f"INSERT INTO {table.name} (axis_number, {columns}) SELECT :number, {columns} "  # noqa: S608
+                        f"FROM {table.name} WHERE axis_number = 1"
+                    ),
+                    {"number": number},
+                )
+    if database.file is None:  # as the server does by itself after some time
+        with database.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.execute(text("VACUUM ANALYZE"))
+    with database.read() as session:
+        n_rows = session.scalar(select(func.count()).select_from(TREND[0])) or 0
+        if database.file is not None:
+            return n_rows, database.file.path.stat().st_size / 2**30
+        return n_rows, (session.scalar(text("SELECT pg_database_size(current_database())")) or 0) / 2**30
+
+
+def learnt_state() -> JsonObject:
     """Return the state of an axis that was measured eight times a day for 60 days."""
     rng = np.random.default_rng(5)
     design = design_detector(DetectorSettings(measurements_per_year=8 * 365.0))
@@ -167,7 +209,7 @@ def learnt_state() -> str:
             at = START - timedelta(days=60 - day, hours=-hour)
             value = 1.0 + 1e-3 * rng.standard_normal()
             state = step(state, Observation(at, value, 1e-3, temperature=20.0 + rng.standard_normal()), design)
-    return json.dumps(dump_state(AxisState(state)))
+    return dump_state(AxisState(state))
 
 
 def fleet() -> None:
@@ -179,13 +221,54 @@ def fleet() -> None:
             for i in range(1000):
                 api.register(f"axis{i}")
                 api.accept(f"axis{i}", [window], complete=True)
-        with closing(sqlite3.connect(folder / "preload.db")) as database, database:
-            database.execute("UPDATE axes SET monitor_state = ?, revision = revision + 1", [learnt_state()])
+        with (
+            closing(Database(Settings(data_dir=folder).resolved_database_url())) as database,
+            database.write() as session,
+        ):
+            revision = AxisRow.revision + 1
+            session.execute(update(AxisRow).values(monitor_state=learnt_state(), revision=revision))
         with served(folder) as api:
-            for path in ("/v1/axes", "/"):
+            for path in ("/v1/axes", "/", "/metrics"):
                 taken = [seconds(get(api, path), i) for i in range(200)]
                 p50, p99 = 1e3 * np.percentile(taken[5:], [50, 99])
                 print(f"1000 axes, GET {path:9} p50 {p50:.0f} ms, p99 {p99:.0f} ms")
+
+
+def tables() -> None:
+    """Read a whole trend as a table."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        with axis_with_history(folder, 10**6):
+            pass
+        port, process = stack.enter_context(service(folder))
+        http = stack.enter_context(httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=600.0, trust_env=False))
+        for kind, query in (
+            ("json", {"limit": 10_000}),
+            ("csv", {"format": "csv"}),
+            ("parquet", {"format": "parquet"}),
+        ):
+            before, n_bytes = spent(process.pid), 0
+            with http.stream("GET", "/v1/axes/axis/trend", params=query) as answer:  # type: ignore[arg-type]
+                assert answer.status_code == 200
+                for part in answer.iter_raw():
+                    n_bytes += len(part)
+            seconds_taken, peak_mib = (
+                round(after - spent_before, 1)
+                for after, spent_before in zip(spent(process.pid), (before[0], 0.0), strict=True)
+            )
+            what = "a page of 10,000 rows" if kind == "json" else "a million rows"
+            print(
+                f"{kind:8} {what}: {n_bytes / 1e6:.1f} MB sent, {seconds_taken} s of processor time, "
+                f"peak of the service so far {peak_mib} MiB (before {before[1]:.1f})"
+            )
+
+
+def spent(pid: int) -> tuple[float, float]:
+    """Return the processor time of a process, and the largest memory that it has had [s, MiB]."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    peak = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(peak) / 1024
 
 
 @contextmanager
@@ -201,13 +284,17 @@ def served(folder: Path) -> Iterator[Api]:
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("growth", "trend", "fleet"))
-    parser.add_argument("--millions", type=int, default=50)
+    parser.add_argument("what", choices=("growth", "trend", "fleet", "tables"))
+    parser.add_argument("--millions", type=int, default=50, help="number of axes")
+    parser.add_argument("--each", type=int, default=10**6, help="measurements of an axis")
+    parser.add_argument("--database-url", help="of an empty database on PostgreSQL, for trend and fleet")
     options = parser.parse_args()
+    if options.database_url is not None:
+        os.environ["PRELOAD_DATABASE_URL"] = options.database_url  # for the services that are started, too
     if options.what == "trend":
-        trend(options.millions)
+        trend(options.millions, options.each)
     else:
-        {"growth": growth, "fleet": fleet}[options.what]()
+        {"growth": growth, "fleet": fleet, "tables": tables}[options.what]()
 
 
 if __name__ == "__main__":

@@ -1,12 +1,18 @@
-"""Run long work in the background: a thread for each kind, progress in the database, resumed after a restart."""
+"""Run long work in the background: a thread for each kind, progress in the database, resumed after a restart.
+
+Of several services on one database each takes up what waits. A job is held by a lease, which its owner renews; when the
+owner is gone another takes it up, and a report of who has lost it is refused.
+"""
 
 import logging
+import os
+import socket
 import threading
 import time
 import uuid
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import partial
 from typing import TypeVar
 
@@ -24,6 +30,10 @@ log = logging.getLogger(__name__)
 
 #: How soon waiting work notices that it was cancelled.
 CANCEL_CHECK_S = 1.0
+#: How soon a job is taken up that another service was asked for, or left behind.
+POLL_S = 1.0
+#: So long after the last sign of life of its owner; a sign is given three times in that time.
+LEASE = timedelta(seconds=30)
 
 
 #: After a step that disk or database refused it is tried again, in the end after a minute each: five minutes in all.
@@ -33,7 +43,7 @@ Result = TypeVar("Result")
 
 
 class JobCancelledError(Exception):
-    """The job was asked to stop, or the service is stopping."""
+    """The job was asked to stop, another service has taken it up, or this one is stopping."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +51,19 @@ class JobHandle:
     """What running work may do: read its arguments, report progress, wait, and learn by either that it should stop."""
 
     job_id: str
-    axis_id: str
+    of_axis: str | None  # None: of all
     arguments: JsonObject
     done: int  # as last reported: 0, or how far the job had come when it was interrupted
     result: JsonObject | None  # as last reported
     report: Callable[[int, int | None, JsonObject], None]  # done, total where it is known, result so far
     sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
+
+    @property
+    def axis_id(self) -> str:
+        """The axis that it is about."""
+        if self.of_axis is None:
+            raise AssertionError(f"job {self.job_id} is about all axes")
+        return self.of_axis
 
 
 #: Work of one kind; what came of it is in its last report.
@@ -64,24 +81,28 @@ class JobRunner:
         self._database = database
         self._work = work
         self._most_waiting = most_waiting  # of a kind
-        self._lanes: dict[str, ThreadPoolExecutor] = {}  # by kind: what is soon done does not wait for what is not
+        self._lanes: dict[str, _Lane] = {}  # by kind: what is soon done does not wait for what is not
+        self._held: dict[str, str] = {}  # owners of the jobs that are worked on here
         self._stopping = threading.Event()
+        self._heart = threading.Thread(target=self._renew, name="job-leases", daemon=True)
+        self._heart.start()
 
     def resume(self) -> None:
-        """Queue the jobs that a stop or a crash left unfinished."""
-        with self._database.read() as session:
-            unfinished = [(row.kind, row.id) for row in jobs.unfinished_jobs(session)]
-        for kind, job_id in unfinished:
-            self._queue(kind, job_id)
+        """Take up the jobs that a stop or a crash left unfinished, and those that wait for any service."""
+        if self._database.file is not None:  # no other process has it: whoever worked on one is gone
+            with self._database.write() as session:
+                jobs.let_go(session)
+        for kind in self._work:
+            self._wake(kind)
 
     def submit(
         self,
         kind: str,
-        axis_id: str,
+        axis_id: str | None,
         arguments: JsonObject,
         store_with: Callable[[Session, JobRow], JsonObject] | None = None,
     ) -> JobRow:
-        """Store a new job and queue it.
+        """Store a new job, of an axis or of all, and queue it.
 
         ``store_with``: stores more in the same transaction, and returns the arguments with what it adds to them. Raises
         BusyError if too many of its kind are not done yet.
@@ -89,7 +110,7 @@ class JobRunner:
         at = now()
         row = JobRow(
             id=str(uuid.uuid4()), kind=kind, axis_id=axis_id, arguments=arguments, status=jobs.QUEUED,
-            done=0, total=None, result=None, error=None, created_at=at, updated_at=at,
+            done=0, total=None, result=None, error=None, created_at=at, updated_at=at, owner=None, lease_until=None,
         )  # fmt: skip
         with self._database.write() as session:
             self._require_place(session, kind, axis_id)
@@ -97,7 +118,7 @@ class JobRunner:
             if store_with is not None:
                 session.flush()
                 row.arguments = store_with(session, row)
-        self._queue(kind, row.id)
+        self._wake(kind)
         return row
 
     def require_place(self, kind: str, axis_id: str) -> None:
@@ -105,8 +126,9 @@ class JobRunner:
         with self._database.read() as session:
             self._require_place(session, kind, axis_id)
 
-    def _require_place(self, session: Session, kind: str, axis_id: str) -> None:
-        axes.get_axis(session, axis_id)
+    def _require_place(self, session: Session, kind: str, axis_id: str | None) -> None:
+        if axis_id is not None:
+            axes.get_axis(session, axis_id)
         waiting = jobs.count_unfinished(session, kind)
         if waiting >= self._most_waiting:
             raise BusyError(f"{waiting} jobs of kind {kind} are not done yet, more do not wait; come back later")
@@ -116,42 +138,96 @@ class JobRunner:
         with self._database.read() as session:
             return jobs.get_job(session, job_id)
 
-    def list(self, axis_id: str | None, limit: int) -> list[JobRow]:
-        """Return jobs, newest first."""
+    def list(self, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
+        """Return jobs, newest first; those older than a job if it is named."""
         with self._database.read() as session:
-            return jobs.list_jobs(session, axis_id, limit)
+            return jobs.list_jobs(session, axis_id, limit, after)
+
+    def unfinished(self) -> dict[tuple[str, str], int]:
+        """Count the jobs that wait or are at work, by kind and status."""
+        with self._database.read() as session:
+            return jobs.unfinished_by_kind(session)
 
     def cancel(self, job_id: str) -> JobRow:
         """Ask a job to stop; work already done stays done."""
         with self._database.write() as session:
-            row = jobs.get_job(session, job_id)
+            row = jobs.locked_job(session, job_id)
             if row.status in (jobs.QUEUED, jobs.RUNNING):
                 row.status, row.updated_at = jobs.CANCELLED, now()
             return row
 
     def close(self) -> None:
-        """Stop; running work ends at its next report and is resumed at the next start."""
+        """Stop; running work ends at its next report and is resumed at the next start, or by another service."""
         self._stopping.set()
         for lane in list(self._lanes.values()):
-            lane.shutdown(wait=True, cancel_futures=True)
+            lane.wake.set()
+            lane.thread.join()
+        self._heart.join()
 
-    def _queue(self, kind: str, job_id: str) -> None:
-        lane = self._lanes.setdefault(kind, ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"job-{kind}"))
-        lane.submit(self._run, job_id)
+    def _wake(self, kind: str) -> None:
+        lane = self._lanes.get(kind)
+        if lane is None:
+            wake = threading.Event()
+            thread = threading.Thread(target=self._serve, args=(kind, wake), name=f"job-{kind}", daemon=True)
+            lane = self._lanes.setdefault(kind, _Lane(thread, wake))
+            if lane.thread is thread:
+                thread.start()
+        lane.wake.set()
 
-    def _run(self, job_id: str) -> None:
+    def _serve(self, kind: str, wake: threading.Event) -> None:
+        """Take up one job of a kind after another."""
+        alone = self._database.file is not None  # then whoever submits a job wakes this thread
+        while not self._stopping.is_set():
+            wake.clear()
+            try:
+                owner = f"{socket.gethostname()[:40]}/{os.getpid()}/{uuid.uuid4().hex[:12]}"
+                with self._database.write() as session:
+                    row = jobs.take_next(session, kind, owner, LEASE)
+            except (BusyError, StorageError) as error:
+                log.warning("jobs of kind %s wait for the database: %s", kind, error)
+                wake.wait(POLL_S)
+                continue
+            if row is None:
+                wake.wait(None if alone else POLL_S)
+                continue
+            self._held[row.id] = owner
+            self._run(row.id, owner)
+            del self._held[row.id]
+
+    def _renew(self) -> None:
+        """Tell three times in the time of a lease that the jobs here are worked on."""
+        while not self._stopping.wait(LEASE.total_seconds() / 3.0):
+            held = dict(self._held)
+            try:
+                if held:
+                    with self._database.write() as session:
+                        jobs.renew_leases(session, held, LEASE)
+            except (BusyError, StorageError) as error:
+                log.warning("the leases of jobs were not renewed: %s", error)
+
+    def _run(self, job_id: str, owner: str) -> None:
         try:
-            self._persistently(job_id, partial(self._work_on, job_id))
-            end = partial(self._finish, job_id, jobs.DONE, None)
-        except JobCancelledError:
-            return  # cancelled: the row says so; stopping: the row still says running, and is resumed
+            self._persistently(job_id, partial(self._work_on, job_id, owner))
+            end = partial(self._finish, job_id, owner, jobs.DONE, None)
+        except JobCancelledError:  # cancelled, or taken up by another: the row says so
+            if self._stopping.is_set():
+                self._let_go(job_id, owner)
+            return
         except Exception as error:  # the edge of this thread: whatever broke is told to who asks for the job
             log.exception("job %s failed", job_id)
-            end = partial(self._finish, job_id, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
+            end = partial(self._finish, job_id, owner, jobs.FAILED, f"{type(error).__name__}: {error}"[:1000])
         try:
             self._persistently(job_id, end)
         except (JobCancelledError, BusyError, StorageError) as error:
             log.warning("job %s came to its end, which was not stored; it goes on at the next start: %s", job_id, error)
+
+    def _let_go(self, job_id: str, owner: str) -> None:
+        """Let another service go on at once; the row still says running, and is resumed."""
+        try:
+            with self._database.write() as session:
+                jobs.let_go(session, owner)
+        except (BusyError, StorageError) as error:
+            log.warning("job %s is taken up by another service when its lease has run out: %s", job_id, error)
 
     def _persistently(self, job_id: str, step: Callable[[], Result]) -> Result:
         """Do a step, and once more after a pause where disk or database refused; what it raises last is raised."""
@@ -164,44 +240,56 @@ class JobRunner:
                     raise JobCancelledError from error
         return step()
 
-    def _work_on(self, job_id: str) -> None:
+    def _work_on(self, job_id: str, owner: str) -> None:
         """Do the work of a job from its last report on."""
-        with self._database.write() as session:
+        with self._database.read() as session:
             row = jobs.get_job(session, job_id)
-            if row.status not in (jobs.QUEUED, jobs.RUNNING):
-                raise JobCancelledError
-            row.status, row.updated_at = jobs.RUNNING, now()
+            _require_own(row, owner)
         handle = JobHandle(
             job_id,
             row.axis_id,
             row.arguments,
             row.done,
             row.result,
-            report=partial(self._report, job_id),
-            sleep=partial(self._sleep, job_id),
+            report=partial(self._report, job_id, owner),
+            sleep=partial(self._sleep, job_id, owner),
         )
         self._work[row.kind](handle)
 
-    def _report(self, job_id: str, done: int, total: int | None, result: JsonObject) -> None:
-        self._persistently(job_id, partial(self._store_report, job_id, done, total, result))
+    def _report(self, job_id: str, owner: str, done: int, total: int | None, result: JsonObject) -> None:
+        self._persistently(job_id, partial(self._store_report, job_id, owner, done, total, result))
 
-    def _store_report(self, job_id: str, done: int, total: int | None, result: JsonObject) -> None:
+    def _store_report(self, job_id: str, owner: str, done: int, total: int | None, result: JsonObject) -> None:
         if self._stopping.is_set():
             raise JobCancelledError
         with self._database.write() as session:
-            row = jobs.get_job(session, job_id)
-            if row.status == jobs.CANCELLED:
-                raise JobCancelledError
+            row = jobs.locked_job(session, job_id)
+            _require_own(row, owner)
             row.done, row.total, row.result, row.updated_at = done, total, result, now()
 
-    def _sleep(self, job_id: str, seconds: float) -> None:
+    def _sleep(self, job_id: str, owner: str, seconds: float) -> None:
         due = time.monotonic() + seconds
         while (left := due - time.monotonic()) > 0.0:
-            if self._stopping.wait(min(left, CANCEL_CHECK_S)) or self.get(job_id).status == jobs.CANCELLED:
+            if self._stopping.wait(min(left, CANCEL_CHECK_S)):
                 raise JobCancelledError
+            _require_own(self.get(job_id), owner)
 
-    def _finish(self, job_id: str, status: str, error: str | None) -> None:
+    def _finish(self, job_id: str, owner: str, status: str, error: str | None) -> None:
         with self._database.write() as session:
-            row = jobs.get_job(session, job_id)
-            if row.status == jobs.RUNNING:  # not if it was cancelled after its last report
+            row = jobs.locked_job(session, job_id)
+            if row.status == jobs.RUNNING and row.owner == owner:  # not if it was cancelled after its last report
                 row.status, row.error, row.updated_at = status, error, now()
+                row.owner = row.lease_until = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Lane:
+    """The thread of a kind, and what wakes it."""
+
+    thread: threading.Thread
+    wake: threading.Event
+
+
+def _require_own(row: JobRow, owner: str) -> None:
+    if row.status != jobs.RUNNING or row.owner != owner:
+        raise JobCancelledError

@@ -1,10 +1,12 @@
 """Connect to the database: SQLite in WAL mode by default, PostgreSQL by URL; migrate at start."""
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, cast
+from weakref import WeakKeyDictionary
 
 from alembic import command
 from alembic.config import Config
@@ -21,6 +23,7 @@ from sqlalchemy.orm.exc import StaleDataError
 from service.errors import BusyError, DataFolderError, StorageError
 from service.json_types import Json
 from service.store.safekeeping.database_file import database_file
+from service.store.service_order import is_shared, keep_others_out, lock_axis, lock_free_axes, require_schema
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 #: One for each of the worker threads that answer requests (40, starlette's default), and a few for jobs.
@@ -30,6 +33,13 @@ PATIENCE_MS = 30_000
 #: Who asks whether the database can be written waits no longer than that.
 PATIENCE_OF_CHECK_MS = 1000
 
+#: Of a service whose machine is gone the server lets go after that, and the next one may work at its axes.
+_SESSION = f"SET lock_timeout = {PATIENCE_MS}; SET idle_in_transaction_session_timeout = {20 * PATIENCE_MS}; " + (
+    "SET tcp_keepalives_idle = 10; SET tcp_keepalives_interval = 5; SET tcp_keepalives_count = 3"
+)
+
+#: What PostgreSQL calls it when somebody had to wait too long, or two waited for each other.
+_WAITED_TOO_LONG = ("55P03", "40P01", "40001")
 #: What SQLite calls a file that is not what it wrote.
 _DAMAGED = ("SQLITE_CORRUPT", "SQLITE_NOTADB")
 
@@ -39,7 +49,9 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _create_engine(url)
+        _COMMITS[self.engine] = _Commits()
         self.file = database_file(url)  # None: kept by a server
+        self._schema: str | None = None  # that this program writes, as soon as it has migrated to it
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:
@@ -74,11 +86,50 @@ class Database:
             yield session
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
-        """Open a session for writing, which commits at the end."""
+    def write(self, axis_id: str | None = None) -> Iterator[Session]:
+        """Open a session for writing, which commits at the end; what depends on the state of an axis names it.
+
+        No other service works at that axis meanwhile. Raises BusyError if one does for too long.
+        """
         with self.connect() as connection, writing(connection), Session(connection, expire_on_commit=False) as session:
+            self._enter(connection)
+            if axis_id is not None and is_shared(connection):
+                lock_axis(connection, axis_id)
             yield session
             session.flush()
+
+    def revision(self) -> str:
+        """Return what differs after every commit: counted here in memory, on a server asked of it, without any table.
+
+        A server is asked because other services commit there, too.
+        """
+        if self.file is not None:
+            return str(_COMMITS[self.engine].last)
+        with self.connect() as connection, reading(connection):
+            return str(connection.execute(text("SELECT pg_current_snapshot()")).scalar())
+
+    @contextmanager
+    def at_axes(self, connection: Connection, axis_ids: Sequence[str], *, wait: bool) -> Iterator[list[str]]:
+        """Work at axes while no other service does, and yield those that one may work at; commits at the end.
+
+        That is those that nobody else works at, and at least one: where there is none, or where ``wait`` says so, it
+        is waited for the first. The embedded database is of one service: nothing is begun, and all are yielded.
+        """
+        if not is_shared(connection):
+            yield list(axis_ids)
+            return
+        with connection.begin():
+            self._enter(connection)
+            if wait:
+                lock_axis(connection, axis_ids[0])
+            free = lock_free_axes(connection, axis_ids)
+            if not free:
+                lock_axis(connection, axis_ids[0])
+            yield free or [axis_ids[0]]
+
+    def _enter(self, connection: Connection) -> None:
+        if self._schema is not None and is_shared(connection):
+            require_schema(connection, self._schema)
 
     def migrate(self) -> None:
         """Bring the schema to the newest version.
@@ -88,16 +139,18 @@ class Database:
         if self.file is not None:
             self.file.require_ours()
         with self.connect() as connection, writing(connection):
-            if connection.dialect.name == "postgresql":  # two services starting together must not both migrate
-                connection.execute(text("SELECT pg_advisory_xact_lock(7102018)"))
+            if is_shared(connection):  # two services starting together must not both migrate
+                keep_others_out(connection)
             config = alembic_config(connection)
-            _require_known(connection, ScriptDirectory.from_config(config))
+            scripts = ScriptDirectory.from_config(config)
+            _require_known(connection, scripts)
             command.upgrade(config, "head")
+        self._schema = scripts.get_current_head()
         if self.file is not None:
             self.file.remember()
 
     def check(self) -> None:
-        """Raise StorageError if the database does not answer, or takes nothing within a second."""
+        """Raise StorageError if the database does not answer, or takes nothing: within a second, or of this version."""
         with self.connect() as connection:
             if connection.dialect.name == "sqlite":
                 driver = cast(sqlite3.Connection, connection.connection.driver_connection)
@@ -109,6 +162,8 @@ class Database:
                     driver.execute(f"PRAGMA busy_timeout={PATIENCE_MS}")
             elif connection.execute(text("SHOW transaction_read_only")).scalar() == "on":
                 raise StorageError("the database is read-only; nothing can be stored")
+            else:
+                self._enter(connection)
 
     def close(self) -> None:
         """Close all connections."""
@@ -117,9 +172,29 @@ class Database:
             self.file.release()
 
 
+class _Commits:
+    """Counts the commits of an engine; to take the next number of a count is one step, whichever thread does it."""
+
+    def __init__(self) -> None:
+        self._numbers = count(1)
+        self.last = 0
+
+    def note(self) -> None:
+        self.last = next(self._numbers)
+
+
+_COMMITS: WeakKeyDictionary[Engine, _Commits] = WeakKeyDictionary()
+
+
 @contextmanager
 def reading(connection: Connection) -> Iterator[None]:
-    """Read what was committed at one moment; in WAL mode this never waits for a writer."""
+    """Read what was committed at one moment; in WAL mode this never waits for a writer.
+
+    Here and below: inside :meth:`Database.at_axes` it is a part of that transaction.
+    """
+    if connection.in_transaction():
+        yield
+        return
     with connection.begin() as transaction:
         _begin(connection, "DEFERRED")
         yield
@@ -129,9 +204,22 @@ def reading(connection: Connection) -> Iterator[None]:
 @contextmanager
 def writing(connection: Connection) -> Iterator[None]:
     """Take the write lock at once, and commit at the end, durably."""
+    if connection.in_transaction():
+        yield
+        return
     with connection.begin():
         _begin(connection, "IMMEDIATE")
         yield
+    _COMMITS[connection.engine].note()
+
+
+@contextmanager
+def trying(connection: Connection) -> Iterator[None]:
+    """Write as :func:`writing` does, and undo everything at the end."""
+    with connection.begin() as transaction:
+        _begin(connection, "IMMEDIATE")
+        yield
+        transaction.rollback()
 
 
 def _begin(connection: Connection, mode: str) -> None:
@@ -152,6 +240,10 @@ def _translated(driver: Any) -> Iterator[None]:  # noqa: ANN401 - a module, whic
     except (DBAPIError, driver.Error) as error:
         cause = error.orig if isinstance(error, DBAPIError) else error
         reason = str(cause).strip().partition("\n")[0]
+        if getattr(cause, "sqlstate", None) in _WAITED_TOO_LONG:
+            raise BusyError(
+                f"another service has been at work on the same for {PATIENCE_MS // 1000} s; send the request again"
+            ) from error
         if getattr(cause, "sqlite_errorname", "").startswith(_DAMAGED):
             raise StorageError(f"the database is damaged ({reason}); restore the backup and restart") from error
         raise StorageError(f"the database refused: {reason}; send the request again") from error
@@ -189,7 +281,7 @@ def document_of(stored: str | None) -> Json:
 
 def _create_engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_size=CONNECTIONS, json_deserializer=document_of)
+        return _server_engine(url)
     database = make_url(url).database
     if database:
         Path(database).parent.mkdir(parents=True, exist_ok=True)
@@ -208,5 +300,23 @@ def _create_engine(url: str) -> Engine:
         for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={PATIENCE_MS}"):
             cursor.execute(f"PRAGMA {pragma}")
         cursor.close()
+
+    return engine
+
+
+def _server_engine(url: str) -> Engine:
+    # Whatever the server's default is: what is read after a lock was waited for must be what its last holder committed.
+    engine = create_engine(
+        url,
+        pool_pre_ping=True,
+        pool_size=CONNECTIONS,
+        json_deserializer=document_of,
+        isolation_level="READ COMMITTED",
+    )
+
+    @event.listens_for(engine, "connect")
+    def _configure(connection: Any, _record: Any) -> None:  # noqa: ANN401 - the driver's own connection
+        connection.execute(_SESSION)
+        connection.commit()
 
     return engine

@@ -1,11 +1,15 @@
 """Query jobs, and keep their reports as files ``reports/<job>.html``, written whole or not at all."""
 
+from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, literal, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
+from service.clock import now
 from service.errors import StorageError, UnknownResourceError
+from service.store.service_order import database_time
 from service.store.tables import JobRow
 
 
@@ -54,12 +58,16 @@ def get_job(session: Session, job_id: str) -> JobRow:
     return row
 
 
-def list_jobs(session: Session, axis_id: str | None, limit: int) -> list[JobRow]:
-    """Return jobs, newest first."""
+def list_jobs(session: Session, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
+    """Return jobs, newest first; those older than a job if it is named."""
     query = select(JobRow)
     if axis_id is not None:
         query = query.where(JobRow.axis_id == axis_id)
-    return list(session.scalars(query.order_by(JobRow.created_at.desc()).limit(limit)))
+    if after is not None:
+        last = get_job(session, after)
+        place = tuple_(literal(last.created_at, JobRow.created_at.type), literal(last.id))
+        query = query.where(tuple_(JobRow.created_at, JobRow.id) < place)
+    return list(session.scalars(query.order_by(JobRow.created_at.desc(), JobRow.id.desc()).limit(limit)))
 
 
 def finished_jobs(session: Session, axis_id: str, kind: str, limit: int) -> list[JobRow]:
@@ -78,3 +86,42 @@ def count_unfinished(session: Session, kind: str) -> int:
     """Count the jobs of one kind that wait or are at work."""
     query = select(func.count()).where(JobRow.kind == kind, JobRow.status.in_((QUEUED, RUNNING)))
     return int(session.scalar(query) or 0)
+
+
+def unfinished_by_kind(session: Session) -> dict[tuple[str, str], int]:
+    """Count the jobs that wait or are at work, by kind and status."""
+    query = select(JobRow.kind, JobRow.status, func.count()).where(JobRow.status.in_((QUEUED, RUNNING)))
+    return {(kind, status): n for kind, status, n in session.execute(query.group_by(JobRow.kind, JobRow.status))}
+
+
+def locked_job(session: Session, job_id: str) -> JobRow:
+    """Return one job as it stands, which nobody else changes until the transaction ends."""
+    row = session.scalar(select(JobRow).where(JobRow.id == job_id).with_for_update())
+    if row is None:
+        raise UnknownResourceError(f"there is no job '{job_id}'")
+    return row
+
+
+def take_next(session: Session, kind: str, owner: str, lease: timedelta) -> JobRow | None:
+    """Give the oldest job of a kind to an owner that waits, or whose last owner is gone; None if there is none."""
+    at = database_time(session)
+    abandoned = and_(JobRow.status == RUNNING, or_(JobRow.lease_until.is_(None), JobRow.lease_until <= at))
+    query = select(JobRow).where(JobRow.kind == kind, or_(JobRow.status == QUEUED, abandoned))
+    oldest = query.order_by(JobRow.created_at, JobRow.id).limit(1).with_for_update(skip_locked=True)
+    row = session.scalar(oldest)
+    if row is not None:
+        row.status, row.owner, row.lease_until, row.updated_at = RUNNING, owner, at + lease, now()
+    return row
+
+
+def renew_leases(session: Session, owners: Mapping[str, str], lease: timedelta) -> None:
+    """Keep jobs, of which each has an owner, for as long again; what another has taken up stays his."""
+    until = database_time(session) + lease
+    for job_id, owner in owners.items():
+        session.execute(update(JobRow).where(JobRow.id == job_id, JobRow.owner == owner).values(lease_until=until))
+
+
+def let_go(session: Session, owner: str | None = None) -> None:
+    """Let others take up what an owner works on; without one, what anybody works on: all of them are gone."""
+    whose = JobRow.status == RUNNING if owner is None else JobRow.owner == owner
+    session.execute(update(JobRow).where(whose).values(owner=None, lease_until=None))

@@ -1,11 +1,16 @@
-"""Write, sync and read the files of raw waveforms: what the store needs of the disk."""
+"""Append frames of raw waveforms to files, read, list and delete them: what the store needs of a disk, or of its like.
+
+:class:`FolderFiles` keeps them in a folder. :mod:`service.store.waveform_objects` keeps them elsewhere.
+"""
 
 import os
 import threading
+import uuid
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
+from typing import BinaryIO, Protocol
 
 import zstandard
 
@@ -16,6 +21,67 @@ LARGEST_CONTENT_BYTES = 2 * 2**30
 #: Few large steps: after each the interpreter is waited for, which other threads hold.
 _COMPRESSED_AT_ONCE = 2 * 2**20
 _AT_ONCE = 2**16
+#: A file that has grown beyond this is followed by another: what is copied or lost at once stays small.
+LARGEST_FILE_BYTES = 64 * 2**20
+SUFFIX = ".windows.zst"
+#: All files lie below it; the next levels are the day on which they began (UTC) and the axis.
+FOLDER = "raw"
+
+
+class OpenFrame(Protocol):
+    """A frame that is being written. Each method raises OSError where it fails."""
+
+    path: str
+    offset: int
+
+    def write(self, part: bytes) -> None:
+        """Write the next part."""
+
+    def end(self) -> None:
+        """Say that no part follows; nobody will read the frame soon."""
+
+    def sync(self) -> None:
+        """Wait until the frame is durable."""
+
+    def close(self) -> None:
+        """Let the frame be: rows name it."""
+
+    def take_back(self) -> None:
+        """Remove the frame: no row names it. What cannot be removed costs room, and nothing else."""
+
+
+class WaveformFiles(Protocol):
+    """Where frames lie: each in a file, at an offset. Each method raises OSError where it fails.
+
+    No two of several that share a place ever begin a file of one name. An axis is written by one thread at a time.
+    """
+
+    #: To write so many bytes takes longer than to hand them over to a thread.
+    handed_over_bytes: int
+
+    def append(self, axis_id: str, folder: str) -> OpenFrame:
+        """Begin a frame of an axis, in a file of this folder."""
+        ...
+
+    def read(self, path: str, offset: int) -> bytes:
+        """Return the content of a frame; raises as :func:`read_frame`, too."""
+        ...
+
+    def create(self, path: str) -> OpenFrame:
+        """Begin a file of this name, in a folder that there is; frames follow each other in it."""
+        ...
+
+    def size(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
+        ...
+
+    def delete(self, path: str) -> None:
+        """Delete a file, durably; one that is gone already is no error."""
+        ...
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield the files that there are, in no order, with their size [bytes]."""
+        ...
 
 
 class _Compressors(threading.local):
@@ -54,34 +120,138 @@ def _compressor(level: int) -> zstandard.ZstdCompressor:
     return _COMPRESSORS.of_level[level]
 
 
-def read_frame(path: Path, offset: int) -> bytes:
+def read_frame(file: BinaryIO | FileIO, offset: int) -> bytes:
     """Return the content of the frame that begins at a byte of a file.
 
     Raises ValueError if it does not say how large it is, or that it is larger than any that was ever written;
     zstandard.ZstdError if it is none, or not as large as it says.
     """
-    with path.open("rb") as file:
-        file.seek(offset)
-        first = file.read(_AT_ONCE)
-        size = zstandard.get_frame_parameters(first).content_size
-        if not 0 < size <= LARGEST_CONTENT_BYTES:
-            raise ValueError(f"a frame must say that it holds 1 to {LARGEST_CONTENT_BYTES} bytes; got {size}")
-        reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
-        content += reader.decompress(first)
-        while not reader.eof and (chunk := file.read(_AT_ONCE)):
-            content += reader.decompress(chunk)
+    file.seek(offset)
+    first = file.read(_AT_ONCE)
+    size = zstandard.get_frame_parameters(first).content_size
+    if not 0 < size <= LARGEST_CONTENT_BYTES:
+        raise ValueError(f"a frame must say that it holds 1 to {LARGEST_CONTENT_BYTES} bytes; got {size}")
+    reader, content = zstandard.ZstdDecompressor().decompressobj(), bytearray()
+    content += reader.decompress(first)
+    while not reader.eof and (chunk := file.read(_AT_ONCE)):
+        content += reader.decompress(chunk)
     return bytes(content)
 
 
+class FolderFiles:
+    """Files below a folder; one takes the frames of an axis that arrive on one day, one after another."""
+
+    #: To hand less than this over to a thread takes longer than to pack it.
+    handed_over_bytes = 512 * 1024
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._growing: dict[str, str] = {}  # by axis: the file that its next frame is added to
+
+    def append(self, axis_id: str, folder: str) -> "_FolderFrame":
+        """Open the file that takes the next frame of an axis, at its end."""
+        path = self._growing.get(axis_id, "")
+        if path.startswith(f"{folder}/"):
+            with suppress(OSError):  # it may have been moved, or made read-only
+                file = FileIO(f"{self.root}/{path}", "r+")
+                if file.seek(0, os.SEEK_END) < LARGEST_FILE_BYTES:
+                    return _FolderFrame(self, axis_id, path, file)
+                file.close()
+        path = f"{folder}/{uuid.uuid4().hex}{SUFFIX}"
+        make_folder(self.root / folder)
+        file = FileIO(f"{self.root}/{path}", "x")
+        self._growing[axis_id] = path
+        return _FolderFrame(self, axis_id, path, file)
+
+    def read(self, path: str, offset: int) -> bytes:
+        """Return the content of a frame."""
+        with (self.root / path).open("rb") as file:
+            return read_frame(file, offset)
+
+    def create(self, path: str) -> "_FolderFrame":
+        """Begin a file of this name."""
+        return _FolderFrame(self, "", path, FileIO(f"{self.root}/{path}", "x"))
+
+    def size(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
+        try:
+            return (self.root / path).stat().st_size
+        except FileNotFoundError:
+            return 0
+
+    def delete(self, path: str) -> None:
+        """Delete a file, and the folders that are empty without it."""
+        remove_file(self.root, path)
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield the files that there are, with their size [bytes]."""
+        return file_sizes(self.root, FOLDER)
+
+    def give_up(self, axis_id: str) -> None:
+        """Begin another file with the next frame: from here on the content of this one is unknown."""
+        self._growing.pop(axis_id, None)
+
+
+class _FolderFrame:
+    """A frame at the end of a file. The operating system has it soon, the disk when it is synced."""
+
+    def __init__(self, files: FolderFiles, axis_id: str, path: str, file: FileIO) -> None:
+        self.path = path
+        self.offset = file.tell()
+        self._files = files
+        self._axis_id = axis_id
+        self._file = file
+
+    def write(self, part: bytes) -> None:
+        with self._given_up_where_it_fails():
+            write_all(self._file, part)
+
+    def end(self) -> None:
+        give_back_cache(self._file)
+
+    def sync(self) -> None:
+        with self._given_up_where_it_fails():
+            os.fsync(self._file.fileno())
+            give_back_cache(self._file)
+            if not self.offset:
+                sync_folder((self._files.root / self.path).parent)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def take_back(self) -> None:
+        """Remove the frame. It is the last of its file: an axis is written by one thread at a time."""
+        with self._file, suppress(OSError):
+            if self.offset:
+                self._file.truncate(self.offset)
+            else:
+                self._files.delete(self.path)
+
+    @contextmanager
+    def _given_up_where_it_fails(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            self._files.give_up(self._axis_id)
+            raise
+
+
+def files_at(data_dir: Path, url: str | None) -> WaveformFiles:
+    """Return the files below a data folder, or those of a store where one is named; raises DataFolderError."""
+    if url is None:
+        return FolderFiles(data_dir)
+    from service.store.waveform_objects import ObjectFiles  # noqa: PLC0415  # an extra
+
+    return ObjectFiles(url)
+
+
 @contextmanager
-def storage_errors() -> Iterator[None]:
-    """Turn a failure of the disk into an error of the service."""
+def storage_errors(outcome: str = "nothing of the request is stored") -> Iterator[None]:
+    """Turn a failure of the disk into an error of the service, which says what came of it."""
     try:
         yield
     except OSError as error:
-        raise StorageError(
-            f"the disk did not take the waveforms ({error.strerror}); nothing of the request is stored"
-        ) from error
+        raise StorageError(f"the disk did not take the waveforms ({error.strerror or error}); {outcome}") from error
 
 
 def write_all(file: FileIO, content: bytes) -> None:
@@ -98,6 +268,35 @@ def give_back_cache(file: FileIO) -> None:
     # cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
     if hasattr(os, "posix_fadvise"):
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+def remove_file(root: Path, path: str) -> None:
+    """Remove a file, and the folders that are empty without it, durably; one that is gone already is no error."""
+    (root / path).unlink(missing_ok=True)
+    folder = (root / path).parent
+    while folder != root:
+        if folder.is_dir():
+            sync_folder(folder)
+            try:
+                folder.rmdir()
+            except OSError:  # there is more in it
+                return
+        folder = folder.parent
+
+
+def file_sizes(root: Path, folder: str) -> Iterator[tuple[str, int]]:
+    """Yield the files below a folder, by their path relative to the root, with their size [bytes]."""
+    try:
+        entries = sorted(os.scandir(root / folder), key=lambda entry: entry.name)
+    except FileNotFoundError:
+        return
+    for entry in entries:
+        path = f"{folder}/{entry.name}"
+        if entry.is_dir():
+            yield from file_sizes(root, path)
+        else:
+            with suppress(FileNotFoundError):  # removed meanwhile
+                yield path, entry.stat().st_size
 
 
 def make_folder(folder: Path) -> None:

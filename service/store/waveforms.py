@@ -5,16 +5,14 @@ MessagePack, so that a file can be read without this program. A frame is on disk
 committed: a crash in between leaves a frame that no row names, which costs room and nothing else.
 """
 
-import os
 import threading
-import uuid
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from io import FileIO
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -23,33 +21,27 @@ import zstandard
 
 from monitor_core.recording import Window
 from service.errors import StorageError, WaveformDamagedError
-from service.store.waveform_files import (
-    compressed,
-    give_back_cache,
-    make_folder,
-    read_frame,
-    storage_errors,
-    sync_folder,
-    write_all,
-)
+from service.store.waveform_files import FOLDER, FolderFiles, OpenFrame, WaveformFiles, compressed, storage_errors
 from service.store.window_format import content_sha256, pack_windows, size_of, unpack_windows
 
 #: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
 COMPRESSION_LEVEL = 1
-#: A file that has grown beyond this is followed by another: what is copied or lost at once stays small.
-LARGEST_FILE_BYTES = 64 * 2**20
 WRITERS = 4
-#: To hand less than this over to a thread takes longer than to pack it.
-HANDED_OVER_BYTES = 512 * 1024
 #: Windows that were written last are kept in memory: those of an open measurement are wanted again within minutes.
 REMEMBERED_BYTES = 64 * 2**20
+_OF_A_PURGE = "what is stored stays as it is"
+
+
+def folder_of_day(moment: datetime) -> str:
+    """Return where the files of a day lie: in the order of these names, days are in the order of time."""
+    return f"{FOLDER}/{moment.astimezone(UTC):%Y/%m/%d}"
 
 
 @dataclass(frozen=True, slots=True)
 class WaveformPlace:
     """Where a window lies, and what its content must hash to."""
 
-    path: str  # of the file, relative to the store
+    path: str  # of the file
     offset: int  # of the frame in the file [bytes]
     index: int  # of the window in the frame
     content_sha256: str
@@ -86,22 +78,21 @@ class Writing:
         if self._begun.exception() is None:
             frame = self._begun.result()
             if self._kept:
-                frame.file.close()
+                frame.open.close()
             else:
                 self._store.take_back(frame)
 
 
 class WaveformStore:
-    """Writes and reads the files below one folder.
+    """Writes and reads frames of windows, below one folder or in other files.
 
-    Each store begins files of its own, so that several may share a folder. In one store an axis is written by one
+    Each store begins files of its own, so that several may share a place. In one store an axis is written by one
     thread at a time.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, where: Path | WaveformFiles) -> None:
+        self.files: WaveformFiles = FolderFiles(where) if isinstance(where, Path) else where
         self._writers = ThreadPoolExecutor(max_workers=WRITERS, thread_name_prefix="waveforms")
-        self._growing: dict[str, str] = {}  # by axis: the file that its next frame is added to
         self._recent = _RecentWindows(REMEMBERED_BYTES)
 
     def begin_write(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> Writing:
@@ -109,7 +100,7 @@ class WaveformStore:
 
         Raises StorageError, here or later, if the disk does not take it; then nothing of it is left.
         """
-        if size_of(windows) > HANDED_OVER_BYTES:
+        if size_of(windows) > self.files.handed_over_bytes:
             return Writing(self, self._writers.submit(self._begin, axis_id, windows, received_at))
         begun: Future[_Frame] = Future()
         begun.set_result(self._begin(axis_id, windows, received_at))
@@ -120,63 +111,46 @@ class WaveformStore:
         self._writers.shutdown()
 
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
-        """Give the windows to the operating system, which begins to write them."""
+        """Give the windows to the operating system or whoever keeps them, which begins to write them."""
         with storage_errors():
-            path, file = self._open(axis_id, f"raw/{received_at.astimezone(UTC):%Y/%m/%d}/{axis_id}")
-        offset = file.tell()
+            opened = self.files.append(axis_id, f"{folder_of_day(received_at)}/{axis_id}")
+        path, offset = opened.path, opened.offset
         places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
-        frame = _Frame(axis_id, path, file, offset, places)
+        frame = _Frame(opened, places)
         try:
-            with self._given_up_where_it_fails(frame):
+            with storage_errors():
                 for part in compressed(lambda: pack_windows(windows), size_of(windows), COMPRESSION_LEVEL):
-                    write_all(file, part)
-                give_back_cache(file)
+                    opened.write(part)
+                opened.end()
         except StorageError:
             self.take_back(frame)
             raise
         self._recent.add((path, offset), windows)
         return frame
 
-    def _open(self, axis_id: str, folder: str) -> tuple[str, FileIO]:
-        """Open the file that takes the next frame of an axis, at its end."""
-        path = self._growing.get(axis_id, "")
-        if path.startswith(f"{folder}/"):
-            with suppress(OSError):  # it may have been moved, or made read-only
-                file = FileIO(f"{self.root}/{path}", "r+")
-                if file.seek(0, os.SEEK_END) < LARGEST_FILE_BYTES:
-                    return path, file
-                file.close()
-        path = f"{folder}/{uuid.uuid4().hex}.windows.zst"
-        make_folder(self.root / folder)
-        file = FileIO(f"{self.root}/{path}", "x")
-        self._growing[axis_id] = path
-        return path, file
-
     def sync(self, frame: "_Frame") -> None:
-        """Wait until a frame is on disk."""
-        with self._given_up_where_it_fails(frame):
-            os.fsync(frame.file.fileno())
-            give_back_cache(frame.file)
-            if not frame.offset:
-                sync_folder((self.root / frame.path).parent)
-
-    @contextmanager
-    def _given_up_where_it_fails(self, frame: "_Frame") -> Iterator[None]:
-        try:
-            with storage_errors():
-                yield
-        except StorageError:
-            self._growing.pop(frame.axis_id, None)  # from here on the content of the file is unknown
-            raise
+        """Wait until a frame is durable."""
+        with storage_errors():
+            frame.open.sync()
 
     def take_back(self, frame: "_Frame") -> None:
-        """Remove a frame that no row names. It is the last of its file: an axis is written by one thread at a time."""
-        self._recent.forget((frame.path, frame.offset))
-        with frame.file, suppress(OSError):  # what cannot be removed costs room
-            if frame.offset:
-                frame.file.truncate(frame.offset)
-            else:
-                (self.root / frame.path).unlink(missing_ok=True)
+        """Remove a frame that no row names."""
+        self._recent.forget((frame.open.path, frame.open.offset))
+        frame.open.take_back()
+
+    def read_where_they_lie(self, places: Callable[[], Sequence[WaveformPlace]]) -> list[Window]:
+        """Read windows whose places are asked for; asked again if a purge moved them between asking and reading.
+
+        Raises WaveformDamagedError as :meth:`read`, and what the asking raises.
+        """
+        asked = list(places())
+        while True:
+            try:
+                return self.read(asked)
+            except WaveformDamagedError:
+                before, asked = asked, list(places())
+                if asked == before:
+                    raise
 
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
         """Read windows, or remember them; each frame is read once.
@@ -196,9 +170,49 @@ class WaveformStore:
             windows.append(_checked(frames[key], place))
         return windows
 
+    def write_beside(self, path: str, places: Sequence[WaveformPlace]) -> list[WaveformPlace]:
+        """Write stored windows once more into a new file, frame by frame, durably; tell where each lies in it.
+
+        Raises WaveformDamagedError if one of them is not what was stored, StorageError if the disk does not take them.
+        Then nothing of it is left, unless the process ends: whoever calls knows the name.
+        """
+        moved = list[WaveformPlace]()
+        with storage_errors(_OF_A_PURGE):
+            file, offset = self.files.create(path), 0
+            try:
+                for _, group in groupby(places, key=lambda place: (place.path, place.offset)):
+                    frame = list(group)
+                    moved += [WaveformPlace(path, offset, i, place.content_sha256) for i, place in enumerate(frame)]
+                    windows = self.read(frame)
+                    for part in compressed(partial(pack_windows, windows), size_of(windows), COMPRESSION_LEVEL):
+                        file.write(part)
+                        offset += len(part)
+                file.end()
+                file.sync()
+            except BaseException:
+                file.take_back()
+                raise
+            file.close()
+        return moved
+
+    def remove(self, path: str) -> None:
+        """Remove a file that no row names; raises StorageError if the disk does not let it."""
+        with storage_errors(_OF_A_PURGE):
+            self.files.delete(path)
+
+    def size_of_file(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
+        with storage_errors(_OF_A_PURGE):
+            return self.files.size(path)
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield all files with their size [bytes]; raises StorageError."""
+        with storage_errors(_OF_A_PURGE):
+            yield from self.files.sizes()
+
     def _read_frame(self, path: str, offset: int) -> Sequence[Window]:
         try:
-            return unpack_windows(read_frame(self.root / path, offset))
+            return unpack_windows(self.files.read(path, offset))
         except OSError as error:
             raise WaveformDamagedError(f"the waveform file {path} cannot be read: {error.strerror}") from error
         except (zstandard.ZstdError, ValueError, KeyError, TypeError) as error:
@@ -215,12 +229,9 @@ def _checked(windows: Sequence[Window], place: WaveformPlace) -> Window:
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """Windows that the operating system has, and the disk perhaps not yet."""
+    """Windows that whoever keeps them has, if perhaps not durably yet."""
 
-    axis_id: str
-    path: str
-    file: FileIO
-    offset: int
+    open: OpenFrame
     places: list[WaveformPlace]
 
 

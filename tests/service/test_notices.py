@@ -300,7 +300,7 @@ def test_receivers_go_on_where_they_were_after_a_restart(tmp_path: Path) -> None
         path = receivers_file(tmp_path, url=url)
         with running_service(tmp_path / "var", receivers_file=path) as api:
             losing_preload(api)
-            wait_until(lambda: recipient.n_refused > 0)
+            wait_until(lambda: api.http.get("/v1/receivers").json()["receivers"][0]["last_error"] is not None)
             (desk,) = api.http.get("/v1/receivers").json()["receivers"]
             assert (desk["name"], desk["last_error"], desk["dead_letters"]) == ("desk", "answered with 503", [])
             assert desk["waiting"] >= 1

@@ -12,7 +12,7 @@ import zstandard
 
 from monitor_core.recording import Conditions, Window
 from service.errors import StorageError, WaveformDamagedError
-from service.store import waveforms
+from service.store import waveform_files, waveforms
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import content_sha256
 from tests.service.conftest import START
@@ -85,7 +85,7 @@ def test_another_file_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         ["raw", "2026", "03", "02"],
         ["raw", "2026", "03", "03"],
     )
-    monkeypatch.setattr(waveforms, "LARGEST_FILE_BYTES", 1)
+    monkeypatch.setattr(waveform_files, "LARGEST_FILE_BYTES", 1)
     beside = written(store, window(2), NOW + timedelta(days=1))
     assert beside.path not in (first.path, next_day.path)
     monkeypatch.undo()

@@ -4,7 +4,7 @@ Run a service inside this process, for ``preload demo`` and the tests: real HTTP
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, contextmanager
 from socket import socket
@@ -25,7 +25,13 @@ def embedded_service(settings: Settings) -> Iterator[str]:
     """Run a service in a thread and yield its address; it is stopped in good order afterwards."""
     app = create_app(settings)
     listening = threading.Event()
-    server = Server(app, listening.set, host=settings.host, port=settings.port)
+    server = Server(
+        app,
+        listening.set,
+        host=settings.host,
+        port=settings.port,
+        trusted_proxies=settings.trusted_proxies,
+    )
     with ThreadPoolExecutor(1, "embedded-service") as thread:
         ended = thread.submit(server.run)
         ended.add_done_callback(lambda _: listening.set())
@@ -47,7 +53,15 @@ GRACE_S = 10
 class Server(uvicorn.Server):
     """A server whose start raises what the application raises; uvicorn's own would log it, and say no more."""
 
-    def __init__(self, app: FastAPI, announce: Callable[[], None], *, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(
+        self,
+        app: FastAPI,
+        announce: Callable[[], None],
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        trusted_proxies: Sequence[str] = (),
+    ) -> None:
         super().__init__(
             uvicorn.Config(
                 app,
@@ -58,6 +72,8 @@ class Server(uvicorn.Server):
                 log_config=None,
                 access_log=False,
                 timeout_graceful_shutdown=GRACE_S,
+                proxy_headers=bool(trusted_proxies),  # uvicorn itself would trust whatever is on this machine
+                forwarded_allow_ips=list(trusted_proxies),
             )
         )
         self._app = app

@@ -16,6 +16,8 @@ from service.store.tables import AuditRow, BrowserSessionRow
 
 #: What other processes change, such as a key that is revoked on the command line, holds here after so long.
 FRESH_S = 2.0
+#: A cookie that nobody knows may be of somebody who logged in at another service just now: it is asked for so often.
+_ASKED_AGAIN_S = 0.2
 #: The moment of last use of a key is written so often.
 _NOTED_EVERY_S = 60.0
 SESSION_LASTS = timedelta(hours=12)
@@ -46,18 +48,16 @@ class Access:
         self._noted_at_s = time.monotonic()
         self.patience = Patience()
 
-    @property
-    def is_fresh(self) -> bool:
-        """Whether :meth:`caller` answers without the database."""
-        known = self._known
-        return known is not None and time.monotonic() - known.at_s < FRESH_S
+    def is_known(self, cookie: str | None) -> bool:
+        """Return whether :meth:`caller` answers without the database."""
+        return self._known is not None and self._holds(self._known, cookie)
 
     def caller(self, *, key: str | None, cookie: str | None, address: str) -> Caller:
         """Return who asks with a key, a cookie or neither, from an address.
 
         Raises UnauthenticatedError if nobody is known by it; TooManyTriesError if the address has guessed too often.
         """
-        known = self._fresh()
+        known = self._fresh(cookie)
         if not known.is_closed:
             return ANYONE
         if key is not None:
@@ -151,14 +151,19 @@ class Access:
         if wait_s > 0.0:
             raise TooManyTriesError(f"too many wrong tries; try again in {wait_s:.0f} s or later", wait_s)
 
-    def _fresh(self) -> _Known:
+    def _fresh(self, cookie: str | None) -> _Known:
         known = self._known
-        if known is not None and time.monotonic() - known.at_s < FRESH_S:
+        if known is not None and self._holds(known, cookie):
             return known
         with self._lock:
             self._note_use()
             self._known = known = self._read()
         return known
+
+    @staticmethod
+    def _holds(known: _Known, cookie: str | None) -> bool:
+        heard_of = cookie is None or not known.is_closed or fingerprint(cookie) in known.sessions
+        return time.monotonic() - known.at_s < (FRESH_S if heard_of else _ASKED_AGAIN_S)
 
     def _read(self) -> _Known:
         at_s, at = time.monotonic(), now()

@@ -26,7 +26,7 @@ from service.documents.measurement import AlarmEvidence, read_evidence
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.operations.analysis_job import measured_with_windows
-from service.operations.monitoring.alarms import store_explanation
+from service.operations.monitoring.alarm_changes import store_explanation
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
     axis_drive,
@@ -130,7 +130,7 @@ class AlarmExplanations:
             document = examined_document(self._explained(case, job), now(), case.reference, case.recent)
         except MonitorCoreError as refusal:  # an answer, too: the alarm says why
             document = refused_document(refusal, case.recent)
-        with self._database.write() as session:
+        with self._database.write(case.alarm.axis_id) as session:
             store_explanation(session, alarms.get_alarm(session, case.alarm.id), document)
         job.report(2, 2, document)
 

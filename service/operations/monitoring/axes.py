@@ -35,7 +35,7 @@ class Axes:
         if configuration.drive_model is not None:
             axis_drive(configuration.drive_model)
         design = self._detector_design(axis_id, configuration)
-        with self._lanes.of(axis_id), self._database.write() as session:
+        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             row = session.get(AxisRow, axis_id)
             created = row is None
             if row is None:
@@ -55,6 +55,13 @@ class Axes:
             if row is not None and (stored := load_design(row.detector_design)).settings == wanted:
                 return stored
         return detector_design(wanted)
+
+    def archive(self, axis_id: str, *, archived: bool) -> None:
+        """Hide an axis from lists and let it take no windows, or take that back. Nothing of it is deleted."""
+        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+            row = axes.get_axis(session, axis_id)
+            if archived != (row.archived_at is not None):
+                row.archived_at = now() if archived else None
 
     def get(self, axis_id: str) -> AxisRow:
         """Return an axis."""

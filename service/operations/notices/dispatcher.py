@@ -1,7 +1,14 @@
-"""Tell every receiver of every notice, in order and until it is taken: nothing is lost while one is down."""
+"""Tell every receiver of every notice, in order and until it is taken: nothing is lost while one is down.
+
+Of several services on one database one at a time tells a receiver. It holds the receiver by a lease: when it is gone
+another goes on, with the notice that it may have told already, under the same id.
+"""
 
 import logging
+import os
+import socket
 import threading
+import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -22,6 +29,8 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 300.0
 #: A notice that was not taken for so long becomes a dead letter, one that is refused for good after so many tries.
 GIVEN_UP_AFTER = timedelta(days=3)
 _TRIES_OF_REFUSED = 3
+#: Longer than receivers take to answer; who takes longer may be told once more, under the same id.
+LEASE = timedelta(seconds=60)
 #: A stop waits so long for an answer; whoever gave it later is told once more, under the same id.
 _PATIENCE_S = 5.0
 
@@ -42,6 +51,7 @@ class Dispatcher:
         self._database = database
         self._senders = senders
         self._metrics = metrics
+        self._owner = f"{socket.gethostname()[:40]}/{os.getpid()}/{uuid.uuid4().hex[:12]}"
         self._stopping = threading.Event()
         self._threads = [
             threading.Thread(target=self._serve, args=(sender,), name=f"receiver-{sender.name}", daemon=True)
@@ -61,6 +71,13 @@ class Dispatcher:
         self._stopping.set()
         for thread in self._threads:
             thread.join(_PATIENCE_S)
+        try:
+            with self._database.write() as session:
+                for sender in self._senders:
+                    if (own := notices.own_receiver(session, sender.name, self._owner)) is not None:
+                        own.owner = own.lease_until = None
+        except (BusyError, StorageError) as error:
+            log.warning("another service tells the receivers when the leases of this one have run out: %s", error)
 
     def standings(self) -> list[Standing]:
         """Return how it stands with each receiver that is set up."""
@@ -72,11 +89,18 @@ class Dispatcher:
             ]
 
     def tell_next(self, sender: Sender) -> bool:
-        """Tell a receiver of its next notice if it is time, and return whether it took it."""
+        """Tell a receiver of its next notice if it is time and no other service does; return whether it took it."""
         at = now()
         with self._database.read() as session:
             row = notices.receiver(session, sender.name, at)
             found = notices.next_notice(session, row.told_until) if row.next_try_at <= at else None
+        if found is None:
+            return False
+        with self._database.write() as session:
+            taken = notices.take_receiver(session, sender.name, self._owner, LEASE)
+            if taken is None or taken.next_try_at > at:
+                return False
+            found = notices.next_notice(session, taken.told_until)
         if found is None:
             return False
         notice = Notice(found.id, found.at, found.kind, found.subject, found.content)
@@ -86,15 +110,20 @@ class Dispatcher:
             self._note_failure(sender.name, notice, at, error)
             return False
         with self._database.write() as session:
-            row = notices.receiver(session, sender.name, at)
-            _move_on(row, notice, at)
-            row.last_told_at, row.last_error = at, None
+            own = notices.own_receiver(session, sender.name, self._owner)
+            if own is None:
+                log.warning("receiver %s took notice %d, and another service tells it on", sender.name, notice.number)
+                return False
+            _move_on(own, notice, at)
+            own.last_told_at, own.last_error = at, None
         self._metrics.notices.labels(sender.name, "taken").inc()
         return True
 
     def _note_failure(self, name: str, notice: Notice, at: datetime, error: NotTakenError) -> None:
         with self._database.write() as session:
-            row = notices.receiver(session, name, at)
+            row = notices.own_receiver(session, name, self._owner)
+            if row is None:
+                return
             row.n_tries += 1
             row.failing_since = row.failing_since or at
             row.last_error = str(error)[:500]

@@ -15,6 +15,7 @@ from monitor_core.recording import Window
 from service.errors import WaveformDamagedError
 from service.store.database import reading, writing
 from service.store.tables import WindowRow
+from service.store.waveform_files import WaveformFiles
 from service.store.waveforms import WaveformPlace, WaveformStore
 
 
@@ -32,18 +33,20 @@ def heal(
     query = select(
         WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
         WindowRow.started_at,
-    ).where(WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(by_start)))  # fmt: skip
+    ).where(
+        WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(by_start)), WindowRow.let_go_by.is_(None)
+    )  # fmt: skip
     with reading(connection):
         rows = connection.execute(query).all()
     start_of = {WaveformPlace(path, offset, index, sha256): start for path, offset, index, sha256, start in rows}
     in_order = sorted(start_of, key=lambda place: (place.path, place.offset, place.index))
-    lost = sorted(start_of[damaged.place] for damaged in damaged_windows(waveforms.root, in_order))
+    lost = sorted(start_of[damaged.place] for damaged in damaged_windows(waveforms.files, in_order))
     if lost:
         with waveforms.begin_write(axis_id, [by_start[start] for start in lost], at) as frame:
             places = frame.sync()
             with writing(connection):
                 for start, place in zip(lost, places, strict=True):
-                    row = (WindowRow.axis_id == axis_id, WindowRow.started_at == start)
+                    row = (WindowRow.axis_id == axis_id, WindowRow.started_at == start, WindowRow.let_go_by.is_(None))
                     moved = {"file_path": place.path, "offset_in_file": place.offset, "index_in_frame": place.index}
                     connection.execute(update(WindowRow).where(*row).values(moved))
                 frame.keep()
@@ -58,9 +61,9 @@ class DamagedWindow:
     reason: str
 
 
-def damaged_windows(root: Path, places: Iterable[WaveformPlace]) -> Iterator[DamagedWindow]:
-    """Read windows from disk, those of a frame together, and yield the ones that are not what was stored."""
-    store = WaveformStore(root)  # a new one, which remembers nothing
+def damaged_windows(where: Path | WaveformFiles, places: Iterable[WaveformPlace]) -> Iterator[DamagedWindow]:
+    """Read windows from where they lie, those of a frame together, and yield the ones that are not what was stored."""
+    store = WaveformStore(where)  # a new one, which remembers nothing
     for _, group in groupby(places, key=lambda place: (place.path, place.offset)):
         frame = list(group)
         try:

@@ -17,8 +17,9 @@ from typing import TypeVar
 from monitor_core.recording import Window
 from monitor_core.trend import TrendStatus
 from service.clock import now
+from service.errors import BusyError, StorageError
 from service.observability import Metrics
-from service.operations.monitoring.alarms import PRELOAD_LOSS
+from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
 from service.operations.monitoring.intake.known import KnownAxes, Lanes
@@ -39,8 +40,8 @@ CLOSED_EVERY_S = 5.0
 class Ingest:
     """Takes windows of the axes.
 
-    What came from one request or several, in which order and from whom, makes no difference to what is stored. Whoever
-    changes an axis meanwhile (another process) makes the writing fail, and the request is sent again.
+    What came from one request or several, in which order, from whom and through which service, makes no difference to
+    what is stored: at an axis one service works at a time.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class Ingest:
         self._lanes = lanes
         self._metrics = metrics
         self._waiting: queue.SimpleQueue[Post | None] = queue.SimpleQueue()
+        self._passed_over: list[Post] = []  # in the last round, because another service was at work at their axis
         self._readers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="bodies")
         self._thread = threading.Thread(target=self._serve, name="ingest", daemon=True)
         self._thread.start()
@@ -93,74 +95,84 @@ class Ingest:
         with self._database.connect() as connection, reading(connection):
             found = intake.overdue(connection, now())
         for axis_id, name in found:
-            self._round([Post(axis_id, (), frozenset({name}))])
+            self._round([Post(axis_id, (), frozenset({name}))], wait=True)
 
     def _serve(self) -> None:
         stopped, due = False, 0.0
-        while not stopped:
-            posts, stopped = self._next()
+        while not stopped or self._passed_over:
+            wait = bool(self._passed_over)
+            posts, end = self._next()
+            stopped = stopped or end
             try:
                 if posts:
-                    self._round(posts)
+                    self._passed_over = self._round(posts, wait=wait)
                 if time.monotonic() >= due:
                     due = time.monotonic() + CLOSED_EVERY_S
                     self.close_overdue()
             except Exception as error:  # the edge of this thread, which must live on
                 log.exception("windows were not taken")
                 _refuse(posts, error)
+                self._passed_over = []
 
     def _next(self) -> tuple[list[Post], bool]:
         """Wait for requests and return those that wait, and whether no more will come."""
-        posts: list[Post] = []
+        posts, self._passed_over = self._passed_over, []
         try:
-            posts_or_end = self._waiting.get(timeout=CLOSED_EVERY_S)
+            posts_or_end = self._waiting.get(timeout=0.0 if posts else CLOSED_EVERY_S)
             while posts_or_end is not None:
                 posts.append(posts_or_end)
-                if len(posts) == MOST_AT_ONCE:
+                if len(posts) >= MOST_AT_ONCE:
                     return posts, False
                 posts_or_end = self._waiting.get_nowait()
         except queue.Empty:
             return posts, False
         return posts, True
 
-    def _round(self, posts: Sequence[Post]) -> None:
-        """Take requests to several axes; where they cannot be stored together, each axis is tried by itself."""
+    def _round(self, posts: Sequence[Post], *, wait: bool) -> list[Post]:
+        """Take requests to several axes; where they cannot be stored together, each axis is tried by itself.
+
+        Returns those that were passed over, because another service is at work at their axis; never the first where
+        ``wait`` says so, nor one that is alone.
+        """
         axes = by_axis(posts)
         with ExitStack() as stack:
             for axis_id in sorted(axes):
                 stack.enter_context(self._lanes.of(axis_id))
             try:
-                self._store(axes)
+                return self._store(axes, wait=wait)
             except Exception as error:  # noqa: BLE001 - whatever it is, whoever waits is told
                 if len(axes) == 1:
                     _refuse(posts, error)
-                    return
-            else:
-                return
+                    return []
         for axis_posts in axes.values():
-            self._round([post for post in axis_posts if not post.answer.done()])
+            self._round([post for post in axis_posts if not post.answer.done()], wait=True)
+        return []
 
-    def _store(self, axes: Mapping[str, list[Post]]) -> None:
+    def _store(self, axes: Mapping[str, list[Post]], *, wait: bool) -> list[Post]:
         with ExitStack() as files:
             connection = files.enter_context(self._database.connect())
+            free = files.enter_context(self._database.at_axes(connection, list(axes), wait=wait))
             batches = []
-            for axis_id, posts in axes.items():
+            for axis_id in free:
                 try:
                     with self._database.translated():
-                        batch = Batch(connection, axis_id, posts, self._known)
+                        batch = Batch(connection, axis_id, axes[axis_id], self._known)
                         batch.compute(connection, self._waveforms, files, self._metrics)
                     batches.append(batch)
-                except Exception as error:  # noqa: BLE001 - what is wrong with one axis is not that of the others
-                    _refuse(posts, error)
+                except Exception as error:  # what is wrong with one axis is not that of the others
+                    if connection.in_transaction() and len(free) > 1 and isinstance(error, StorageError | BusyError):
+                        raise  # of the transaction that all share
+                    _refuse(axes[axis_id], error)
             full = [batch for batch in batches if not batch.empty]
             places = [batch.sync() for batch in full]
-            settled: dict[str, Settled] = {}
+            settled: dict[str, Settled | None] = {}
             if full:
                 with writing(connection):
                     for batch, lying in zip(full, places, strict=True):
                         settled[batch.axis.id] = batch.store(connection, lying)
         for batch in batches:
             self._answer(batch, settled.get(batch.axis.id))
+        return [post for axis_id, posts in axes.items() if axis_id not in free for post in posts]
 
     def _answer(self, batch: Batch, settled: Settled | None) -> None:
         receipts = [batch.receipt(post, settled) for post in batch.posts]
@@ -168,20 +180,19 @@ class Ingest:
             for window in receipt.windows:
                 self._metrics.windows.labels(window.reason or str(window.status)).inc()
         if settled is not None:
-            for outcome in settled.outcomes:
-                self._metrics.measurements.labels(outcome).inc()
-            for reason in settled.uncharted:
-                self._metrics.uncharted.labels(reason).inc()
-            self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
-        if (
-            settled is not None
-            and settled.documents
-            and settled.state is TrendStatus.ALARM
-            and batch.configuration.drive_model is not None
-        ):
-            self._follow_alarm(batch.axis.id)
+            self._note(batch, settled)
         for post, receipt in zip(batch.posts, receipts, strict=True):
             post.answer.set_result(receipt)
+
+    def _note(self, batch: Batch, settled: Settled) -> None:
+        """Count what was judged, and have an alarm that it left the axis in explained."""
+        for outcome in settled.outcomes:
+            self._metrics.measurements.labels(outcome).inc()
+        for reason in settled.uncharted:
+            self._metrics.uncharted.labels(reason).inc()
+        self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
+        if settled.documents and settled.state is TrendStatus.ALARM and batch.configuration.drive_model is not None:
+            self._follow_alarm(batch.axis.id)
 
 
 def _refuse(posts: Sequence[Post], error: Exception) -> None:

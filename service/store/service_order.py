@@ -1,0 +1,82 @@
+"""Keep services on one PostgreSQL in order: one at a time works at an axis, and none while another one migrates.
+
+The locks are PostgreSQL's advisory locks of a transaction: they end with it, and with the connection of a service that
+was killed. The embedded database needs none of this: one process has its file.
+"""
+
+import zlib
+from collections.abc import Sequence
+from datetime import datetime
+
+from sqlalchemy import Connection, text
+from sqlalchemy.orm import Session
+
+from service.clock import now
+from service.errors import StorageError
+
+#: Who migrates holds it alone, who writes holds it with others.
+_MIGRATION = 7102018
+#: First key of the locks of axes; the second one is a hash of the name. Two axes of one hash wait for each other.
+_AXES = 7102019
+
+_LOCK_AXIS = text(f"SELECT pg_advisory_xact_lock({_AXES}, :hash)")
+_TRY_AXES = text(
+    f"SELECT hash, pg_try_advisory_xact_lock({_AXES}, hash) FROM unnest(CAST(:hashes AS integer[])) AS hash"  # noqa: S608
+)
+# Two statements in one message: the second one sees what was committed while the first one waited.
+_ENTER = f"SELECT pg_advisory_xact_lock_shared({_MIGRATION}); SELECT version_num FROM alembic_version"  # noqa: S608
+
+
+def is_shared(connection: Connection) -> bool:
+    """Tell whether other services may be at work in the same database."""
+    return connection.dialect.name == "postgresql"
+
+
+def keep_others_out(connection: Connection) -> None:
+    """Wait until no other service migrates or writes, however long; until the transaction ends none does."""
+    connection.execute(text("SET LOCAL lock_timeout = 0"))
+    connection.execute(text(f"SELECT pg_advisory_xact_lock({_MIGRATION})"))
+
+
+def require_schema(connection: Connection, version: str) -> None:
+    """Keep others from migrating until the transaction ends.
+
+    Raises StorageError if the schema is not of this version any more.
+    """
+    cursor = connection.connection.cursor()
+    cursor.execute(_ENTER)
+    cursor.nextset()
+    row = cursor.fetchone()
+    found = "none" if row is None else row[0]
+    if found != version:
+        raise StorageError(
+            f"the schema of the database is of version {found} now, and this program writes version {version}: a "
+            "service of another version has migrated it; stop this one, and start that version here, too"
+        )
+
+
+def lock_axis(connection: Connection, axis_id: str) -> None:
+    """Have an axis alone until the transaction ends; wait for the service that has it.
+
+    Nobody waits who holds an axis already, so that no two services ever wait for each other.
+    """
+    connection.execute(_LOCK_AXIS, {"hash": _hash(axis_id)})
+
+
+def lock_free_axes(connection: Connection, axis_ids: Sequence[str]) -> list[str]:
+    """Have those of some axes alone that nobody has at this moment, and return them."""
+    hashes = {_hash(axis_id) for axis_id in axis_ids}
+    taken = {row[0] for row in connection.execute(_TRY_AXES, {"hashes": sorted(hashes)}) if row[1]}
+    return [axis_id for axis_id in axis_ids if _hash(axis_id) in taken]
+
+
+def database_time(session: Session) -> datetime:
+    """Return the time by which leases run: of the one clock that all services share."""
+    if not is_shared(session.connection()):
+        return now()
+    at: datetime = session.connection().execute(text("SELECT clock_timestamp()")).scalar_one()
+    return at
+
+
+def _hash(axis_id: str) -> int:
+    return zlib.crc32(axis_id.encode()) - 2**31
