@@ -157,17 +157,30 @@ def answers(url: str, **options: Any) -> bool:
         return False
 
 
+def environment_of(name: str, database: str, folder: Path) -> dict[str, str]:
+    """Return the variables of a service; other are the address of the database, and where files are."""
+    secret = folder / "database_password"
+    secret.write_text(f"{PASSWORD}\n", encoding="utf-8")
+    own = {"PRELOAD_DATABASE_URL": database, "PRELOAD_DATABASE_PASSWORD_FILE": str(secret),
+           "PRELOAD_RECEIVERS_FILE": str(DEPLOY / "receivers.toml"), "PRELOAD_HOST_NAMES": "localhost"}  # fmt: skip
+    return {**SERVICES[name]["environment"], **own, "PRELOAD_DATA_DIR": str(folder / "waveforms")}
+
+
+def key_of(environment: dict[str, str]) -> dict[str, str]:
+    """Make a key as one does in a container, and return the header that shows it."""
+    words = ["key", "add", "test", "--scope", "calibrations:write", "--scope", "trends:read"]
+    command = [sys.executable, "-m", "service.cli.main", *words]
+    made = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=True)
+    return {"Authorization": f"Bearer {made.stdout.split()[-1]}"}
+
+
 @contextmanager
 def service(name: str, database: str, folder: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
     """Run a service as its container does; other are the address of the database, the port, and where it listens."""
     written, port, log = SERVICES[name], free_port(), folder / f"{name}.log"
     program, *words = [{"0.0.0.0": "127.0.0.1", "8710": str(port)}.get(word, word) for word in written["command"]]  # noqa: S104
     assert program == "preload"
-    secret = folder / "database_password"
-    secret.write_text(f"{PASSWORD}\n", encoding="utf-8")
-    own = {"PRELOAD_DATABASE_URL": database, "PRELOAD_DATABASE_PASSWORD_FILE": str(secret),
-           "PRELOAD_RECEIVERS_FILE": str(DEPLOY / "receivers.toml"), "PRELOAD_HOST_NAMES": "localhost"}  # fmt: skip
-    environment = {**written["environment"], **own, "PRELOAD_DATA_DIR": str(folder / "waveforms")}
+    environment = environment_of(name, database, folder)
     with running([sys.executable, "-m", "service.cli.main", *words], environment, log) as process:
         wait_until(lambda: answers(f"http://127.0.0.1:{port}/readyz"), log)
         health = [word.replace(":8710/", f":{port}/") for word in written["healthcheck"]["test"][1:]]
@@ -182,8 +195,11 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
         (first, _), (second, dying) = (
             stack.enter_context(service(name, database, tmp_path)) for name in ("preload-1", "preload-2")
         )
-        httpx.put(f"http://127.0.0.1:{first}/v1/axes/mill", json={"name": "mill"}, trust_env=False).raise_for_status()
-        assert httpx.get(f"http://127.0.0.1:{second}/v1/axes/mill", trust_env=False).status_code == 200
+        here = [f"http://127.0.0.1:{port}/v1/axes/mill" for port in (first, second)]
+        assert httpx.get(here[0], trust_env=False).status_code == 401  # whoever reaches the proxy reaches the service
+        key = key_of(environment_of("preload-1", database, tmp_path))
+        httpx.put(here[0], json={"name": "mill"}, headers=key, trust_env=False).raise_for_status()
+        assert httpx.get(here[1], headers=key, trust_env=False).status_code == 200
         caddy = shutil.which("caddy")
         if caddy is None:
             pytest.skip("the services run; the proxy was not tried, because caddy is not installed")
@@ -203,13 +219,13 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
         wait_until(lambda: answers(f"http://127.0.0.1:{health}/"), log)
         root = tmp_path / "data" / "caddy" / "pki" / "authorities" / "local" / "root.crt"
         trusted, address = ssl.create_default_context(cafile=str(root)), f"https://localhost:{https}/v1/axes/mill"
-        wait_until(lambda: answers(address, verify=trusted), log)
+        wait_until(lambda: answers(address, verify=trusted, headers=key), log)
         redirect = httpx.get(f"http://localhost:{http}/v1/axes", trust_env=False)
         assert redirect.headers["location"].startswith("https://localhost")
         with pytest.raises(httpx.ConnectError):
             httpx.get(address, trust_env=False)  # by an authority that nobody knows
         dying.kill()
-        assert all(answers(address, verify=trusted) for _ in range(20))
+        assert all(answers(address, verify=trusted, headers=key) for _ in range(20))
 
 
 def test_the_broker_lets_in_who_has_a_password(tmp_path: Path) -> None:
