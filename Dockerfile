@@ -1,15 +1,16 @@
 # Two stages: the build tools stay in the first one.
-FROM python:3.11-slim AS build
+FROM python:3.11-slim@sha256:9c900dea9e8fb7e16277c179b555cc72d29a352dbc33cff48ad5a0412fd5bfc7 AS build
 WORKDIR /build
 COPY pyproject.toml README.md LICENSE ./
 COPY requirements/runtime.lock requirements/runtime.lock
 COPY monitor_core monitor_core
 COPY service service
+COPY preload_client preload_client
 RUN python -m venv /opt/preload \
  && /opt/preload/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements/runtime.lock \
  && /opt/preload/bin/pip install --no-cache-dir --no-deps --no-build-isolation .
 
-FROM python:3.11-slim
+FROM python:3.11-slim@sha256:9c900dea9e8fb7e16277c179b555cc72d29a352dbc33cff48ad5a0412fd5bfc7
 RUN useradd --system --create-home --uid 10001 preload && install -d -o preload /var/lib/preload
 COPY --from=build /opt/preload /opt/preload
 COPY replay_data /usr/share/preload/replay_data

@@ -24,10 +24,20 @@ $(STAMP): requirements/dev.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
+# Programs that tests use and pip does not bring, with the packages of Debian that do.
+TOOLS := chromium:chromium caddy:caddy mosquitto:mosquitto promtool:prometheus
+
+tools:           ## what tests need of Debian: a browser, a broker, a proxy, promtool (installs what is missing, as root)
+	@packages=; for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
+	if [ -z "$$packages" ]; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends $$packages >/dev/null; \
+	else echo "Not installed:$$packages. Tests of pages need chromium; those of a broker, a proxy and rules are left out without the others."; fi
+
 demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo
 
-test: setup      ## every test, with lint, types, import contracts and docs
+test: setup tools ## every test, with lint, types, import contracts and docs
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
@@ -75,4 +85,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup demo test test-fast coverage test-python check serve docs bench replay-data plots lock clean
+.PHONY: help setup tools demo test test-fast coverage test-python check serve docs bench replay-data plots lock clean

@@ -3,7 +3,9 @@
 ``python -m benchmarks.history growth``: every route on an axis of 10³ and of 10⁶ stored measurements, side by side.
 ``python -m benchmarks.history trend [--millions 50]``: 1000 points of a trend, over spans of every length, from a
 database of so many rows (axes of a million each). ``python -m benchmarks.history fleet``: 1000 axes with a measurement
-and a learnt baseline. The last two take ``--database-url`` of an empty database on PostgreSQL in place of SQLite.
+and a learnt baseline. ``python -m benchmarks.history tables``: a million measurements as CSV and as Parquet, with the
+processor time and the memory of the service. Trend and fleet take ``--database-url`` of an empty database on PostgreSQL
+in place of SQLite.
 """
 
 import argparse
@@ -226,10 +228,47 @@ def fleet() -> None:
             revision = AxisRow.revision + 1
             session.execute(update(AxisRow).values(monitor_state=learnt_state(), revision=revision))
         with served(folder) as api:
-            for path in ("/v1/axes", "/"):
+            for path in ("/v1/axes", "/", "/metrics"):
                 taken = [seconds(get(api, path), i) for i in range(200)]
                 p50, p99 = 1e3 * np.percentile(taken[5:], [50, 99])
                 print(f"1000 axes, GET {path:9} p50 {p50:.0f} ms, p99 {p99:.0f} ms")
+
+
+def tables() -> None:
+    """Read a whole trend as a table."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        with axis_with_history(folder, 10**6):
+            pass
+        port, process = stack.enter_context(service(folder))
+        http = stack.enter_context(httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=600.0, trust_env=False))
+        for kind, query in (
+            ("json", {"limit": 10_000}),
+            ("csv", {"format": "csv"}),
+            ("parquet", {"format": "parquet"}),
+        ):
+            before, n_bytes = spent(process.pid), 0
+            with http.stream("GET", "/v1/axes/axis/trend", params=query) as answer:  # type: ignore[arg-type]
+                assert answer.status_code == 200
+                for part in answer.iter_raw():
+                    n_bytes += len(part)
+            seconds_taken, peak_mib = (
+                round(after - spent_before, 1)
+                for after, spent_before in zip(spent(process.pid), (before[0], 0.0), strict=True)
+            )
+            what = "a page of 10,000 rows" if kind == "json" else "a million rows"
+            print(
+                f"{kind:8} {what}: {n_bytes / 1e6:.1f} MB sent, {seconds_taken} s of processor time, "
+                f"peak of the service so far {peak_mib} MiB (before {before[1]:.1f})"
+            )
+
+
+def spent(pid: int) -> tuple[float, float]:
+    """Return the processor time of a process, and the largest memory that it has had [s, MiB]."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+    peak = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(peak) / 1024
 
 
 @contextmanager
@@ -245,7 +284,7 @@ def served(folder: Path) -> Iterator[Api]:
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("growth", "trend", "fleet"))
+    parser.add_argument("what", choices=("growth", "trend", "fleet", "tables"))
     parser.add_argument("--millions", type=int, default=50, help="number of axes")
     parser.add_argument("--each", type=int, default=10**6, help="measurements of an axis")
     parser.add_argument("--database-url", help="of an empty database on PostgreSQL, for trend and fleet")
@@ -255,7 +294,7 @@ def main() -> None:
     if options.what == "trend":
         trend(options.millions, options.each)
     else:
-        {"growth": growth, "fleet": fleet}[options.what]()
+        {"growth": growth, "fleet": fleet, "tables": tables}[options.what]()
 
 
 if __name__ == "__main__":

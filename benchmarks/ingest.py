@@ -25,7 +25,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -199,6 +199,11 @@ class Service:
         pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
+    def processor_time_s(self) -> float:
+        """Return the processor time that the process has used, in steps of 10 ms."""
+        user_and_system = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+        return sum(map(int, user_and_system)) / os.sysconf("SC_CLK_TCK")
+
 
 #: Of each way, of each of many senders, and one for the memory.
 AXES = [*(f"axis-{i}" for i in range(len(WAYS))), *(f"sender-{i}" for i in range(16)), "memory"]
@@ -226,13 +231,13 @@ def running(folder: Path, module: str, *arguments: str) -> Iterator[Service]:
         process.wait(30)
 
 
-def axes_with_history(folder: Path, n_measurements: int) -> None:
-    """Register all axes of the benchmark and give each so many measurements."""
+def axes_with_history(folder: Path, n_measurements: int, axes: Sequence[str]) -> None:
+    """Register axes and give each so many measurements."""
     document = calibration_document(calibration())
     with running(folder, *OUR_SERVICE) as service:
-        for axis in AXES:
+        for axis in axes:
             service.prepare(axis, document)
-    for axis in AXES:
+    for axis in axes:
         lengthen(folder, axis, n_measurements, every=timedelta(minutes=30), windows_each=N_WINDOWS)
 
 
@@ -367,7 +372,7 @@ def main() -> None:
     options = parser.parse_args()
     compute_in_one_thread()  # as the service does
     with tempfile.TemporaryDirectory() as folder:
-        axes_with_history(Path(folder), options.history)
+        axes_with_history(Path(folder), options.history, AXES)
         report(Path(folder), options.turns, options.memory_windows)
     core, least, ratio = np.array(highest_ratio(options.turns)).T
     low, middle, high = np.quantile(ratio, [0.25, 0.5, 0.75])

@@ -4,6 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
@@ -16,10 +17,13 @@ from service.api import (
     analyses,
     axes,
     calibrations,
+    changes,
     health,
     jobs,
+    maintenance,
     receivers,
     recordings,
+    retention,
     trend,
     windows,
 )
@@ -30,6 +34,7 @@ from service.api.http.guard import Guard
 from service.api.http.limits import RequestLimits
 from service.api.http.observer import RequestObserver
 from service.api.http.problems import PROBLEM_RESPONSES, describe, install_problem_handlers
+from service.api.http.tables.export import Tables
 from service.api.services import Services
 from service.blas_threads import compute_in_one_thread
 from service.errors import ServiceError, StorageError
@@ -42,17 +47,26 @@ from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DISCREPANCY
 from service.operations.identification.identification_job import IDENTIFICATION
+from service.operations.keeping.pins import Pins
+from service.operations.keeping.purge import Purge
+from service.operations.keeping.purges import KIND as PURGE
+from service.operations.keeping.purges import Purges
+from service.operations.keeping.rule import rule_of
+from service.operations.keeping.survey import Surveys
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
+from service.operations.monitoring.maintenance import Maintenance
+from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
-from service.operations.notices.receivers import read_receivers
+from service.operations.notices.receivers import Receivers, read_receivers
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
@@ -61,10 +75,16 @@ from service.store.axes import list_axes
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.recordings import RecordingFiles
+from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
-from service.store.waveform_files import FolderFiles, WaveformFiles
+from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import login, pages
+from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web.site import STATIC, Site
+
+if TYPE_CHECKING:
+    from service.operations.notices.mqtt_states import StatePublisher
+    from service.operations.notices.senders import Sender
 
 DESCRIPTION = """Windows of motor torque and nut acceleration in; ball-screw preload in newtons with its interval,
 its trend and alarms out. SI units, every name carries its unit. Errors are RFC 9457 problem documents."""
@@ -79,12 +99,18 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services = _build_services(settings, metrics)
         app.state.services = services
+        services.purges.start()
         services.jobs.resume()
         services.dispatcher.start()
+        for publisher in services.states:
+            publisher.start()
         try:
             yield
         finally:
+            for publisher in services.states:
+                publisher.close()
             services.dispatcher.close()
+            services.purges.close()
             services.recordings.close()
             services.jobs.close()
             services.ingest.close()
@@ -103,6 +129,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.openapi = partial(describe, app)  # type: ignore[method-assign]  # FastAPI's own way to replace it
     app.state.settings = settings
     install_problem_handlers(app)
+    app.add_middleware(Tables)
     app.add_middleware(
         RequestLimits,
         largest_body=settings.max_body_mib * 2**20,
@@ -112,15 +139,19 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(Gate)
     app.add_middleware(Compression, minimum_size=1000)
     app.add_middleware(Guard, host_names=settings.own_names())
+    app.add_middleware(Site)
     app.add_middleware(RequestObserver, metrics=metrics)
     app.include_router(windows.router)
     app.include_router(recordings.router)
-    for resource in (axes, trend, calibrations, analyses, alarms, jobs, access, receivers, advice):
+    resources = (
+        axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention,
+    )  # fmt: skip
+    for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    app.include_router(pages.router)
-    app.include_router(login.router)
-    app.mount("/static", StaticFiles(directory=pages.STATIC), name="static")
+    for page in (fleet, axis, alarm_forms, api_pages, login):
+        app.include_router(page.router)
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     return app
 
@@ -152,7 +183,7 @@ def open_database(settings: Settings) -> Database:
 def _build_services(settings: Settings, metrics: Metrics) -> Services:
     database = open_database(settings)
     renew_charts(database)
-    waveforms = WaveformStore(_waveform_files(settings))
+    waveforms = WaveformStore(files_at(settings.data_dir, settings.waveform_url))
     lanes = Lanes()
     work: dict[str, Work] = {}  # filled below: ingest starts jobs, and a replay is a job that ingests
     runner = JobRunner(database, work, settings.max_waiting_jobs)
@@ -162,14 +193,20 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     files = RecordingFiles(settings.data_dir)
     uploads = Recordings(database, files, ingest, runner, settings.max_recording_mib * 2**20)
     reports = ReportStore(settings.data_dir)
+    receivers, trend = read_receivers(settings.receivers_file), Trend(database)
     identifications = AnalysisJob(IDENTIFICATION, database, waveforms, reports)
     discrepancies = AnalysisJob(DISCREPANCY, database, waveforms, reports)
+    rule = rule_of(settings)
+    purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
+    rejudgements = Rejudgements(database, waveforms, lanes, runner)
     work |= {
+        REJUDGEMENT: rejudgements.run,
         "replay": replays.run,
         IMPORT: uploads.run,
         identifications.kind: identifications.run,
         discrepancies.kind: discrepancies.run,
         ALARM_EXPLANATION: alarm_explanations.run,
+        PURGE: purges.run,
     }
     return Services(
         database=database,
@@ -178,10 +215,13 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         access=Access(database, on_loopback=settings.is_on_loopback()),
         axes=Axes(database, lanes),
         ingest=ingest,
-        trend=Trend(database),
+        trend=trend,
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
+        rejudgements=rejudgements,
         alarms=Alarms(database, lanes),
+        changes=Changes(database),
+        maintenance=Maintenance(database, lanes),
         replays=replays,
         recordings=uploads,
         stored_windows=StoredWindows(database, waveforms, files),
@@ -189,24 +229,34 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         discrepancies=discrepancies,
         alarm_explanations=alarm_explanations,
         jobs=runner,
-        dispatcher=_dispatcher(settings, database, metrics),
+        dispatcher=Dispatcher(database, _senders(receivers, settings.public_url.rstrip("/")), metrics),
+        states=_state_publishers(receivers, trend),
         advice=read_advice(settings.advice_file),
+        pins=Pins(database),
+        purges=purges,
+        surveys=Surveys(database, waveforms, rule),
     )
 
 
-def _waveform_files(settings: Settings) -> WaveformFiles:
-    if settings.waveform_url is None:
-        return FolderFiles(settings.data_dir)
-    from service.store.waveform_objects import ObjectFiles  # noqa: PLC0415  # an extra
-
-    return ObjectFiles(settings.waveform_url)
-
-
-def _dispatcher(settings: Settings, database: Database, metrics: Metrics) -> Dispatcher:
-    receivers, source = read_receivers(settings.receivers_file), settings.public_url.rstrip("/")
-    if not (receivers.webhook or receivers.mail):
-        return Dispatcher(database, (), metrics)
+def _senders(receivers: Receivers, source: str) -> "list[Sender]":
+    if not (receivers.webhook or receivers.mail or receivers.mqtt):
+        return []
     from service.operations.notices.senders import MailSender, WebhookSender  # noqa: PLC0415  # brings an HTTP client
 
-    webhooks = [WebhookSender(webhook, source) for webhook in receivers.webhook]
-    return Dispatcher(database, [*webhooks, *(MailSender(mail, source) for mail in receivers.mail)], metrics)
+    senders: list[Sender] = [
+        *(WebhookSender(webhook, source) for webhook in receivers.webhook),
+        *(MailSender(mail, source) for mail in receivers.mail),
+    ]
+    if receivers.mqtt:
+        from service.operations.notices.mqtt_sender import MqttSender  # noqa: PLC0415  # an extra
+
+        senders += [MqttSender(broker, source) for broker in receivers.mqtt]
+    return senders
+
+
+def _state_publishers(receivers: Receivers, trend: Trend) -> "list[StatePublisher]":
+    if not receivers.mqtt:
+        return []
+    from service.operations.notices.mqtt_states import StatePublisher  # noqa: PLC0415  # an extra
+
+    return [StatePublisher(broker, trend) for broker in receivers.mqtt]

@@ -54,6 +54,10 @@ class WaveformDamagedError(ServiceError):
     """A stored waveform is missing or not what was written."""
 
 
+class LetGoError(ServiceError):
+    """A waveform was let go by rule: it is not there any more, on purpose."""
+
+
 class DocumentDamagedError(ServiceError):
     """A stored document is damaged, or of a version that this program does not read."""
 
@@ -100,6 +104,7 @@ STATUS_OF_ERROR: tuple[tuple[type[Exception], int, str], ...] = (
     (NotAcceptableError, 406, "not-acceptable"),
     (UnsupportedContentError, 415, "unsupported-content"),
     (PreconditionError, 412, "precondition-failed"),
+    (LetGoError, 410, "let-go"),
     (WaveformDamagedError, 500, "waveform-damaged"),
     (DocumentDamagedError, 500, "document-damaged"),
     (DataFolderError, 503, "data-folder"),

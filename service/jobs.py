@@ -51,12 +51,19 @@ class JobHandle:
     """What running work may do: read its arguments, report progress, wait, and learn by either that it should stop."""
 
     job_id: str
-    axis_id: str
+    of_axis: str | None  # None: of all
     arguments: JsonObject
     done: int  # as last reported: 0, or how far the job had come when it was interrupted
     result: JsonObject | None  # as last reported
     report: Callable[[int, int | None, JsonObject], None]  # done, total where it is known, result so far
     sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
+
+    @property
+    def axis_id(self) -> str:
+        """The axis that it is about."""
+        if self.of_axis is None:
+            raise AssertionError(f"job {self.job_id} is about all axes")
+        return self.of_axis
 
 
 #: Work of one kind; what came of it is in its last report.
@@ -91,11 +98,11 @@ class JobRunner:
     def submit(
         self,
         kind: str,
-        axis_id: str,
+        axis_id: str | None,
         arguments: JsonObject,
         store_with: Callable[[Session, JobRow], JsonObject] | None = None,
     ) -> JobRow:
-        """Store a new job and queue it.
+        """Store a new job, of an axis or of all, and queue it.
 
         ``store_with``: stores more in the same transaction, and returns the arguments with what it adds to them. Raises
         BusyError if too many of its kind are not done yet.
@@ -119,8 +126,9 @@ class JobRunner:
         with self._database.read() as session:
             self._require_place(session, kind, axis_id)
 
-    def _require_place(self, session: Session, kind: str, axis_id: str) -> None:
-        axes.get_axis(session, axis_id)
+    def _require_place(self, session: Session, kind: str, axis_id: str | None) -> None:
+        if axis_id is not None:
+            axes.get_axis(session, axis_id)
         waiting = jobs.count_unfinished(session, kind)
         if waiting >= self._most_waiting:
             raise BusyError(f"{waiting} jobs of kind {kind} are not done yet, more do not wait; come back later")
@@ -130,10 +138,15 @@ class JobRunner:
         with self._database.read() as session:
             return jobs.get_job(session, job_id)
 
-    def list(self, axis_id: str | None, limit: int) -> list[JobRow]:
-        """Return jobs, newest first."""
+    def list(self, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
+        """Return jobs, newest first; those older than a job if it is named."""
         with self._database.read() as session:
-            return jobs.list_jobs(session, axis_id, limit)
+            return jobs.list_jobs(session, axis_id, limit, after)
+
+    def unfinished(self) -> dict[tuple[str, str], int]:
+        """Count the jobs that wait or are at work, by kind and status."""
+        with self._database.read() as session:
+            return jobs.unfinished_by_kind(session)
 
     def cancel(self, job_id: str) -> JobRow:
         """Ask a job to stop; work already done stays done."""

@@ -3,9 +3,16 @@
 import json
 import logging
 import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+#: So many axes have values of their own in the metrics, the first by their names: six series each.
+MOST_AXES = 2000
 
 
 class Metrics:
@@ -33,6 +40,63 @@ class Metrics:
             "preload_request_seconds", "Time to answer a request.", ["method", "route", "status"],
             registry=self.registry,
         )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class AxisReading:
+    """How an axis stands, for the metrics; None where its last measurement says nothing."""
+
+    axis: str
+    state: str
+    open_alarms: int
+    measured_at: datetime | None
+    preload_n: float | None
+    interval_95_n: tuple[float | None, float | None]
+
+
+class FleetGauges(Collector):
+    """How the axes and the jobs stand at this moment; read anew for each scrape."""
+
+    def __init__(
+        self, states: Sequence[str], axes: Sequence[AxisReading], damaged: int, jobs: Mapping[tuple[str, str], int]
+    ) -> None:
+        self._states, self._axes, self._damaged, self._jobs = states, axes, damaged, jobs
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the gauges."""
+        by_state = GaugeMetricFamily("preload_axes", "Axes, by state.", labels=["state"])
+        for state in self._states:
+            by_state.add_metric([state], sum(axis.state == state for axis in self._axes))
+        by_state.add_metric(["damaged"], self._damaged)
+        yield by_state
+        jobs = GaugeMetricFamily("preload_jobs", "Jobs that are not done.", labels=["kind", "status"])
+        for (kind, status), number in self._jobs.items():
+            jobs.add_metric([kind, status], number)
+        yield jobs
+        shown = sorted(self._axes, key=lambda axis: axis.axis)[:MOST_AXES]
+        states = GaugeMetricFamily("preload_axis_state", "1 for the state of an axis.", labels=["axis", "state"])
+        for axis in shown:
+            states.add_metric([axis.axis, axis.state], 1)
+        yield states
+        yield _of_axes(
+            "preload_axis_open_alarms", "Open alarms.", {axis.axis: float(axis.open_alarms) for axis in shown}
+        )
+        measured = {axis.axis: axis.measured_at.timestamp() for axis in shown if axis.measured_at is not None}
+        yield _of_axes("preload_axis_measured_timestamp_seconds", "When the last measurement began.", measured)
+        judged = [axis for axis in shown if axis.preload_n is not None]
+        preloads = {axis.axis: axis.preload_n for axis in judged}
+        yield _of_axes("preload_axis_newtons", "Preload of the last measurement; missing if it was refused.", preloads)
+        for i, end in enumerate(("lower", "upper")):
+            ends = {axis.axis: axis.interval_95_n[i] for axis in judged}
+            yield _of_axes(f"preload_axis_{end}_newtons", f"The {end} end of its 95 % interval; missing if open.", ends)
+
+
+def _of_axes(name: str, says: str, values: Mapping[str, float | None]) -> Metric:
+    gauge = GaugeMetricFamily(name, says, labels=["axis"])
+    for axis, value in values.items():
+        if value is not None:
+            gauge.add_metric([axis], value)
+    return gauge
 
 
 class JsonFormatter(logging.Formatter):

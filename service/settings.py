@@ -8,6 +8,8 @@ from typing import Annotated
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
+from service.errors import DataFolderError
+
 #: In a source checkout the bundled sessions stand beside the packages.
 BUNDLED_SESSIONS = Path(__file__).resolve().parent.parent / "replay_data"
 
@@ -23,6 +25,9 @@ class Settings(BaseSettings):
     database_url: SecretStr | None = Field(
         default=None, description="SQLAlchemy URL; unset means SQLite in data_dir. May hold a password: never logged."
     )
+    database_password_file: Path | None = Field(
+        default=None, description="File with the password of database_url, which then holds none."
+    )
     replay_dir: Path = Field(default=BUNDLED_SESSIONS, description="Folder of recorded sessions offered for replay.")
     max_body_mib: int = Field(default=64, ge=1, le=1024, description="Largest request body that is accepted.")
     max_recording_mib: int = Field(default=1024, ge=1, le=16384, description="Largest recording that is uploaded.")
@@ -34,6 +39,15 @@ class Settings(BaseSettings):
     )
     host_names: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="Further names that browsers and programs may ask this service by, with commas between."
+    )
+    keep_raw_days: int | None = Field(
+        default=None, ge=1, le=36500, description="Raw waveforms are let go after so many days; unset: never."
+    )
+    keep_before_alarm_days: int = Field(
+        default=30, ge=0, le=36500, description="Waveforms are kept from so long before the onset of an alarm,"
+    )
+    keep_after_alarm_days: int = Field(
+        default=30, ge=0, le=36500, description="until so long after the measurement that raised it."
     )
     receivers_file: Path | None = Field(default=None, description="TOML file that says who is told of alarms.")
     advice_file: Path | None = Field(default=None, description="TOML file with what else to check next.")
@@ -84,5 +98,16 @@ class Settings(BaseSettings):
     def resolved_database_url(self) -> str:
         """Return the database URL, the embedded SQLite file when none is set."""
         if self.database_url is not None:
-            return self.database_url.get_secret_value()
+            url = self.database_url.get_secret_value()
+            return url if self.database_password_file is None else _with_password(url, self.database_password_file)
         return f"sqlite:///{(self.data_dir / 'preload.db').resolve()}"
+
+
+def _with_password(url: str, file: Path) -> str:
+    from sqlalchemy import make_url  # noqa: PLC0415  # most commands have no database
+
+    try:
+        password = file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataFolderError(f"the password of the database in {file} cannot be read: {error}") from error
+    return make_url(url).set(password=password).render_as_string(hide_password=False)

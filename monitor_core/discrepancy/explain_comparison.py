@@ -4,7 +4,7 @@ Report the effects that were not found: refitted rivals, screened effects with d
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -46,6 +46,7 @@ from monitor_core.discrepancy.verdict.outcome import (
     outcome_of,
     remainder_of,
 )
+from monitor_core.discrepancy.verdict.wandering import Wandering, wandering
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
@@ -161,8 +162,9 @@ def explain_comparison(
     records = cleared(comparison, axis, progress or (lambda _: None))
     while True:
         explanation, final = _explain_kept(
-            records.kept, axis, candidates, settings=settings, sizes=sizes, progress=progress, time_is_up=time_is_up
-        )
+            records.kept, axis, candidates, baseline=records.baseline, settings=settings, sizes=sizes,
+            progress=progress, time_is_up=time_is_up,
+        )  # fmt: skip
         worst = None if explanation.unfinished else records.worst(final)
         if worst is None:
             break
@@ -184,6 +186,7 @@ def _explain_kept(
     axis: DescribedAxis[Physics],
     candidates: Sequence[Effect[Physics]],
     *,
+    baseline: Fitted[Physics] | None = None,
     settings: ExplainSettings | None,
     sizes: MachineSizes | None,
     progress: Callable[[str], None] | None,
@@ -203,7 +206,7 @@ def _explain_kept(
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report)
     hidden, unfinished = list[str](), ""
     try:
-        steps = find_steps(workspace)
+        steps = find_steps(workspace, baseline)
         while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
             hidden.append(least.key)
             steps = leave_out(workspace, steps, least)
@@ -220,13 +223,15 @@ def _explain_kept(
     gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     judged = settings.outcome
-    outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
+    wanders = wandering(final, (group.representative.effect for group in classes), remainder, judged)
+    # what wanders is no effect of the catalogue, and what was found beside it may be a part of it
+    outcome = Outcome.UNKNOWN if wanders else outcome_of(classes, remainder, explained=explained, settings=judged)
     if unfinished:
         outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
     description = None
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
         description = describe(found.baseline, final, candidates, report)
-        if description is None:
+        if description is None and not wanders:
             judged = judged.of_tolerances()
             outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
     if description is not None:
@@ -239,10 +244,9 @@ def _explain_kept(
     report("locating the misfit")
     scale = found.evidence_scale
     scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
-    values = final.hypothesis.values(final.coordinates)
     explanation = Explanation(
         outcome=outcome,
-        effects=tuple(_found_effect(group, final, scale) for group in classes),
+        effects=tuple(_found_effect(group, final, scale, wanders) for group in classes),
         localisation=_misfits(found.baseline, candidates, scatter),
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
         gap=gap,
@@ -252,7 +256,7 @@ def _explain_kept(
         least_delta_bic=found.least_delta_bic,
         next_measurement=next_measurement(found, classes, outcome, candidates, sizes),
         ln_ratios=_ln_ratios(final),
-        added={key: of_effect for key, of_effect in values.items() if not key.startswith(PREFIX)},
+        added={key: values for key, values in _values(final).items() if not key.startswith(PREFIX)},
         panels=_panels(found),
         maps=_maps(found),
         gap_by_channel=_gap_by_channel(found),
@@ -267,10 +271,12 @@ def _explain_kept(
 
 def _ln_ratios(final: Fitted[Physics]) -> dict[str, float]:
     """Return ln(refitted/stated) of the parameters of the model file, those that are called wrong included."""
-    values = final.hypothesis.values(final.coordinates)
-    return final.hypothesis.ln_ratios(final.coordinates) | {
-        key.removeprefix(PREFIX): of_effect["ln_ratio"] for key, of_effect in values.items() if key.startswith(PREFIX)
-    }
+    wrong = {key.removeprefix(PREFIX): values for key, values in _values(final).items() if key.startswith(PREFIX)}
+    return final.hypothesis.ln_ratios(final.coordinates) | {name: values["ln_ratio"] for name, values in wrong.items()}
+
+
+def _values(final: Fitted[Physics]) -> dict[str, dict[str, float]]:
+    return final.hypothesis.values(final.coordinates)
 
 
 def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
@@ -284,7 +290,9 @@ def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
     )
 
 
-def _found_effect(group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale) -> FoundEffect:
+def _found_effect(
+    group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale, wanders: Mapping[str, Wandering]
+) -> FoundEffect:
     """Return the representative of a class with its parameters and remarks, as the augmented model states it."""
     member = group.representative
     parameters = found_parameters(member, stated, scale)
@@ -299,6 +307,11 @@ def _found_effect(group: EquivalenceClass[Physics], stated: Fitted[Physics], sca
         for name, parameter in parameters.items()
         if parameter.at_end
     ]
+    if (found := wanders.get(member.effect.key)) is not None:
+        remarks += [
+            "a stand-in for something whose frequency wanders: it would be "
+            f"{found.lowest:.4g} Hz at one setting and {found.highest:.4g} Hz at another"
+        ]
     if "ln_factor" in parameters:
         estimate = parameters["ln_factor"].estimate
         remarks += [unit_sentence(member.effect.name, estimate.value, estimate.standard_uncertainty)]

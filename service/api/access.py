@@ -42,8 +42,18 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
+        ("DELETE", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/pins"): Scope.CALIBRATIONS_WRITE,
+        ("DELETE", f"{_AXIS}/pins/{{pin}}"): Scope.CALIBRATIONS_WRITE,
+        ("POST", "/v1/retention/purges"): Scope.ADMIN,
+        ("POST", f"{_AXIS}/archive"): Scope.CALIBRATIONS_WRITE,
+        ("DELETE", f"{_AXIS}/archive"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/rejudgements"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
+        ("POST", "/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
+        ("POST", f"{_AXIS}/maintenance"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/explanations"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/replays"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/identifications"): Scope.REPLAYS_RUN,
@@ -52,15 +62,15 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         **{
             ("GET", path): Scope.TRENDS_READ
             for path in (
-                "/", "/axes/{axis}", "/docs", "/redoc", "/openapi.json", "/metrics",
-                "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history",
+                "/", "/wall", "/axes/{axis}", "/docs", "/redoc", "/openapi.json", "/metrics",
+                "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",
                 f"{_AXIS}/calibrations", f"{_AXIS}/calibrations/{{calibration}}",
                 f"{_AXIS}/recordings", f"{_AXIS}/recordings/{{recording}}",
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
-                "/v1/advice",
+                "/v1/changes", "/v1/advice", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
             )
         },
     }

@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.jobs import JobOut, job_out
@@ -15,7 +15,7 @@ from service.operations.monitoring.alarms import AlarmView
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
 
-AlarmStatus = Literal["active", "acknowledged", "cleared"]
+AlarmStatus = Literal["active", "acknowledged", "cleared", "withdrawn"]
 
 
 class AlarmEventOut(BaseModel):
@@ -25,6 +25,7 @@ class AlarmEventOut(BaseModel):
     old_status: str | None
     new_status: str
     reason: str
+    who: str | None
 
 
 class MeasuredOut(BaseModel):
@@ -120,7 +121,7 @@ def alarm_out(view: AlarmView) -> AlarmOut:
         id=row.id, axis=row.axis_id, measurement_id=row.measurement_id, kind=row.kind, raised_at=row.raised_at,
         status=row.status, evidence=row.evidence, explanation=row.explanation,
         events=[
-            AlarmEventOut(at=e.at, old_status=e.old_status, new_status=e.new_status, reason=e.reason)
+            AlarmEventOut(at=e.at, old_status=e.old_status, new_status=e.new_status, reason=e.reason, who=e.who)
             for e in view.events
         ],
     )  # fmt: skip
@@ -141,15 +142,19 @@ def get_alarm(alarm: RowId, on: Annotated[Services, Depends(services)]) -> Alarm
 
 
 @router.post("/alarms/{alarm}/acknowledge", response_model=AlarmOut)
-def acknowledge_alarm(alarm: RowId, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def acknowledge_alarm(
+    alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
+) -> AlarmOut:
     """Say that somebody has seen the alarm. The state of the axis does not change by that."""
-    return alarm_out(on.alarms.acknowledge(alarm, body.comment))
+    return alarm_out(on.alarms.acknowledge(alarm, body.comment, request.state.caller.signature))
 
 
 @router.post("/alarms/{alarm}/clear", response_model=AlarmOut)
-def clear_alarm(alarm: RowId, body: CommentIn, on: Annotated[Services, Depends(services)]) -> AlarmOut:
+def clear_alarm(
+    alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
+) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
-    return alarm_out(on.alarms.clear(alarm, body.comment))
+    return alarm_out(on.alarms.clear(alarm, body.comment, request.state.caller.signature))
 
 
 @router.post("/alarms/{alarm}/explanations", response_model=JobOut, status_code=202)

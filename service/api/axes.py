@@ -3,14 +3,16 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Response
-from pydantic import BaseModel, ConfigDict
+from fastapi import APIRouter, Depends, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.http.body import JSON_TYPE
 from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Label, RequestModel
 from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.machines import machines_of
+from service.operations.monitoring.rejudging.stale import Stale
 from service.operations.monitoring.trend import AxisStatus
 
 router = APIRouter(prefix="/v1", tags=["axes"])
@@ -39,6 +41,20 @@ class AxisIn(RequestModel):
     configuration: AxisConfiguration = AxisConfiguration()
 
 
+class StaleOut(BaseModel):
+    """What is said is about to be replaced: the job that judges the history anew, and by which calibration."""
+
+    job: str
+    calibration: int
+
+
+class PreloadLeftOut(BaseModel):
+    """The share of the commissioned preload that is left; an open end of its interval is null."""
+
+    share: float
+    interval_95: tuple[float | None, float | None]
+
+
 class AxisOut(BaseModel):
     """An axis and how it stands."""
 
@@ -53,6 +69,11 @@ class AxisOut(BaseModel):
     refused_windows: dict[str, int]
     uncharted: dict[str, int]
     open_alarms: int
+    preload_left: Annotated[
+        PreloadLeftOut | None, Field(description="of the commissioned preload; null if it or the preload is not known")
+    ]
+    stale: Annotated[StaleOut | None, Field(description="while the history is judged anew: by which job")]
+    archived_at: datetime | None
 
 
 class DamagedAxisOut(BaseModel):
@@ -63,6 +84,29 @@ class DamagedAxisOut(BaseModel):
     detail: str
 
 
+class AxesQuery(RequestModel):
+    """Which axes."""
+
+    machine: Label | None = Field(default=None, description="only those of this machine")
+    archived: bool = Field(default=False, description="archived ones, too")
+
+
+class MachineOut(BaseModel):
+    """A machine, and how the worst of its axes stands."""
+
+    machine: str
+    place: str | None
+    state: str
+    open_alarms: int
+    axes: list[str]
+
+
+class MachinesOut(BaseModel):
+    """All machines that axes are of, in order of name."""
+
+    machines: list[MachineOut]
+
+
 class AxesOut(BaseModel):
     """All axes."""
 
@@ -70,9 +114,13 @@ class AxesOut(BaseModel):
     damaged: list[DamagedAxisOut]
 
 
+#: What is shown where nothing else is asked for.
+_ALL = AxesQuery()
+
+
 def axis_out(status: AxisStatus) -> AxisOut:
     """Return an axis on the wire."""
-    row = status.row
+    row, left = status.row, status.preload_left
     return AxisOut(
         id=row.id,
         name=row.name,
@@ -85,12 +133,20 @@ def axis_out(status: AxisStatus) -> AxisOut:
         refused_windows=row.refused_windows,
         uncharted=row.uncharted,
         open_alarms=status.open_alarms,
+        preload_left=None if left is None else PreloadLeftOut(share=left.share, interval_95=left.interval_95),
+        stale=stale_out(status.stale),
+        archived_at=row.archived_at,
     )
 
 
-def axes_out(on: Services) -> AxesOut:
-    """Return all axes on the wire; what is wrong with the documents of one keeps no other from being shown."""
-    fleet = on.trend.fleet()
+def stale_out(stale: Stale | None) -> StaleOut | None:
+    """Return on the wire what is about to replace what is said."""
+    return None if stale is None else StaleOut(job=stale.job, calibration=stale.calibration)
+
+
+def axes_out(on: Services, query: AxesQuery = _ALL) -> AxesOut:
+    """Return the axes on the wire; what is wrong with the documents of one keeps no other from being shown."""
+    fleet = on.trend.fleet(query.machine, archived=query.archived)
     damaged = [DamagedAxisOut(id=axis.id, name=axis.name, detail=axis.detail) for axis in fleet.damaged]
     return AxesOut(axes=[axis_out(status) for status in fleet.axes], damaged=damaged)
 
@@ -104,10 +160,41 @@ def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Servi
 
 
 @router.get("/axes", response_model=AxesOut)
-def list_axes(on: Annotated[Services, Depends(services)]) -> Response:
+def list_axes(query: Annotated[AxesQuery, Query()], on: Annotated[Services, Depends(services)]) -> Response:
     """List the axes and how each stands."""
     # A response of our own: FastAPI would validate what is valid, and a fleet is large.
-    return Response(axes_out(on).model_dump_json(), media_type=JSON_TYPE)
+    return Response(axes_out(on, query).model_dump_json(), media_type=JSON_TYPE)
+
+
+@router.get("/machines", response_model=MachinesOut)
+def list_machines(on: Annotated[Services, Depends(services)]) -> MachinesOut:
+    """List the machines with their axes, and how the worst of these stands."""
+    return MachinesOut(
+        machines=[
+            MachineOut(
+                machine=machine.name,
+                place=machine.place,
+                state=machine.state,
+                open_alarms=sum(axis.open_alarms for axis in machine.axes),
+                axes=[axis.row.id for axis in machine.axes],
+            )
+            for machine in machines_of(on.trend.fleet().axes)
+        ]
+    )
+
+
+@router.post("/axes/{axis}/archive", response_model=AxisOut)
+def archive_axis(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
+    """Hide an axis from lists; it takes no windows any more. Nothing is deleted, and it can be taken back."""
+    on.axes.archive(axis, archived=True)
+    return axis_out(on.trend.status(axis))
+
+
+@router.delete("/axes/{axis}/archive", response_model=AxisOut)
+def take_axis_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
+    """Take an axis back that was archived."""
+    on.axes.archive(axis, archived=False)
+    return axis_out(on.trend.status(axis))
 
 
 @router.get("/axes/{axis}", response_model=AxisOut)

@@ -9,11 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from monitor_core.preload import ModalReading
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
+from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.json_types import JsonObject
 from service.operations.analysis_job import MeasurementRange
 from service.operations.fields import AxisId, Number, RequestModel, RowId, Text, exactly_one_of
 from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.rejudging.rejudgements import RejudgementIn
 from service.store.tables import CalibrationRow
 
 router = APIRouter(prefix="/v1", tags=["calibrations"])
@@ -170,3 +172,17 @@ def activate_calibration(
     """Put a calibration in force. It starts a new baseline; `If-Match: "<id>"` guards against a change in between."""
     on.calibrations.activate(axis, calibration, body.reason, expected_active=request.headers.get("if-match"))
     return calibrations_out(on.calibrations.overview(axis))
+
+
+@router.post("/axes/{axis}/rejudgements", response_model=JobOut, status_code=202)
+def start_rejudgement(
+    axis: AxisId, body: RejudgementIn, response: Response, on: Annotated[Services, Depends(services)]
+) -> JobOut:
+    """Judge the history of an axis anew under a calibration, which is in force then; `dry_run` only compares.
+
+    The result of the job holds both histories side by side: states, alarms and their first date, median preload and
+    interval.
+    """
+    row = on.rejudgements.start(axis, body)
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)

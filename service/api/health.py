@@ -1,23 +1,35 @@
 """``/healthz``, ``/readyz`` and ``/metrics``."""
 
 import asyncio
+import logging
 import shutil
 import tempfile
 from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request, Response
-from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from pydantic import BaseModel
 
+from monitor_core.trend import TrendStatus
 from service.api.services import Services, services
 from service.errors import BusyError, StorageError
+from service.observability import AxisReading, FleetGauges
+from service.operations.monitoring.trend import AxisStatus
 from service.store.database import Database
 
+log = logging.getLogger(__name__)
 router = APIRouter(tags=["operations"])
 
 #: Below this the next waveforms might not fit; better to say so than to fail at a write.
 MINIMUM_FREE_BYTES = 200 * 2**20
+
+
+class MetricsOfMeasurement(BaseModel):
+    """What the metrics say of a measurement; of one that was refused there is neither."""
+
+    preload_n: float | None = None
+    interval_95_n: tuple[float | None, float | None] | None = None
 
 
 class HealthOut(BaseModel):
@@ -57,5 +69,32 @@ def _require_ready(database: Database, data_dir: Path) -> None:
 
 @router.get("/metrics", response_class=Response)
 def metrics(on: Annotated[Services, Depends(services)]) -> Response:
-    """Return the counters in the text format of Prometheus."""
-    return Response(generate_latest(on.metrics.registry), media_type=CONTENT_TYPE_LATEST)
+    """Return the counters, and how axes and jobs stand, in the text format of Prometheus.
+
+    Without the database it is the counters alone: those are needed most when something is wrong.
+    """
+    counted = generate_latest(on.metrics.registry)
+    try:
+        counted += _standing(on)
+    except (BusyError, StorageError) as error:
+        log.warning("the metrics lack how axes and jobs stand: %s", error)
+    return Response(counted, media_type=CONTENT_TYPE_LATEST)
+
+
+def _standing(on: Services) -> bytes:
+    fleet, now = on.trend.fleet(), CollectorRegistry()
+    readings = [_reading(axis) for axis in fleet.axes]
+    now.register(FleetGauges([str(state) for state in TrendStatus], readings, len(fleet.damaged), on.jobs.unfinished()))
+    return generate_latest(now)
+
+
+def _reading(axis: AxisStatus) -> AxisReading:
+    said = MetricsOfMeasurement.model_validate(axis.last_measurement or {})
+    return AxisReading(
+        axis.row.id,
+        axis.state,
+        axis.open_alarms,
+        axis.row.last_measured_at,
+        said.preload_n,
+        said.interval_95_n or (None, None),
+    )

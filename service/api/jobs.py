@@ -20,7 +20,7 @@ class JobOut(BaseModel):
 
     id: str
     kind: str
-    axis: str
+    axis: Annotated[str | None, Field(description="null: it is about all axes")]
     arguments: JsonObject
     status: Literal["queued", "running", "done", "failed", "cancelled"]
     done: int
@@ -32,15 +32,19 @@ class JobOut(BaseModel):
 
 
 class JobsOut(BaseModel):
-    """Jobs, newest first."""
+    """Jobs, newest first; `next_cursor` fetches older ones."""
 
     jobs: list[JobOut]
+    next_cursor: str | None
 
 
 class JobsQuery(RequestModel):
     """Which jobs."""
 
     axis: AxisName | None = None
+    cursor: Annotated[str, Field(pattern=r"^[0-9a-f-]{36}$")] | None = Field(
+        default=None, description="next_cursor of a page"
+    )
     limit: Annotated[int, Field(ge=1, le=200)] = 50
 
 
@@ -78,7 +82,8 @@ def start_replay(
 @router.get("/jobs", response_model=JobsOut)
 def list_jobs(query: Annotated[JobsQuery, Query()], on: Annotated[Services, Depends(services)]) -> JobsOut:
     """List jobs, newest first."""
-    return JobsOut(jobs=[job_out(row) for row in on.jobs.list(query.axis, query.limit)])
+    rows = on.jobs.list(query.axis, query.limit, query.cursor)
+    return JobsOut(jobs=[job_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
 
 
 @router.get("/jobs/{job}", response_model=JobOut)

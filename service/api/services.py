@@ -1,7 +1,7 @@
 """Give the routers the operations of one application."""
 
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from fastapi import Request
 
@@ -13,11 +13,17 @@ from service.operations.analysis_job import AnalysisJob
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
 from service.operations.identification.identification_job import IdentificationIn
+from service.operations.keeping.pins import Pins
+from service.operations.keeping.purges import Purges
+from service.operations.keeping.survey import Surveys
 from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.maintenance import Maintenance
+from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
@@ -25,6 +31,9 @@ from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
+
+if TYPE_CHECKING:
+    from service.operations.notices.mqtt_states import StatePublisher
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +49,10 @@ class Services:
     trend: Trend
     history: History
     calibrations: Calibrations
+    rejudgements: Rejudgements
     alarms: Alarms
+    changes: Changes
+    maintenance: Maintenance
     replays: Replays
     recordings: Recordings
     stored_windows: StoredWindows
@@ -49,6 +61,10 @@ class Services:
     alarm_explanations: AlarmExplanations
     jobs: JobRunner
     dispatcher: Dispatcher
+    states: "list[StatePublisher]"
+    pins: Pins
+    purges: Purges
+    surveys: Surveys
     advice: AdviceTable
 
 

@@ -8,10 +8,13 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
+from service.api.axes import StaleOut, stale_out
+from service.api.maintenance import MaintenanceOut, maintenance_out
 from service.api.services import Services, services
 from service.documents.measurement import interval_of
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
+from service.operations.monitoring.rejudging.stale import Stale
 from service.operations.monitoring.trend import thin_out
 from service.store.trend.points import Span, TrendPoint
 
@@ -33,6 +36,7 @@ class TrendPointOut(BaseModel):
     state: str | None
     refusal_reason: str | None
     uncharted: Annotated[str | None, Field(description="why an accepted measurement moved no chart")]
+    calibration: Annotated[int | None, Field(description="by which it was judged")]
     doubt: Annotated[str | None, Field(description="what speaks against the preload; its measurement says it in words")]
 
 
@@ -42,6 +46,7 @@ class TrendOut(BaseModel):
     axis: str
     points: list[TrendPointOut]
     next_cursor: str | None
+    stale: Annotated[StaleOut | None, Field(description="while the history is judged anew: by which job")] = None
 
 
 class WindowEntry(BaseModel):
@@ -50,6 +55,7 @@ class WindowEntry(BaseModel):
     started_at: datetime
     refusal_reason: str | None
     refusal_detail: str | None
+    let_go: Annotated[bool, Field(description="its waveform is not stored any more")]
 
 
 class MeasurementOut(BaseModel):
@@ -61,6 +67,7 @@ class MeasurementOut(BaseModel):
     status: str
     outcome: JsonObject | None
     windows: list[WindowEntry]
+    let_go: Annotated[str | None, Field(description="when and by which rule waveforms of it were let go; null: none")]
     response: JsonObject | None
 
 
@@ -97,6 +104,7 @@ def point_out(point: TrendPoint) -> TrendPointOut:
         state=point.state,
         refusal_reason=point.refusal_reason,
         uncharted=point.uncharted,
+        calibration=point.calibration_id,
         doubt=next(iter(point.doubts), None),
     )
 
@@ -106,14 +114,15 @@ def get_trend(
     axis: AxisId, query: Annotated[TrendQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
     """Return the trend of an axis, refused measurements included."""
-    etag = _etag(query, on.trend.revision(axis))  # before the trend is read: it is of this revision or a later one
+    revision, stale = on.trend.revision(axis)
+    etag = _etag(query, revision, stale)  # before the trend is read: it is of this revision or a later one
     if etag in _etags(request.headers.get("if-none-match", "")):
         return Response(status_code=304, headers={"ETag": etag})
-    out = _trend(axis, query, on)
+    out = _trend(axis, query, on, stale)
     return Response(out.model_dump_json(), media_type="application/json", headers={"ETag": etag})
 
 
-def _trend(axis: str, query: TrendQuery, on: Services) -> TrendOut:
+def _trend(axis: str, query: TrendQuery, on: Services, stale: Stale | None) -> TrendOut:
     span, newest_first = Span(query.start, query.end), query.order == "newest-first"
     if query.resolution is not None:
         page = on.trend.at_resolution(axis, span, query.resolution)
@@ -121,11 +130,13 @@ def _trend(axis: str, query: TrendQuery, on: Services) -> TrendOut:
     else:
         page = on.trend.page(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
         points = page.points if query.max_points is None else thin_out(page.points, query.max_points)
-    return TrendOut(axis=axis, points=[point_out(point) for point in points], next_cursor=page.next_cursor)
+    points_out = [point_out(point) for point in points]
+    return TrendOut(axis=axis, points=points_out, next_cursor=page.next_cursor, stale=stale_out(stale))
 
 
-def _etag(query: TrendQuery, revision: int) -> str:
-    asked = hashlib.sha256(f"{version('preload-monitor')} {query.model_dump_json()}".encode()).hexdigest()[:16]
+def _etag(query: TrendQuery, revision: int, stale: Stale | None) -> str:
+    said = f"{version('preload-monitor')} {query.model_dump_json()} {stale}"
+    asked = hashlib.sha256(said.encode()).hexdigest()[:16]
     return f'"{revision}-{asked}"'
 
 
@@ -147,6 +158,8 @@ class HistoryOut(BaseModel):
     alert: Annotated[
         JsonObject | None, Field(description="that stands: how far the preload is off, and what to do; null if none")
     ] = None
+    stale: Annotated[StaleOut | None, Field(description="while it is judged anew: by which job")] = None
+    events: Annotated[list[MaintenanceOut], Field(description="what was done to it, in order of time")] = []
 
 
 @router.get("/axes/{axis}/history")
@@ -159,6 +172,8 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
         trend_line=history.line,
         false_alarms=history.false_alarms,
         alert=history.alert,
+        stale=stale_out(history.stale),
+        events=[maintenance_out(row) for row in history.events],
     )
 
 
@@ -174,8 +189,12 @@ def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, De
         status=row.status,
         outcome=view.outcome,
         windows=[
-            WindowEntry(started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail)
+            WindowEntry(
+                started_at=w.started_at, refusal_reason=w.refusal_reason, refusal_detail=w.refusal_detail,
+                let_go=w.let_go_by is not None,
+            )
             for w in view.windows
         ],
+        let_go=None if view.let_go is None else str(view.let_go),
         response=view.response,
-    )
+    )  # fmt: skip

@@ -1,5 +1,6 @@
 """``preload serve``: the service on this machine."""
 
+import ctypes
 import gc
 import resource
 import socket
@@ -33,6 +34,7 @@ def serve(**flags: Any) -> None:  # noqa: ANN401 - click hands over the flags by
         address = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
         app = create_app(settings)
         _allow_many_connections()
+        keep_freed_memory()
         gc.freeze()  # modules and routes stay: the collector need not look at them again and again
         announcement = f"dashboard: {address}/   API: {address}/docs"
         try:
@@ -48,6 +50,23 @@ def _allow_many_connections() -> None:
     """Lift the number of open files to what the system allows: connections that only wait must not use it up."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
+#: Numbers of glibc's malloc.h: what is freed is given back beyond the first, what is larger than the second at once.
+_M_TRIM_THRESHOLD, _KEPT_BYTES = -1, 12 * 2**20
+_M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 4 * 2**20
+
+
+def keep_freed_memory() -> None:
+    """Let the C library keep what is freed for the next window, in place of giving it back to the system.
+
+    A measurement that is judged frees several MiB. To get them anew, page by page, takes longer than to gate the
+    windows on a virtual machine. glibc comes to such limits by itself once something as large was freed.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:  # other C libraries have none
+        mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
+        mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
 def bound_socket(host: str, port: int) -> socket.socket:

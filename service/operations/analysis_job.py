@@ -9,6 +9,7 @@ Modes of stored measurements, measured once more from their waveforms.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Generic, Literal, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -32,8 +33,9 @@ from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.jobs import ReportStore
 from service.store.measurements import accepted_places
+from service.store.retention import require_stored
 from service.store.tables import MeasurementRow
-from service.store.waveforms import WaveformStore
+from service.store.waveforms import WaveformPlace, WaveformStore
 
 
 def measured_modes(
@@ -65,11 +67,14 @@ def _stored_windows(
     database: Database, waveforms: WaveformStore, rows: Iterable[MeasurementRow]
 ) -> Iterator[Sequence[Window]]:
     for row in rows:
-        with database.read() as session:
-            places = accepted_places(session, row.id)
-        windows = waveforms.read(places)
+        windows = waveforms.read_where_they_lie(partial(_places, database, row.id))
         if windows:
             yield windows
+
+
+def _places(database: Database, measurement_id: int) -> list[WaveformPlace]:
+    with database.read() as session:
+        return accepted_places(session, measurement_id)
 
 
 class MeasurementRange(BaseModel):
@@ -153,7 +158,8 @@ def axis_measurements(
 def selected_measurements(database: Database, axis_id: str, chosen: MeasurementRange) -> list[MeasurementRow]:
     """Return the rows of the stored measurements that are asked for.
 
-    Raises NotIdentifiableError if there is none, or more than can have been meant.
+    Raises NotIdentifiableError if there is none, or more than can have been meant; LetGoError if the waveforms of one
+    were let go.
     """
     with database.read() as session:
         rows = measurements.looked_at(session, axis_id, chosen.start, chosen.end, MOST_MEASUREMENTS)
@@ -163,6 +169,8 @@ def selected_measurements(database: Database, axis_id: str, chosen: MeasurementR
             f"expected 1 to {MOST_MEASUREMENTS} measurements that were looked at; axis '{axis_id}' has {got} in that "
             "range"
         )
+    with database.read() as session:
+        require_stored(session, [row.id for row in rows])
     return rows
 
 

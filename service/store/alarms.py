@@ -7,7 +7,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
-from service.store.tables import AlarmEventRow, AlarmRow
+from service.store.tables import AlarmEventRow, AlarmRow, AxisRow
 
 ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
 #: Raised by charts that a late measurement changed: with it they raise no alarm. Listed where it is asked for.
@@ -26,10 +26,12 @@ def get_alarm(session: Session, alarm_id: int) -> AlarmRow:
 def list_alarms(
     session: Session, *, axis_id: str | None, status: str | None, before_id: int | None, limit: int
 ) -> list[AlarmRow]:
-    """Return alarms, newest first."""
+    """Return alarms, newest first; those of an archived axis only where it is asked for."""
     query = select(AlarmRow)
     if axis_id is not None:
         query = query.where(AlarmRow.axis_id == axis_id)
+    else:
+        query = query.where(AlarmRow.axis_id.not_in(select(AxisRow.id).where(AxisRow.archived_at.is_not(None))))
     query = query.where(AlarmRow.status != WITHDRAWN if status is None else AlarmRow.status == status)
     if before_id is not None:
         query = query.where(AlarmRow.id < before_id)
@@ -42,6 +44,11 @@ def count_open(session: Session, axis_id: str) -> int:
     return int(session.scalar(query) or 0)
 
 
+def list_open(session: Session) -> list[AlarmRow]:
+    """Return the alarms that are not cleared, newest first."""
+    return list(session.scalars(select(AlarmRow).where(AlarmRow.status.in_(OPEN)).order_by(AlarmRow.id.desc())))
+
+
 def open_by_axis(session: Session) -> dict[str, int]:
     """Count the open alarms of every axis that has any."""
     query = (
@@ -51,8 +58,9 @@ def open_by_axis(session: Session) -> dict[str, int]:
 
 
 def raised_after(session: Session, axis_id: str, epoch: int, after: datetime | None) -> list[AlarmRow]:
-    """Return the alarms that the charts of one epoch raised by measurements later than a moment, in time order."""
-    query = select(AlarmRow).where(AlarmRow.axis_id == axis_id, AlarmRow.epoch == epoch, AlarmRow.status != WITHDRAWN)
+    """Return the alarms by measurements later than a moment, of an epoch of the charts and those after it, in order."""
+    of_axis = (AlarmRow.axis_id == axis_id, AlarmRow.status != WITHDRAWN)
+    query = select(AlarmRow).where(*of_axis, AlarmRow.epoch >= epoch)
     if after is not None:
         query = query.where(AlarmRow.measured_at > after)
     return list(session.scalars(query.order_by(AlarmRow.measured_at, AlarmRow.id)))

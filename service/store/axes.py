@@ -35,8 +35,8 @@ def new_axis(session: Session, axis_id: str, at: datetime) -> AxisRow:
     number = session.scalar(select(func.coalesce(func.max(AxisRow.number), 0) + 1))
     return AxisRow(
         id=axis_id, number=number, created_at=at, active_calibration_id=None, monitor_state=None, epoch=0,
-        epoch_state=None,
-        epoch_after=None, epoch_from=None, since_checkpoint=0, state=str(TrendStatus.UNKNOWN), state_since=None,
+        epoch_after=None, epoch_from=None, epoch_begins_at=None, archived_at=None, since_checkpoint=0,
+        state=str(TrendStatus.UNKNOWN), state_since=None,
         last_charted_at=None, last_measurement_id=None, last_measured_at=None, refused_windows={}, uncharted={},
     )  # fmt: skip
 
@@ -60,9 +60,21 @@ def axes_with_documents(session: Session) -> list[tuple[AxisRow, Documents]]:
     return [(row, tuple(texts)) for row, *texts in session.execute(_AS_TEXTS.order_by(AxisRow.id))]
 
 
+def silences(session: Session) -> list[tuple[datetime, float]]:
+    """Return when each axis was last heard, and after how many hours without a word it counts as silent."""
+    hours = AxisRow.configuration["silent_after_hours"].as_float()
+    heard = select(AxisRow.last_charted_at, hours).where(AxisRow.last_charted_at.is_not(None))
+    return [(last_at, hours) for last_at, hours in session.execute(heard) if hours is not None]
+
+
 def revision_of(session: Session, axis_id: str) -> int:
     """Return how often the row of an axis was changed: with every measurement that was judged, for one."""
     revision = session.scalar(select(AxisRow.revision).where(AxisRow.id == axis_id))
     if revision is None:
         raise _no_axis(axis_id)
     return revision
+
+
+def revisions(session: Session) -> dict[str, int]:
+    """Return how often the row of each axis was changed."""
+    return {row.id: row.revision for row in session.execute(select(AxisRow.id, AxisRow.revision))}

@@ -35,13 +35,16 @@ class CalibrationsInForce:
 
     def of(self, connection: Connection, axis: AxisRecord) -> Calibration | None:
         """Return the calibration in force on an axis."""
-        number = axis.active_calibration_id
+        return self.numbered(connection, axis.id, axis.active_calibration_id)
+
+    def numbered(self, connection: Connection, axis_id: str, number: int | None) -> Calibration | None:
+        """Return the calibration of an axis that has a number; None for none."""
         if number is None:
             return None
         calibration = self._known.get(number)
         if calibration is None:
             with Session(connection) as session:
-                calibration = calibration_from_document(get_calibration(session, axis.id, number).document)
+                calibration = calibration_from_document(get_calibration(session, axis_id, number).document)
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
             self._known[number] = calibration

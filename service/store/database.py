@@ -3,8 +3,10 @@
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, cast
+from weakref import WeakKeyDictionary
 
 from alembic import command
 from alembic.config import Config
@@ -47,6 +49,7 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _create_engine(url)
+        _COMMITS[self.engine] = _Commits()
         self.file = database_file(url)  # None: kept by a server
         self._schema: str | None = None  # that this program writes, as soon as it has migrated to it
 
@@ -94,6 +97,16 @@ class Database:
                 lock_axis(connection, axis_id)
             yield session
             session.flush()
+
+    def revision(self) -> str:
+        """Return what differs after every commit: counted here in memory, on a server asked of it, without any table.
+
+        A server is asked because other services commit there, too.
+        """
+        if self.file is not None:
+            return str(_COMMITS[self.engine].last)
+        with self.connect() as connection, reading(connection):
+            return str(connection.execute(text("SELECT pg_current_snapshot()")).scalar())
 
     @contextmanager
     def at_axes(self, connection: Connection, axis_ids: Sequence[str], *, wait: bool) -> Iterator[list[str]]:
@@ -159,6 +172,20 @@ class Database:
             self.file.release()
 
 
+class _Commits:
+    """Counts the commits of an engine; to take the next number of a count is one step, whichever thread does it."""
+
+    def __init__(self) -> None:
+        self._numbers = count(1)
+        self.last = 0
+
+    def note(self) -> None:
+        self.last = next(self._numbers)
+
+
+_COMMITS: WeakKeyDictionary[Engine, _Commits] = WeakKeyDictionary()
+
+
 @contextmanager
 def reading(connection: Connection) -> Iterator[None]:
     """Read what was committed at one moment; in WAL mode this never waits for a writer.
@@ -183,6 +210,16 @@ def writing(connection: Connection) -> Iterator[None]:
     with connection.begin():
         _begin(connection, "IMMEDIATE")
         yield
+    _COMMITS[connection.engine].note()
+
+
+@contextmanager
+def trying(connection: Connection) -> Iterator[None]:
+    """Write as :func:`writing` does, and undo everything at the end."""
+    with connection.begin() as transaction:
+        _begin(connection, "IMMEDIATE")
+        yield
+        transaction.rollback()
 
 
 def _begin(connection: Connection, mode: str) -> None:

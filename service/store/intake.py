@@ -32,6 +32,7 @@ class AxisRecord:
     configuration: JsonObject
     active_calibration_id: int | None
     revision: int
+    archived_at: datetime | None
     newest_window_at: datetime | None  # start of the last of its stored windows
 
 
@@ -44,6 +45,7 @@ class ChartsRecord:
     epoch: int
     epoch_after: datetime | None
     epoch_from: datetime | None
+    epoch_begins_at: datetime | None
     last_charted_at: datetime | None
     since_checkpoint: int
     state: str
@@ -97,8 +99,10 @@ _CHARTS = PreparedSelect(
 )
 _NEWEST = select(func.max(_WINDOWS.c.started_at)).where(_WINDOWS.c.axis_id == _AXES.c.id).scalar_subquery()
 _AXIS = PreparedSelect(
-    select(_AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision, _NEWEST)
-    .where(_AXES.c.id == bindparam("axis_id"))
+    select(
+        _AXES.c.id, _AXES.c.number, _AXES.c.configuration, _AXES.c.active_calibration_id, _AXES.c.revision,
+        _AXES.c.archived_at, _NEWEST,
+    ).where(_AXES.c.id == bindparam("axis_id"))
 )  # fmt: skip
 _MEASUREMENT = [_MEASUREMENTS.c[name] for name in MeasurementRecord.__slots__]
 _NAMED_MEASUREMENT = PreparedSelect(
@@ -113,15 +117,17 @@ _CONTENTS = select(_WINDOWS.c.started_at, _WINDOWS.c.content_sha256).where(
     _WINDOWS.c.axis_id == bindparam("axis_id"), _WINDOWS.c.started_at.in_(bindparam("starts", expanding=True))
 )
 _NEW_MEASUREMENT = insert(_MEASUREMENTS).returning(_MEASUREMENTS.c.id)
-_NEW_WINDOW = PreparedChange(insert(_WINDOWS), [column.name for column in _WINDOWS.c if column.name != "id"])
+_NEW_WINDOW = PreparedChange(insert(_WINDOWS), list(WindowRecord.__slots__))
 _CHANGE_AXIS, _CHANGE_MEASUREMENT = (
     update(table).where(table.c.id == bindparam("_id"), table.c.revision == bindparam("_seen"))
     for table in (_AXES, _MEASUREMENTS)
 )
 _CHANGED = ("started_at", "position_mm", "set_preload_n", "closes_at", "status", "n_accepted", "calibration_id")
+#: What a window that is taken into a measurement changes of it: an index is written for each column that is set.
+_ADMITTED = ("started_at", "closes_at", "n_accepted")
 _FORGET_DOCUMENT = PreparedChange(delete(_DOCUMENTS).where(_DOCUMENTS.c.measurement_id == bindparam("_id")))
 _NEW_DOCUMENT = PreparedChange(insert(_DOCUMENTS), [column.name for column in _DOCUMENTS.c])
-_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_CHANGED, "revision"])
+_CHANGE_ADMITTED = PreparedChange(_CHANGE_MEASUREMENT, [*_ADMITTED, "revision"])
 
 
 def read_axis(connection: Connection, axis_id: str) -> AxisRecord:
@@ -147,17 +153,6 @@ def read_charts(connection: Connection, axis: AxisRecord) -> ChartsRecord:
     """Return the charts of an axis."""
     (row,) = _CHARTS.rows(connection, {"axis_id": axis.id})
     return ChartsRecord(*row)
-
-
-def read_epoch_state(connection: Connection, axis: AxisRecord) -> JsonObject | None:
-    """Return how the charts of an axis stood when their epoch began."""
-    state: JsonObject | None = connection.execute(select(_AXES.c.epoch_state).where(_AXES.c.id == axis.id)).scalar()
-    return state
-
-
-def save_epoch_state(connection: Connection, axis: AxisRecord, state: JsonObject) -> None:
-    """Store how the charts of an axis stood when their epoch began."""
-    connection.execute(update(_AXES).where(_AXES.c.id == axis.id).values(epoch_state=state))
 
 
 def contents_at(connection: Connection, axis: AxisRecord, starts: Collection[datetime]) -> dict[datetime, str]:
@@ -199,11 +194,12 @@ def save_measurement(connection: Connection, measurement: MeasurementRecord, jud
     Here and below StaleDataError is raised if the row was changed since it was read: what is to be written is out of
     date.
     """
-    columns = {name: getattr(measurement, name) for name in _CHANGED}
+    admitted = measurement.id is not None and judged_at is None
+    columns = {name: getattr(measurement, name) for name in (_ADMITTED if admitted else _CHANGED)}
     if measurement.id is None:
         new = columns | {"axis_id": measurement.axis_id, "name": measurement.name, "revision": measurement.revision}
         measurement.id = connection.execute(_NEW_MEASUREMENT, new).scalar_one()
-    elif judged_at is None:
+    elif admitted:
         _expect_one(measurement, _CHANGE_ADMITTED.run(connection, _next_revision(measurement, **columns)))
     else:
         changed = connection.execute(_CHANGE_MEASUREMENT, _next_revision(measurement, judged_at=judged_at, **columns))

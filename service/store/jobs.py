@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 
-from sqlalchemy import and_, func, or_, select, update
+from sqlalchemy import and_, func, literal, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from service.clock import now
@@ -58,12 +58,16 @@ def get_job(session: Session, job_id: str) -> JobRow:
     return row
 
 
-def list_jobs(session: Session, axis_id: str | None, limit: int) -> list[JobRow]:
-    """Return jobs, newest first."""
+def list_jobs(session: Session, axis_id: str | None, limit: int, after: str | None = None) -> list[JobRow]:
+    """Return jobs, newest first; those older than a job if it is named."""
     query = select(JobRow)
     if axis_id is not None:
         query = query.where(JobRow.axis_id == axis_id)
-    return list(session.scalars(query.order_by(JobRow.created_at.desc()).limit(limit)))
+    if after is not None:
+        last = get_job(session, after)
+        place = tuple_(literal(last.created_at, JobRow.created_at.type), literal(last.id))
+        query = query.where(tuple_(JobRow.created_at, JobRow.id) < place)
+    return list(session.scalars(query.order_by(JobRow.created_at.desc(), JobRow.id.desc()).limit(limit)))
 
 
 def finished_jobs(session: Session, axis_id: str, kind: str, limit: int) -> list[JobRow]:
@@ -82,6 +86,12 @@ def count_unfinished(session: Session, kind: str) -> int:
     """Count the jobs of one kind that wait or are at work."""
     query = select(func.count()).where(JobRow.kind == kind, JobRow.status.in_((QUEUED, RUNNING)))
     return int(session.scalar(query) or 0)
+
+
+def unfinished_by_kind(session: Session) -> dict[tuple[str, str], int]:
+    """Count the jobs that wait or are at work, by kind and status."""
+    query = select(JobRow.kind, JobRow.status, func.count()).where(JobRow.status.in_((QUEUED, RUNNING)))
+    return {(kind, status): n for kind, status, n in session.execute(query.group_by(JobRow.kind, JobRow.status))}
 
 
 def locked_job(session: Session, job_id: str) -> JobRow:

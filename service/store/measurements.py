@@ -2,14 +2,30 @@
 
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, or_, select
+from sqlalchemy import Connection, Select, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
 from service.errors import UnknownResourceError
 from service.store.intake import JUDGED, REFUSED
+from service.store.retention import require_stored
 from service.store.tables import MeasurementRow, WindowRow
 from service.store.waveforms import WaveformPlace
+
+#: Built once: to build it takes longer than to run it.
+_MEMBERS = (
+    select(
+        WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
+        WindowRow.refusal_reason.is_(None),
+    )
+    .where(
+        WindowRow.measurement_id == bindparam("measurement_id"),
+        or_(
+            WindowRow.refusal_reason.is_(None), WindowRow.refusal_reason == str(RejectionReason.POSITION_MISMATCH)
+        ),
+    )
+    .order_by(WindowRow.started_at)
+)  # fmt: skip
 
 
 def get_measurement(session: Session, axis_id: str, measurement_id: int) -> MeasurementRow:
@@ -27,26 +43,20 @@ def windows_of(session: Session, measurement_id: int) -> list[WindowRow]:
 
 
 def accepted_places(connection: Session | Connection, measurement_id: int) -> list[WaveformPlace]:
-    """Tell where the accepted windows of a measurement lie, in time order."""
+    """Tell where the accepted windows of a measurement lie, in time order; raises LetGoError if they were let go."""
     return [place for place, accepted in member_places(connection, measurement_id) if accepted]
 
 
 def member_places(connection: Session | Connection, measurement_id: int) -> list[tuple[WaveformPlace, bool]]:
     """Tell where the windows of a measurement lie that are accepted, or would be if it stood elsewhere; and which are.
 
-    In time order.
+    In time order. Raises LetGoError if their waveforms were let go.
     """
-    columns = (WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256)
-    reason = WindowRow.refusal_reason
-    query = (
-        select(*columns, reason.is_(None))
-        .where(
-            WindowRow.measurement_id == measurement_id,
-            or_(reason.is_(None), reason == str(RejectionReason.POSITION_MISMATCH)),
-        )
-        .order_by(WindowRow.started_at)
-    )
-    return [(WaveformPlace(*row[:4]), bool(row[4])) for row in connection.execute(query)]
+    rows = connection.execute(_MEMBERS, {"measurement_id": measurement_id})
+    found = [(WaveformPlace(*row[:4]), bool(row[4])) for row in rows]
+    if any(not place.path for place, _ in found):
+        require_stored(connection, [measurement_id])
+    return found
 
 
 def calibration_measurements(
@@ -68,9 +78,13 @@ def looked_at(
 def newest_monitored(
     session: Session, axis_id: str, start: datetime, end: datetime | None, limit: int
 ) -> list[MeasurementRow]:
-    """Return the newest judged measurements whose preload was not set on purpose, in time order."""
+    """Return the newest judged measurements whose preload was not set on purpose, in time order.
+
+    Those whose waveforms were let go are passed over.
+    """
+    let_go = select(WindowRow.id).where(WindowRow.measurement_id == MeasurementRow.id, WindowRow.let_go_by.is_not(None))
     query = _looked_at(axis_id, start, end).where(
-        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None)
+        MeasurementRow.status == JUDGED, MeasurementRow.set_preload_n.is_(None), ~let_go.exists()
     )
     newest_first = query.order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(limit)
     return list(session.scalars(newest_first))[::-1]

@@ -105,7 +105,7 @@ class AxisRow(Base):
     epoch: Mapped[int]  # of the charts: each begins with a new baseline
     epoch_after: Mapped[datetime | None]  # what was measured until then moves no chart any more
     epoch_from: Mapped[datetime | None]  # its first measurement
-    epoch_state: Mapped[JsonObject | None] = mapped_column(deferred=True)  # of the charts when it began
+    epoch_begins_at: Mapped[datetime | None]  # what is older is charted in an epoch before it, if at all
     since_checkpoint: Mapped[int]  # measurements in the charts since the last row of chart_checkpoints
     # what every page shows, kept with each measurement: to count the history each time costs more each time
     state: Mapped[str] = mapped_column(String(16))  # of the charts; silence is not seen in it
@@ -115,10 +115,30 @@ class AxisRow(Base):
     last_measured_at: Mapped[datetime | None] = mapped_column(UtcMicroseconds)  # as in the tables of the trend
     refused_windows: Mapped[CountsByReason]
     uncharted: Mapped[CountsByReason]  # measurements that moved no chart
+    archived_at: Mapped[datetime | None]  # since when it takes no windows and is listed only where that is asked for
     revision: Mapped[int] = mapped_column()
 
     # A writer who read the row before another process changed it is refused: what it computed rests on what is no more.
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - SQLAlchemy's own hook
+
+
+class MaintenanceRow(Base):
+    """What was done to an axis. An entry is never changed: another one corrects it."""
+
+    __tablename__ = "maintenance"
+    __table_args__ = (Index("ix_maintenance_axis_at", "axis_id", "at", "id"),)
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
+    at: Mapped[datetime]  # when it was done
+    entered_at: Mapped[datetime]
+    who: Mapped[str] = mapped_column(String(120))
+    kind: Mapped[str] = mapped_column(String(16))  # lubricated | nut-replaced | screw-replaced | mounting | other
+    note: Mapped[str] = mapped_column(String(1000))
+    set_preload_n: Mapped[float | None]
+    corrects: Mapped[int | None] = mapped_column(
+        BigInteger, ForeignKey("maintenance.id")
+    )  # the entry that it takes the place of
 
 
 class CalibrationRow(Base):
@@ -186,7 +206,10 @@ class WindowRow(Base):
     """One window: where its waveform lies and whether it was accepted."""
 
     __tablename__ = "windows"
-    __table_args__ = (UniqueConstraint("axis_id", "started_at"),)
+    __table_args__ = (
+        UniqueConstraint("axis_id", "started_at"),
+        _partial_index("ix_windows_file_path", "file_path", where="file_path <> ''"),
+    )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
@@ -194,11 +217,51 @@ class WindowRow(Base):
     started_at: Mapped[datetime]
     received_at: Mapped[datetime]
     content_sha256: Mapped[str] = mapped_column(String(64))
-    file_path: Mapped[str] = mapped_column(String(400))
+    file_path: Mapped[str] = mapped_column(String(400))  # empty: its waveform was let go
     offset_in_file: Mapped[int] = mapped_column(BigInteger)  # of the frame [bytes]
     index_in_frame: Mapped[int]
     refusal_reason: Mapped[str | None] = mapped_column(String(40))
     refusal_detail: Mapped[str | None] = mapped_column(String(500))
+    let_go_by: Mapped[int | None] = mapped_column(ForeignKey("purges.id"))  # None: its waveform is stored
+
+
+class PurgeRow(Base):
+    """A purge: by which rule it lets waveforms go, and what came of it, counted in the transactions that do it."""
+
+    __tablename__ = "purges"
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    begun_at: Mapped[datetime]
+    ended_at: Mapped[datetime | None]  # None: at work, or broken off
+    keep_raw_days: Mapped[int]
+    lets_go_before: Mapped[datetime]  # the beginning of a day, UTC
+    n_windows: Mapped[int]
+    freed_bytes: Mapped[int] = mapped_column(BigInteger)
+    audit_id: Mapped[int] = mapped_column(ForeignKey("audit_log.id"))
+
+
+class PinRow(Base):
+    """Waveforms that are kept because somebody wants them: of a measurement, or of a span of an axis."""
+
+    __tablename__ = "pins"
+    __table_args__ = (Index("ix_pins_axis", "axis_id", "id"),)
+
+    id: Mapped[int] = mapped_column(Identity, primary_key=True)
+    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))
+    measurement_id: Mapped[int | None] = mapped_column(ForeignKey("measurements.id"), unique=True)  # None: a span
+    start_at: Mapped[datetime | None]  # inclusive; None of a measurement
+    end_at: Mapped[datetime | None]  # exclusive
+    reason: Mapped[str] = mapped_column(String(1000))
+    who: Mapped[str] = mapped_column(String(120))
+    at: Mapped[datetime]
+
+
+class UnsettledFileRow(Base):
+    """A waveform file that is being written or removed by a purge: it is removed unless a window names it."""
+
+    __tablename__ = "unsettled_files"
+
+    path: Mapped[str] = mapped_column(String(400), primary_key=True)
 
 
 class AlarmRow(Base):
@@ -230,6 +293,7 @@ class AlarmEventRow(Base):
     old_status: Mapped[str | None] = mapped_column(String(16))
     new_status: Mapped[str] = mapped_column(String(16))
     reason: Mapped[str] = mapped_column(String(1000))
+    who: Mapped[str | None] = mapped_column(String(120))  # None: the service itself, or from before it was kept
 
 
 class RecordingRow(Base):
@@ -257,10 +321,11 @@ class JobRow(Base):
     """Long work with its progress; it survives a restart."""
 
     __tablename__ = "jobs"
+    __table_args__ = (_partial_index("ix_jobs_unfinished", "kind", "axis_id", where="status IN ('queued', 'running')"),)
 
     id: Mapped[str] = mapped_column(String(36), primary_key=True)
     kind: Mapped[str] = mapped_column(String(20))
-    axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"), index=True)
+    axis_id: Mapped[str | None] = mapped_column(ForeignKey("axes.id"), index=True)  # None: of all axes
     arguments: Mapped[JsonObject]
     status: Mapped[str] = mapped_column(String(16))  # queued | running | done | failed | cancelled
     done: Mapped[int]
@@ -271,6 +336,21 @@ class JobRow(Base):
     updated_at: Mapped[datetime]
     owner: Mapped[str | None] = mapped_column(String(100))  # who works on it, a new name each time it is taken up
     lease_until: Mapped[datetime | None]  # then another may take it up; the owner moves it on as long as it lives
+
+
+class RejudgedRow(Base):
+    """A measurement as another calibration judges it: kept aside until all of its axis are."""
+
+    __tablename__ = "rejudged_measurements"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True)
+    measurement_id: Mapped[int] = mapped_column(Identity, primary_key=True, autoincrement=False)
+    seen_revision: Mapped[int]  # of the measurement: if it has another one now, it is to be judged once more
+    measurement: Mapped[JsonObject | None]  # where and when it stands; None: its waveform is gone
+    point: Mapped[JsonObject | None]  # of the trend
+    outcome: Mapped[JsonObject | None]
+    response: Mapped[JsonObject | None]
+    refusals: Mapped[JsonObject | None]  # of windows that are refused otherwise now, by their start
 
 
 class UserRow(Base):

@@ -24,6 +24,8 @@ _AT_ONCE = 2**16
 #: A file that has grown beyond this is followed by another: what is copied or lost at once stays small.
 LARGEST_FILE_BYTES = 64 * 2**20
 SUFFIX = ".windows.zst"
+#: All files lie below it; the next levels are the day on which they began (UTC) and the axis.
+FOLDER = "raw"
 
 
 class OpenFrame(Protocol):
@@ -65,16 +67,20 @@ class WaveformFiles(Protocol):
         """Return the content of a frame; raises as :func:`read_frame`, too."""
         ...
 
-    def exists(self, path: str) -> bool:
-        """Tell whether there is a file."""
+    def create(self, path: str) -> OpenFrame:
+        """Begin a file of this name, in a folder that there is; frames follow each other in it."""
+        ...
+
+    def size(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
         ...
 
     def delete(self, path: str) -> None:
-        """Delete a file; one that is gone already is no error."""
+        """Delete a file, durably; one that is gone already is no error."""
         ...
 
-    def list(self) -> Iterator[str]:
-        """Yield the files that there are, in no order."""
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield the files that there are, in no order, with their size [bytes]."""
         ...
 
 
@@ -162,18 +168,24 @@ class FolderFiles:
         with (self.root / path).open("rb") as file:
             return read_frame(file, offset)
 
-    def exists(self, path: str) -> bool:
-        """Tell whether there is a file."""
-        return (self.root / path).is_file()
+    def create(self, path: str) -> "_FolderFrame":
+        """Begin a file of this name."""
+        return _FolderFrame(self, "", path, FileIO(f"{self.root}/{path}", "x"))
+
+    def size(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
+        try:
+            return (self.root / path).stat().st_size
+        except FileNotFoundError:
+            return 0
 
     def delete(self, path: str) -> None:
-        """Delete a file."""
-        (self.root / path).unlink(missing_ok=True)
+        """Delete a file, and the folders that are empty without it."""
+        remove_file(self.root, path)
 
-    def list(self) -> Iterator[str]:
-        """Yield the files that there are."""
-        for path in (self.root / "raw").rglob(f"*{SUFFIX}"):
-            yield str(path.relative_to(self.root))
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield the files that there are, with their size [bytes]."""
+        return file_sizes(self.root, FOLDER)
 
     def give_up(self, axis_id: str) -> None:
         """Begin another file with the next frame: from here on the content of this one is unknown."""
@@ -224,15 +236,22 @@ class _FolderFrame:
             raise
 
 
+def files_at(data_dir: Path, url: str | None) -> WaveformFiles:
+    """Return the files below a data folder, or those of a store where one is named; raises DataFolderError."""
+    if url is None:
+        return FolderFiles(data_dir)
+    from service.store.waveform_objects import ObjectFiles  # noqa: PLC0415  # an extra
+
+    return ObjectFiles(url)
+
+
 @contextmanager
-def storage_errors() -> Iterator[None]:
-    """Turn a failure of the disk into an error of the service."""
+def storage_errors(outcome: str = "nothing of the request is stored") -> Iterator[None]:
+    """Turn a failure of the disk into an error of the service, which says what came of it."""
     try:
         yield
     except OSError as error:
-        raise StorageError(
-            f"the disk did not take the waveforms ({error.strerror or error}); nothing of the request is stored"
-        ) from error
+        raise StorageError(f"the disk did not take the waveforms ({error.strerror or error}); {outcome}") from error
 
 
 def write_all(file: FileIO, content: bytes) -> None:
@@ -249,6 +268,35 @@ def give_back_cache(file: FileIO) -> None:
     # cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
     if hasattr(os, "posix_fadvise"):
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+def remove_file(root: Path, path: str) -> None:
+    """Remove a file, and the folders that are empty without it, durably; one that is gone already is no error."""
+    (root / path).unlink(missing_ok=True)
+    folder = (root / path).parent
+    while folder != root:
+        if folder.is_dir():
+            sync_folder(folder)
+            try:
+                folder.rmdir()
+            except OSError:  # there is more in it
+                return
+        folder = folder.parent
+
+
+def file_sizes(root: Path, folder: str) -> Iterator[tuple[str, int]]:
+    """Yield the files below a folder, by their path relative to the root, with their size [bytes]."""
+    try:
+        entries = sorted(os.scandir(root / folder), key=lambda entry: entry.name)
+    except FileNotFoundError:
+        return
+    for entry in entries:
+        path = f"{folder}/{entry.name}"
+        if entry.is_dir():
+            yield from file_sizes(root, path)
+        else:
+            with suppress(FileNotFoundError):  # removed meanwhile
+                yield path, entry.stat().st_size
 
 
 def make_folder(folder: Path) -> None:

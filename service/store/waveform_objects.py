@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from service.errors import DataFolderError
-from service.store.waveform_files import SUFFIX, read_frame
+from service.store.waveform_files import FOLDER, SUFFIX, read_frame
 
 #: Fetched at once: a frame of a few windows as a whole.
 _BLOCK_BYTES = 2**20
@@ -38,30 +38,36 @@ class ObjectFiles:
 
     def append(self, axis_id: str, folder: str) -> "_ObjectFrame":
         """Begin an object."""
-        path = f"{folder}/{uuid.uuid4().hex}{SUFFIX}"
-        with _as_of_a_disk():
-            return _ObjectFrame(self, path, self._store.open(f"{self._root}/{path}", "wb"))
+        return self.create(f"{folder}/{uuid.uuid4().hex}{SUFFIX}")
 
     def read(self, path: str, offset: int) -> bytes:
         """Return the content of a frame."""
         with _as_of_a_disk(), self._store.open(f"{self._root}/{path}", "rb", block_size=_BLOCK_BYTES) as file:
             return read_frame(file, offset)
 
-    def exists(self, path: str) -> bool:
-        """Tell whether there is an object."""
+    def create(self, path: str) -> "_ObjectFrame":
+        """Begin an object of this name."""
         with _as_of_a_disk():
-            return bool(self._store.exists(f"{self._root}/{path}"))
+            return _ObjectFrame(self, path, self._store.open(f"{self._root}/{path}", "wb"))
+
+    def size(self, path: str) -> int:
+        """Return the size of an object [bytes]; 0 if there is none."""
+        try:
+            with _as_of_a_disk():
+                return int(self._store.size(f"{self._root}/{path}"))
+        except FileNotFoundError:
+            return 0
 
     def delete(self, path: str) -> None:
         """Delete an object."""
         with _as_of_a_disk(), suppress(FileNotFoundError):
             self._store.rm_file(f"{self._root}/{path}")
 
-    def list(self) -> Iterator[str]:
-        """Yield the objects that there are."""
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield the objects that there are, with their size [bytes]."""
         with _as_of_a_disk():
-            found = self._store.find(f"{self._root}/raw")
-        return (str(path).removeprefix(f"{self._root}/") for path in found if path.endswith(SUFFIX))
+            found = self._store.find(f"{self._root}/{FOLDER}", detail=True)
+        return ((path.removeprefix(f"{self._root}/"), int(entry["size"])) for path, entry in found.items())
 
 
 class _ObjectFrame:

@@ -7,10 +7,12 @@ committed: a crash in between leaves a frame that no row names, which costs room
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,7 +21,7 @@ import zstandard
 
 from monitor_core.recording import Window
 from service.errors import StorageError, WaveformDamagedError
-from service.store.waveform_files import FolderFiles, OpenFrame, WaveformFiles, compressed, storage_errors
+from service.store.waveform_files import FOLDER, FolderFiles, OpenFrame, WaveformFiles, compressed, storage_errors
 from service.store.window_format import content_sha256, pack_windows, size_of, unpack_windows
 
 #: Vibration is mostly noise: level 1 gains within a percent of what level 9 gains, at a tenth of the time.
@@ -27,6 +29,12 @@ COMPRESSION_LEVEL = 1
 WRITERS = 4
 #: Windows that were written last are kept in memory: those of an open measurement are wanted again within minutes.
 REMEMBERED_BYTES = 64 * 2**20
+_OF_A_PURGE = "what is stored stays as it is"
+
+
+def folder_of_day(moment: datetime) -> str:
+    """Return where the files of a day lie: in the order of these names, days are in the order of time."""
+    return f"{FOLDER}/{moment.astimezone(UTC):%Y/%m/%d}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +113,7 @@ class WaveformStore:
     def _begin(self, axis_id: str, windows: Sequence[Window], received_at: datetime) -> "_Frame":
         """Give the windows to the operating system or whoever keeps them, which begins to write them."""
         with storage_errors():
-            opened = self.files.append(axis_id, f"raw/{received_at.astimezone(UTC):%Y/%m/%d}/{axis_id}")
+            opened = self.files.append(axis_id, f"{folder_of_day(received_at)}/{axis_id}")
         path, offset = opened.path, opened.offset
         places = [WaveformPlace(path, offset, index, content_sha256(window)) for index, window in enumerate(windows)]
         frame = _Frame(opened, places)
@@ -130,6 +138,20 @@ class WaveformStore:
         self._recent.forget((frame.open.path, frame.open.offset))
         frame.open.take_back()
 
+    def read_where_they_lie(self, places: Callable[[], Sequence[WaveformPlace]]) -> list[Window]:
+        """Read windows whose places are asked for; asked again if a purge moved them between asking and reading.
+
+        Raises WaveformDamagedError as :meth:`read`, and what the asking raises.
+        """
+        asked = list(places())
+        while True:
+            try:
+                return self.read(asked)
+            except WaveformDamagedError:
+                before, asked = asked, list(places())
+                if asked == before:
+                    raise
+
     def read(self, places: Iterable[WaveformPlace]) -> list[Window]:
         """Read windows, or remember them; each frame is read once.
 
@@ -147,6 +169,46 @@ class WaveformStore:
                 frames[key] = self._read_frame(*key)
             windows.append(_checked(frames[key], place))
         return windows
+
+    def write_beside(self, path: str, places: Sequence[WaveformPlace]) -> list[WaveformPlace]:
+        """Write stored windows once more into a new file, frame by frame, durably; tell where each lies in it.
+
+        Raises WaveformDamagedError if one of them is not what was stored, StorageError if the disk does not take them.
+        Then nothing of it is left, unless the process ends: whoever calls knows the name.
+        """
+        moved = list[WaveformPlace]()
+        with storage_errors(_OF_A_PURGE):
+            file, offset = self.files.create(path), 0
+            try:
+                for _, group in groupby(places, key=lambda place: (place.path, place.offset)):
+                    frame = list(group)
+                    moved += [WaveformPlace(path, offset, i, place.content_sha256) for i, place in enumerate(frame)]
+                    windows = self.read(frame)
+                    for part in compressed(partial(pack_windows, windows), size_of(windows), COMPRESSION_LEVEL):
+                        file.write(part)
+                        offset += len(part)
+                file.end()
+                file.sync()
+            except BaseException:
+                file.take_back()
+                raise
+            file.close()
+        return moved
+
+    def remove(self, path: str) -> None:
+        """Remove a file that no row names; raises StorageError if the disk does not let it."""
+        with storage_errors(_OF_A_PURGE):
+            self.files.delete(path)
+
+    def size_of_file(self, path: str) -> int:
+        """Return the size of a file [bytes]; 0 if there is none."""
+        with storage_errors(_OF_A_PURGE):
+            return self.files.size(path)
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield all files with their size [bytes]; raises StorageError."""
+        with storage_errors(_OF_A_PURGE):
+            yield from self.files.sizes()
 
     def _read_frame(self, path: str, offset: int) -> Sequence[Window]:
         try:

@@ -12,7 +12,7 @@ from service.api.services import Services, services
 from service.clock import now
 from service.errors import TooManyTriesError, UnauthenticatedError
 from service.operations.access.passwords import LONGEST_PASSWORD
-from service.web.pages import templates
+from service.web.site import PageOf
 
 router = APIRouter(include_in_schema=False)
 
@@ -26,14 +26,14 @@ class LoginForm(BaseModel):
 
 
 @router.get("/login")
-def login_page(request: Request, next: str = "/") -> Response:  # noqa: A002 - what the field of the form is called
+def login_page(page: PageOf, next: str = "/") -> Response:  # noqa: A002 - what the field of the form is called
     """Show the form."""
-    return templates.TemplateResponse(request, "login.html", {"next": _own_path(next), "refusal": None, "name": ""})
+    return page.show("login.html", next=_own_path(next), refusal=None, name="")
 
 
 @router.post("/login")
 def log_in(
-    request: Request, form: Annotated[LoginForm, Form()], on: Annotated[Services, Depends(services)]
+    request: Request, page: PageOf, form: Annotated[LoginForm, Form()], on: Annotated[Services, Depends(services)]
 ) -> Response:
     """Log in, and go on to the page that was asked for."""
     address = request.client.host if request.client else "unknown"
@@ -41,11 +41,12 @@ def log_in(
         token, expires_at = on.access.log_in(form.name, form.password, address)
     except (UnauthenticatedError, TooManyTriesError) as error:
         too_many = isinstance(error, TooManyTriesError)
-        return templates.TemplateResponse(
-            request,
+        return page.show(
             "login.html",
-            {"next": _own_path(form.next), "refusal": str(error), "name": form.name},
-            status_code=429 if too_many else 401,
+            next=_own_path(form.next),
+            refusal=str(error),
+            name=form.name,
+            status=429 if too_many else 401,
             headers={"Retry-After": str(max(1, round(error.wait_s)))} if isinstance(error, TooManyTriesError) else None,
         )
     answer = RedirectResponse(_own_path(form.next), status_code=303)

@@ -24,7 +24,9 @@ from service.api.http.problems import TYPE_PREFIX
 from service.app import create_app
 from service.cli.remote.server import embedded_service
 from service.errors import STATUS_OF_ERROR
-from service.observability import Metrics
+from service.gateways.mqtt_windows import MqttSettings
+from service.gateways.opcua_server import OpcuaSettings
+from service.observability import FleetGauges, Metrics
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.settings import Settings
 from tests.conftest import PROJECT_ROOT
@@ -174,6 +176,15 @@ def test_every_setting_is_listed_with_its_default(name):
     assert f"| `PRELOAD_{name.upper()}` | {default} | " in text_of("how-to/settings.md")
 
 
+@pytest.mark.parametrize(
+    ("settings", "prefix", "page"),
+    [(MqttSettings, "PRELOAD_MQTT_", "how-to/mqtt.md"), (OpcuaSettings, "PRELOAD_OPCUA_", "how-to/opcua.md")],
+)
+def test_every_setting_of_a_gateway_is_listed_with_its_default(settings, prefix, page):
+    for name, field in settings.model_fields.items():
+        assert f"| `{prefix}{name.upper()}` | {shown_default(field.default)} | " in text_of(page)
+
+
 @pytest.mark.parametrize("name", AxisConfiguration.model_fields)
 def test_every_item_of_an_axis_configuration_is_listed_with_its_default(name):
     default = shown_default(AxisConfiguration.model_fields[name].default)
@@ -191,7 +202,8 @@ def test_every_state_has_a_row(name):
 
 
 def test_every_metric_is_listed():
-    families = {metric.name: metric.type for metric in Metrics().registry.collect()}
+    now = FleetGauges((), (), 0, {}).collect()
+    families = {metric.name: metric.type for metric in (*Metrics().registry.collect(), *now)}
     names = {name + ("_total" if kind == "counter" else "") for name, kind in families.items()}
     assert names <= first_cells(text_of("how-to/supervise.md"))
 
@@ -221,7 +233,7 @@ def test_every_page_is_in_the_navigation_of_the_site():
 
 # --- the guided tours ------------------------------------------------------------------------------------------------
 
-TOURS = ["reference/http-api.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
+TOURS = ["reference/http-api.md", "how-to/python-client.md", "tutorial/first-axis.md", "tutorial/your-own-data.md"]
 
 
 def examples_of_the_tour(page: str) -> Iterator[tuple[str, str]]:
@@ -244,8 +256,9 @@ def cells_of(text: str) -> str:
 def test_the_tour_answers_what_it_shows(tmp_path, page):
     if shutil.which("curl") is None:
         pytest.skip("the tour is told with curl, which is not installed")
-    for script in re.findall(r"^```python\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL):
-        (tmp_path / "encodings.py").write_text(script, encoding="utf-8")
+    scripts = re.findall(r'^```python(?: title="(\S+)")?\n(.*?)^```', text_of(page), flags=re.MULTILINE | re.DOTALL)
+    for name, script in scripts:
+        (tmp_path / (name or "encodings.py")).write_text(script, encoding="utf-8")
     (tmp_path / "replay_data").symlink_to(PROJECT_ROOT / "replay_data")
     (tmp_path / ".venv").symlink_to(sys.prefix)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

@@ -10,6 +10,8 @@ from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.conditions.settings import default_folds, is_testable, setting_of, varied_conditions
 from monitor_core.models.protocol import DriveConditions
 from tests.discrepancy.axes import POSITIONS, effects_by_key, layout_of, settings
+from tests.hidden_effects.designs import DESIGNS
+from tests.hidden_effects.machines import BENCH
 
 
 def test_name_of_a_setting_says_what_is_stated() -> None:
@@ -64,11 +66,31 @@ def test_of_a_temperature_that_drifts_the_coldest_and_the_warmest_are_held_out()
     assert held <= {twice[0], twice[-1]}
 
 
-def test_a_variation_at_a_held_out_position_is_held_out_with_it() -> None:
+def test_a_variation_that_was_measured_once_is_fitted() -> None:
+    """At a position that is held out, too: nothing that is fitted would show what it alone shows."""
     usual = settings(preloads=(220.0,))
     loaded = replace(usual[1], payload_mass=6.0)
     (fold,) = default_folds([*usual, loaded])
-    assert fold == {usual[1], usual[-2], loaded}
+    assert fold == {usual[1], usual[-2]}
+
+
+@pytest.mark.parametrize("name", ["payload_mass", "temperature_deviation", "excitation_level"])
+@pytest.mark.parametrize("design", ["usual", "rich"])
+def test_of_what_was_varied_twice_one_is_fitted_and_one_is_held_out(design, name) -> None:
+    """Of 21 settings at five positions all that was varied stood at the two that are held out."""
+    conditions = [
+        DriveConditions(each.position, each.preload, payload_mass=each.payload,
+                        temperature_deviation=each.temperature_deviation, excitation_level=each.excitation_rms)
+        for each in DESIGNS[design](BENCH, np.random.default_rng(3))
+    ]  # fmt: skip
+    (fold,) = default_folds(conditions)
+    counts = Counter(getattr(each, name) for each in conditions)
+    usual = counts.most_common(1)[0][0]
+    for varied in counts.keys() - {usual}:
+        assert sorted(each in fold for each in conditions if getattr(each, name) == varied) == [False, True]
+    # and one position is seen by no fit at all
+    places = {each.position for each in conditions}
+    assert any(all(each in fold for each in conditions if each.position == place) for place in places)
 
 
 def test_a_table_of_few_positions_leaves_out_its_preloads_in_turn() -> None:

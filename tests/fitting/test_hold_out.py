@@ -7,11 +7,20 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.hold_out import expected_gain, fitted_values, gain, gap_of
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.fitting.solver.hypothesis_fit import HeldOut, fit
+from monitor_core.models.families import build_model
+from monitor_core.recordings.model_file import parse_model
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
+from tests.hidden_effects.cases import draw_case
+from tests.hidden_effects.frf_file import observations
+from tests.hidden_effects.situations import Situation
+from tests.hidden_effects.truth import transmission_line
 
 N = 24
 
@@ -52,6 +61,24 @@ def test_folds_of_several_values() -> None:
     for fold in folds:
         expected = linalg.solve((np.eye(N) - hat)[np.ix_(fold, fold)], fitted.standardised[fold])
         np.testing.assert_allclose(held.standardised[fold], expected, atol=2e-3)
+
+
+def test_of_responses_a_fold_left_out_by_one_step_is_that_of_a_whole_fit() -> None:
+    """Each of four preloads in turn, at three positions: the gap is the same, whether a step was enough or not."""
+    case = draw_case("none", seed=31, respond=transmission_line.respond, situation=Situation(design="poor"))
+    measured, file = observations(case), parse_model(case.baseline, "none")
+    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
+    comparison = compare_responses(measured, held_out=default_folds(each.conditions for each in measured))
+    hypothesis = Hypothesis(drive)
+    fitted = fit(comparison, hypothesis, hypothesis.null)
+    assert len(comparison.layout.held_out) == 4
+    for fold in comparison.layout.held_out:
+        alone = fit(comparison, hypothesis, fitted.coordinates, ~fold)
+        expected = comparison.gap(alone.misfit, alone.standardised, fold)
+        found = comparison.gap(fitted.held_out.misfit, fitted.held_out.standardised, fold)
+        assert found == pytest.approx(expected, rel=0.01)
+        seen = comparison.gap(fitted.misfit, fitted.standardised, fold)
+        assert found > seen  # what a fit has seen it meets better
 
 
 def test_a_single_fold_is_never_fitted() -> None:

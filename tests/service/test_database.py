@@ -113,6 +113,32 @@ def test_downgrade_keeps_uploaded_recordings(database_url: str, tmp_path: Path) 
         assert api.http.get("/v1/axes/axis/recordings").json()["recordings"] == []
 
 
+def test_jobs_that_recordings_name_pass_0012_both_ways(database_url: str, tmp_path: Path) -> None:
+    """Their table is made anew on SQLite while rows refer to it; a pin is not left behind."""
+    session = Session("axis", tuple(simulated_measurement(np.random.default_rng(1), "m", n_windows=8)))
+    write_session(tmp_path / "m.session.h5", session)
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        api.register("axis", windows_per_measurement=8)
+        with (tmp_path / "m.session.h5").open("rb") as file:
+            job = api.http.post("/v1/axes/axis/recordings", files={"file": file}).json()
+        wait_for(api, job["id"], "done")
+        expected = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
+        pin = "/v1/axes/axis/measurements/1/pin"
+        assert api.http.post(pin, json={"reason": "test"}).status_code == 200
+    database = Database(database_url)
+    with pytest.raises(DataFolderError, match="pins"), database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0011")
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        assert api.http.delete(pin).status_code == 200
+    with database.connect() as connection, writing(connection):
+        command.downgrade(alembic_config(connection), "0011")
+    database.migrate()
+    database.close()
+    with running_service(tmp_path / "var", database_url=database_url) as api:
+        found = [api.http.get(path).json() for path in ("/v1/jobs", "/v1/axes/axis/recordings")], answers(api)
+        assert found == expected
+
+
 def test_database_of_an_older_version_says_what_it_said(database_url: str, tmp_path: Path) -> None:
     """Everything that was stored before 0005, put down as it was then, is answered with as it is now."""
     with running_service(tmp_path / "var") as api:
@@ -232,3 +258,16 @@ def test_sqlite_keeps_what_it_has_acknowledged(tmp_path: Path) -> None:
         pragma = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in names}
     database.close()
     assert pragma == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1}  # 2 is FULL
+
+
+def test_a_server_shows_that_another_service_has_written(postgresql: str) -> None:
+    url = emptied(postgresql)
+    database, other_service = Database(url), Database(url)
+    database.migrate()
+    before = database.revision()
+    assert database.revision() == before
+    with other_service.write() as session:
+        session.execute(text("INSERT INTO notices (at, kind, subject, content) VALUES (now(), 'test', 'test', '{}')"))
+    assert database.revision() != before
+    database.close()
+    other_service.close()

@@ -12,6 +12,7 @@ import pytest
 from sqlalchemy.engine.default import DefaultDialect
 from sqlalchemy.exc import OperationalError
 
+from service.operations.monitoring import trend
 from service.operations.monitoring.intake import batch
 from service.store import database, intake
 from tests.service.conftest import START, Api, assert_problem, simulated_measurement
@@ -131,8 +132,8 @@ def test_measurement_that_breaks_the_mathematics_does_not_block_its_axis(
 
 def test_bug_in_a_route_is_a_problem_without_internals(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     api.register("axis")
-    broken = failing_once(lambda: None, RuntimeError("secret path"))
-    monkeypatch.setattr("service.operations.monitoring.trend.state_now", broken)
+    broken = failing_once(trend.state_now, RuntimeError("secret path"))
+    monkeypatch.setattr(trend, "state_now", broken)
     answer = api.http.get("/v1/axes/axis", headers={"x-request-id": "request-7"})
     problem = assert_problem(answer, 500, "internal-error")
     assert problem["request_id"] == "request-7"

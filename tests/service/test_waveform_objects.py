@@ -55,11 +55,11 @@ def test_what_is_stored_is_there_for_another_service_and_never_under_a_name_of_i
     fresh = WaveformStore(ObjectFiles(URL))
     for window, read in zip(windows, fresh.read(places), strict=True):
         np.testing.assert_array_equal(read.response, window.response)
-    assert sorted(fresh.files.list()) == sorted({place.path for place in places})
-    assert fresh.files.exists(places[0].path)
+    assert sorted(path for path, _ in fresh.files.sizes()) == sorted({place.path for place in places})
+    assert fresh.files.size(places[0].path)
     fresh.files.delete(places[0].path)
     fresh.files.delete(places[0].path)  # gone already
-    assert not fresh.files.exists(places[0].path)
+    assert not fresh.files.size(places[0].path)
     with pytest.raises(WaveformDamagedError, match="cannot be read"):
         fresh.read(places[:1])
 
@@ -69,8 +69,8 @@ def test_frame_that_no_row_names_is_removed() -> None:
     store = WaveformStore(ObjectFiles(URL))
     with store.begin_write("axis", simulated_measurement(np.random.default_rng(1), "m", n_windows=1), START) as frame:
         frame.sync()
-        assert len(list(store.files.list())) == 1
-    assert list(store.files.list()) == []
+        assert len(list(store.files.sizes())) == 1
+    assert list(store.files.sizes()) == []
 
 
 @pytest.mark.usefixtures("store_url")
@@ -85,7 +85,7 @@ def test_the_whole_way_and_what_is_lost_there_is_healed(tmp_path: Path) -> None:
         assert api.accept("axis", windows)["measurements"] == expected
         assert not (tmp_path / "var/raw").exists()
         files = ObjectFiles(URL)
-        for path in files.list():
+        for path, _ in files.sizes():
             files.delete(path)
         answer = api.accept("axis", windows)
         assert {item["reason"] for item in answer["windows"]} == {"waveform-restored"}

@@ -10,13 +10,13 @@ gains are the special cases that every fit has.)
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.discrepancy.description.quantities import Quantity
 from monitor_core.effects import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Setting
+from monitor_core.fitting.solver.costs_of_settings import costs_of_settings, fitted_numbers
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.models.extended import AxisPhysics, AxisSetting
 
@@ -76,7 +76,7 @@ def fitted_settings(fitted: Fitted[AxisPhysics]) -> tuple[AxisSetting, ...]:
     """Return how the axis was set in each of the settings that were fitted, as stated."""
     layout = fitted.comparison.layout
     last = max(len(layout.settings) - 1, 1)
-    return tuple(_setting(layout.settings[number], number / last) for number in _numbers(fitted).tolist())
+    return tuple(_setting(layout.settings[number], number / last) for number in fitted_numbers(fitted).tolist())
 
 
 def _setting(stated: Setting, order: float) -> AxisSetting:
@@ -91,19 +91,10 @@ def _setting(stated: Setting, order: float) -> AxisSetting:
     )
 
 
-def _numbers(fitted: Fitted[AxisPhysics]) -> npt.NDArray[np.intp]:
-    """Return which settings were fitted."""
-    return np.flatnonzero(np.logical_or.reduceat(fitted.fitted, fitted.around.whitened_by.starts))
-
-
 def _costs(fitted: Fitted[AxisPhysics], quantity: Quantity, here: AxisPhysics, theta: float) -> FloatArray | None:
     record = getattr(here, quantity.record)
     try:
         moved = replace(record, **{quantity.field: np.exp(theta) * quantity.of(here)})
-        misfit = fitted.around.misfit(replace(here, **{quantity.record: moved}))
+        return costs_of_settings(fitted, replace(here, **{quantity.record: moved}))
     except OutsideValidityError:
         return None
-    whitened_by = fitted.around.whitened_by
-    whitened = replace(whitened_by, common=None)(misfit)
-    of_settings = np.add.reduceat(np.where(fitted.fitted, whitened**2, 0.0), whitened_by.starts)
-    return np.asarray(of_settings[_numbers(fitted)])

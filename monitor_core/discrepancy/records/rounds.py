@@ -23,6 +23,7 @@ class Records(Generic[Physics]):
 
     whole: Comparison[Physics]  # of one without records nothing is taken out
     wrong: frozenset[int] = frozenset()  # by their settings
+    baseline: Fitted[Physics] | None = None  # of the axis as described to all records, where none is taken out
 
     @property
     def kept(self) -> Comparison[Physics]:
@@ -69,7 +70,7 @@ def cleared(
         fitted = fit(kept, hypothesis, at, fitted_values(kept.layout))
         worst = records.worst(fitted)
         if worst is None:
-            return records
+            return records if records.wrong else Records(comparison, baseline=fitted)
         progress(f"taking out record {worst.number} ({worst.setting})")
         records = records.with_wrong(worst.number)
         at = fitted.coordinates

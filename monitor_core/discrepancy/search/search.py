@@ -7,6 +7,7 @@
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from monitor_core.discrepancy.search.alternatives import judge_effect
 from monitor_core.discrepancy.search.clean import cleaned
@@ -22,13 +23,15 @@ from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 
-def find_steps(workspace: Workspace[Physics]) -> tuple[Fitted[Physics], ...]:
-    """Return the fits of the search: without any effect, and after each step.
+def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None = None) -> tuple[Fitted[Physics], ...]:
+    """Return the fits of the search: without any effect, the ``baseline`` if it is known already, and after each step.
 
     Raises OutsideValidityError if the axis itself has no answer.
     """
     hypothesis = Hypothesis(workspace.axis)
-    baseline = workspace.fit(hypothesis, hypothesis.null)
+    # with the axis of the workspace, which may be asked to stop
+    known = None if baseline is None else replace(baseline, hypothesis=hypothesis)
+    baseline = known or workspace.fit(hypothesis, hypothesis.null)
     workspace.reach(baseline)
     first = add_textbook_physics(workspace, baseline)
     steps = add_stepwise(workspace, first, [first] if first is not baseline else [])

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from monitor_core.models.protocol import DriveConditions
 _FEWEST_TO_HOLD_OUT = 5
 _FEWEST_TO_LEAVE_OUT_IN_TURN = 4
 _FEWEST_OF_A_VARIATION = 2
+#: What is varied besides position and preload, at few settings.
+_VARIED = ("payload_mass", "temperature_deviation", "excitation_level")
 #: What is easily done to an axis to see more: a mass put on the table, of what moves [-], a morning's warming [K].
 _KNOWN_MASS = 0.25
 WARMER = 15.0
@@ -78,21 +80,40 @@ def default_folds(conditions: Iterable[DriveConditions]) -> tuple[frozenset[Driv
     """Return what to hold out by default: two inner positions of five or more, else each preload in turn.
 
     With five positions or more a model is judged where it was not fitted, and of payloads, temperatures and levels that
-    were varied the last measurement each is held out, too. A table of few positions cannot spare one,
-    and leaves out each of at least four preloads in turn; with fewer than that nothing is held out.
+    were varied the last measurement each is held out, too. At least half of what was measured with each of them is
+    fitted, at an inner position if it must be: what nothing fitted shows cannot be found. A table of few positions
+    cannot spare one, and leaves out each of at least four preloads in turn; with fewer than that nothing is held out.
     """
     distinct = list(dict.fromkeys(conditions))
     positions = sorted({setting.position for setting in distinct})
     if len(positions) >= _FEWEST_TO_HOLD_OUT:
         inner = {positions[1], positions[-2]}
         held_out = {setting for setting in distinct if setting.position in inner}
-        return (
-            frozenset(held_out | _last_of_each_variation(setting for setting in distinct if setting not in held_out)),
-        )
+        held_out |= _last_of_each_variation(setting for setting in distinct if setting not in held_out)
+        return (frozenset(held_out - _needed_for_the_fit(distinct, held_out)),)
     preloads = sorted({setting.preload for setting in distinct if setting.preload is not None})
     if len(preloads) >= _FEWEST_TO_LEAVE_OUT_IN_TURN:
         return tuple(frozenset(setting for setting in distinct if setting.preload == preload) for preload in preloads)
     return ()
+
+
+def _needed_for_the_fit(conditions: Sequence[DriveConditions], held_out: Set[DriveConditions]) -> set[DriveConditions]:
+    """Return what must not be held out, so that half of the settings of each unusual value are fitted.
+
+    Those nearest to the fixed bearing are taken, so that the other inner position stays unseen if that is enough. What
+    is usual in less than half of all settings was not varied but drifts, and enough of it is fitted in any case.
+    """
+    needed: set[DriveConditions] = set()
+    for name in _VARIED:
+        counts = Counter(getattr(setting, name) for setting in conditions)
+        usual, n_usual = counts.most_common(1)[0]
+        if 2 * n_usual < len(conditions):
+            continue
+        for value in counts.keys() - {usual}:
+            alike = [setting for setting in conditions if getattr(setting, name) == value]
+            out = sorted((setting for setting in alike if setting in held_out), key=lambda setting: setting.position)
+            needed.update(out[: max(len(out) - len(alike) // 2, 0)])
+    return needed
 
 
 def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveConditions]:
@@ -102,7 +123,7 @@ def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveC
     """
     remaining = list(conditions)
     last: set[DriveConditions] = set()
-    for name in ("payload_mass", "temperature_deviation", "excitation_level"):
+    for name in _VARIED:
         counts = Counter(getattr(setting, name) for setting in remaining)
         usual = counts.most_common(1)[0][0] if counts else None
         several = sorted(value for value, count in counts.items() if count >= _FEWEST_OF_A_VARIATION)

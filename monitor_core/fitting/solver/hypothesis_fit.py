@@ -101,6 +101,9 @@ _MOST_EVALUATIONS = 60
 _PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
 _MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
 _FLAT = 1e-5  # fall of χ² by a step, relatively, with which a search ends
+#: A step of a fit without some of its values: of singular values, what is unseen; of the squares of residuals, by how
+#: much those after it may differ from what its slope says.
+_UNSEEN, _NEARLY_LINEAR = 1e-10, 0.01
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
 _LARGEST = 1e6
 
@@ -158,7 +161,7 @@ class Fitted(Generic[Physics]):
             return HeldOut(folds[0], self.misfit, self.standardised)
         misfit, standardised = np.zeros_like(self.misfit), np.zeros_like(self.misfit)
         for fold in folds:
-            without = self._refitted(~fold)
+            without = self._stepped_without(fold) or self._refitted(~fold)
             misfit[fold], standardised[fold] = without.misfit[fold], without.standardised[fold]
         return HeldOut(np.any(folds, axis=0), misfit, standardised)
 
@@ -193,6 +196,28 @@ class Fitted(Generic[Physics]):
     def physics(self) -> Physics:
         """Return the axis as fitted."""
         return self.hypothesis.physics(self.coordinates)
+
+    def _stepped_without(self, fold: BoolArray) -> "Fitted[Physics] | None":
+        """Return the fit without a fold by one step of Gauss and Newton; None where the misfit is not linear so far.
+
+        A minimum with most of the same values is near by: a whole fit would find hardly more.
+        """
+        kept, priors = self.fitted & ~fold, self.hypothesis.priors
+        slope = np.vstack([self.jacobian[kept], prior_jacobian(priors)])
+        here = np.concatenate([self.standardised[kept], prior_residuals(priors, self.coordinates)])
+        step, *_ = np.linalg.lstsq(slope, -here, rcond=_UNSEEN)
+        coordinates = np.clip(self.coordinates + step, *self.hypothesis.bounds)
+        try:
+            around = linearise_at_likely_errors(
+                self.comparison, self.hypothesis, self.around.errors, self.comparison.layout.standard_deviation,
+                coordinates,
+            )  # fmt: skip
+        except OutsideValidityError:
+            return None
+        without = Fitted(self.comparison, self.hypothesis, coordinates, around, kept)
+        there = np.concatenate([without.standardised[kept], prior_residuals(priors, coordinates)])
+        off = there - here - slope @ (coordinates - self.coordinates)
+        return without if float(off @ off) < _NEARLY_LINEAR * max(float(here @ here), here.size) else None
 
     def _refitted(self, chosen: BoolArray) -> "Fitted[Physics]":
         try:
@@ -229,12 +254,12 @@ def fit(
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
+        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance), quick=True))
         at = _least_squares(tempered, hypothesis, at, chosen, _Pace(_MOST_TEMPERED_EVALUATIONS))
         errors = tempered(at).errors
     around = likely_from(errors, layout.standard_deviation, at)
     if not tolerance and hypothesis.n_coordinates:
-        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation))
+        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation, quick=True))
         try:
             at = _least_squares(likely, hypothesis, at, chosen, _Pace(_MOST_EVALUATIONS, to_beat))
         except _GivenUpError as creeping:

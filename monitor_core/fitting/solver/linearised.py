@@ -169,11 +169,19 @@ def linearise(
     comparison: Comparison[Physics], physics: Physics, errors: FloatArray, deviation: FloatArray
 ) -> Linearised[Physics]:
     """Linearise a comparison around condition errors of shape (n_settings, n_errors)."""
-    shifted = comparison.shifted(errors)
-    misfit = shifted.misfit(physics)
-    whitened_by = whitening(
-        deviation, shifted.condition_errors(physics, misfit), comparison.layout.setting, comparison.layout.common
-    )
+    return _around(comparison.shifted(errors), physics, errors, deviation)
+
+
+def linearise_again(around: Linearised[Physics], physics: Physics) -> Linearised[Physics]:
+    """Linearise around the same condition errors for other physics near by, resolved as for those before."""
+    return _around(around.comparison, physics, around.errors, around.whitened_by.deviation)
+
+
+def _around(
+    shifted: Comparison[Physics], physics: Physics, errors: FloatArray, deviation: FloatArray
+) -> Linearised[Physics]:
+    misfit, layout = shifted.misfit(physics), shifted.layout
+    whitened_by = whitening(deviation, shifted.condition_errors(physics, misfit), layout.setting, layout.common)
     offset = -whitened_by.share_of(errors)
     return Linearised(shifted, errors, whitened_by, offset, misfit + offset)
 
@@ -184,8 +192,13 @@ def linearise_at_likely_errors(
     errors: FloatArray,
     deviation: FloatArray,
     coordinates: FloatArray,
+    *,
+    quick: bool = False,
 ) -> Linearised[Physics]:
     """Linearise a comparison around the errors that are likely at coordinates, sought from other errors.
+
+    ``quick`` on the way to a minimum: what an error changes is taken from the errors that it was sought from, which the
+    search has found shortly before.
 
     Errors that stayed where they were likely before would let a search run far along what they almost make up for: the
     nut's stiffness, say, against a preload that was wrong in all settings alike.
@@ -195,7 +208,16 @@ def linearise_at_likely_errors(
     linearised_at = partial(linearise, resolved, physics, deviation=deviation)
     around = _answer_at(linearised_at, errors)
     likely = np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
-    return _answer_at(linearised_at, likely)
+    return _answer_at(partial(_moved, around, resolved, physics) if quick else linearised_at, likely)
+
+
+def _moved(
+    around: Linearised[Physics], comparison: Comparison[Physics], physics: Physics, errors: FloatArray
+) -> Linearised[Physics]:
+    """Return a comparison around other errors, which change the misfit by as much as around those of ``around``."""
+    shifted = comparison.shifted(errors)
+    offset = -around.whitened_by.share_of(errors)
+    return Linearised(shifted, errors, around.whitened_by, offset, shifted.misfit(physics) + offset)
 
 
 def _answer_at(ask: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:

@@ -32,6 +32,7 @@ from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, resolved_at
+from monitor_core.fitting.solver.linearised import linearise_again
 
 #: The first condition error is the error that may act strongly: where the table stood.
 _INTEGRATED = 0
@@ -117,8 +118,8 @@ def _deviations(fitted: Fitted[Physics]) -> FloatArray:
 #: Of its standard deviation: where ln det V draws no parameter of an effect further away, a fit is left as it is.
 _NEGLIGIBLE = 0.25
 _STEP = 0.1  # of a standard deviation, for derivatives of a cost that is smooth to far less
-_NEAR = 0.15  # of a standard deviation: so near the mode the search ends
-_SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
+_NEAR = 0.05  # of a standard deviation: so near the mode the search ends
+_SETTLED = 0.002  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
 _FARTHEST = 5.0  # standard deviations: beyond lies no mode of what least squares have found
 _LEAST_PRECISION = 1e-3  # of a coordinate's own scale, inverse squared: what is known less has no scale but its own
@@ -141,23 +142,29 @@ def at_mode(fitted: Fitted[Physics]) -> Fitted[Physics]:
         except OutsideValidityError:
             return None
 
-    still, here = np.zeros(hypothesis.n_coordinates), _log_determinant(fitted)
-    slope = np.array([_log_determinant(at(_STEP * direction)) - here for direction in np.eye(still.size)]) / _STEP
-    of_effects = scales[hypothesis.n_uncertain :]
+    slope, of_effects = _slope_of_log_determinant(fitted, scales), scales[hypothesis.n_uncertain :]
     if np.all(np.abs(of_effects @ slope) / 2.0 < _NEGLIGIBLE * np.linalg.norm(of_effects, axis=1)):
         return fitted
     start = _integrated(fitted)
     if not math.isfinite(start):
         return fitted
 
-    def half_cost(z: FloatArray) -> float:  # above that of the fit; its second derivatives are about one
-        return min(0.5 * (_integrated(at(z)) - start), _NO_ANSWER)
+    # second derivatives are about one in every direction, so that the mode lies where the slopes point to: only these
+    # directions are searched, and those that move an effect
+    along = np.linalg.qr(np.column_stack([np.nan_to_num(slope), of_effects.T]))[0]
+    still = np.zeros(along.shape[1])
 
-    options = {"eps": _STEP, "gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
-    found = minimize(
-        half_cost, still, method="L-BFGS-B", bounds=[(-_FARTHEST, _FARTHEST)] * still.size, options=options
-    )
-    mode = at(found.x)
+    def half_cost(y: FloatArray) -> float:  # above that of the fit
+        return min(0.5 * (_integrated(at(along @ y)) - start), _NO_ANSWER)
+
+    def gradient(y: FloatArray) -> FloatArray:
+        steps = _STEP * np.eye(y.size)
+        return np.array([half_cost(y + step) - half_cost(y - step) for step in steps]) / (2.0 * _STEP)
+
+    options = {"gtol": _NEAR, "ftol": _SETTLED, "maxiter": _MOST_ITERATIONS}
+    bounds = [(-_FARTHEST, _FARTHEST)] * still.size
+    found = minimize(half_cost, still, jac=gradient, method="L-BFGS-B", bounds=bounds, options=options)
+    mode = at(along @ found.x)
     return mode if mode is not None and found.fun < 0.0 else fitted
 
 
@@ -174,5 +181,18 @@ def _scales(fitted: Fitted[Physics]) -> FloatArray:
     return np.asarray(vectors / np.sqrt(np.maximum(values, _LEAST_PRECISION)))
 
 
-def _log_determinant(fitted: Fitted[Physics] | None) -> float:
-    return np.nan if fitted is None else fitted.around.whitened_by.log_determinant(fitted.fitted)
+def _slope_of_log_determinant(fitted: Fitted[Physics], scales: FloatArray) -> FloatArray:
+    """Return the derivatives of ln det V along the columns of ``scales``, NaN where there is no answer; (n_columns,).
+
+    So near to the fit the condition errors are those that are likely at the fit.
+    """
+    around, slopes = fitted.around, []
+    here = around.whitened_by.log_determinant(fitted.fitted)
+    for direction in scales.T:
+        coordinates = np.clip(fitted.coordinates + _STEP * direction, *fitted.hypothesis.bounds)
+        try:
+            there = linearise_again(around, fitted.hypothesis.physics(coordinates)).whitened_by
+            slopes.append((there.log_determinant(fitted.fitted) - here) / _STEP)
+        except OutsideValidityError:
+            slopes.append(np.nan)
+    return np.array(slopes)

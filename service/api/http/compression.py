@@ -6,6 +6,8 @@ from starlette.types import Receive, Scope, Send
 #: Ends of the paths of files: as large as the disk holds, and mostly noise, which no compression makes small. Windows
 #: are posted to such a path as well: each answer says a line or two.
 _FILES = ("/file", "/session", "/windows")
+#: Of a table that is compressed already.
+_PACKED = b"format=parquet"
 
 
 class Compression(GZipMiddleware):
@@ -13,7 +15,7 @@ class Compression(GZipMiddleware):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
-        if scope["type"] == "http" and scope["path"].endswith(_FILES):
+        if scope["type"] == "http" and (scope["path"].endswith(_FILES) or _PACKED in scope["query_string"]):
             await self.app(scope, receive, send)
         else:
             await super().__call__(scope, receive, send)

@@ -113,7 +113,8 @@ class RequestLimits:
                     self._bytes += n_bytes
                     if body.size > body.largest:
                         return _too_large(body.largest)
-                    deadline.reschedule(began + self._body_time_s + body.size / SLOWEST_BYTES_PER_S)
+                    if not body.complete:  # most come whole: a timer costs more than to look
+                        deadline.reschedule(began + self._body_time_s + body.size / SLOWEST_BYTES_PER_S)
                     if self._bytes > LARGEST_AT_ONCE * self._largest_body:
                         next(iter(self._arriving.values())).reschedule(loop.time())
         except TimeoutError:
@@ -173,15 +174,15 @@ class _Body:
         self.size = 0
         self._receive = receive
         self._content: BytesIO | None = BytesIO()
-        self._complete = False
+        self.complete = False
 
     async def more(self) -> int:
         """Wait for more of it and return how many bytes came: 0 at the end."""
-        while not self._complete:
+        while not self.complete:
             message = await self._receive()
             if message["type"] == "http.disconnect":
                 raise ClientDisconnect
-            self._complete = not message.get("more_body", False)
+            self.complete = not message.get("more_body", False)
             chunk = message.get("body", b"")
             if chunk and self._content is not None:
                 self.size += len(chunk)

@@ -4,6 +4,7 @@ Describe the API: FastAPI's own schema, with the models of bodies that a route r
 """
 
 from http import HTTPStatus
+from typing import cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -15,6 +16,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from monitor_core.errors import MonitorCoreError
+from service.api.http.tables.lists import Document, offer_tables
 from service.api.windows import WindowIn, WindowsIn
 from service.errors import BodyTooSlowError, ServiceError, status_of
 from service.json_types import Json, JsonObject
@@ -28,6 +30,7 @@ def describe(app: FastAPI) -> JsonObject:
         document = FastAPI.openapi(app)
         models = [(WindowIn, "validation"), (WindowsIn, "validation"), (Problem, "validation")]
         document["components"]["schemas"] |= models_json_schema(models, ref_template=_COMPONENT)[1]["$defs"]  # type: ignore[arg-type]
+        offer_tables(cast(Document, document))
         app.openapi_schema = document
     return app.openapi_schema
 

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, cast
 
 import click
 import httpx
@@ -11,6 +11,7 @@ import msgpack
 import numpy as np
 from pydantic import BaseModel
 
+import preload_client
 from monitor_core.recording import ExcitationQuantity, Window
 from monitor_core.recordings.elements.units import to_millimetres
 from service.api.http.body import MSGPACK_TYPE
@@ -46,17 +47,14 @@ class PostedMeasurement(BaseModel):
 
 
 class Client:
-    """Talks to one service, with the key in ``PRELOAD_KEY`` if there is one; a problem becomes one sentence."""
+    """Talks to one service, with the key in ``PRELOAD_KEY`` if there is one; a problem becomes one sentence.
+
+    Nothing is repeated: a person reads the sentence.
+    """
 
     def __init__(self, url: str) -> None:
-        key = os.environ.get("PRELOAD_KEY")
         try:
-            self._http = httpx.Client(
-                base_url=url,
-                timeout=TIMEOUT_S,
-                trust_env=False,
-                headers={"authorization": f"Bearer {key}"} if key else None,
-            )
+            self._service = preload_client.Client(url, os.environ.get("PRELOAD_KEY"), retries=0, timeout_s=TIMEOUT_S)
         except (httpx.InvalidURL, TypeError) as error:
             raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}") from error
 
@@ -68,7 +66,7 @@ class Client:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the connection."""
-        self._http.close()
+        self._service.close()
 
     def get(self, path: str, answer: type[Wire], **query: str | int) -> Wire:
         """Read a resource."""
@@ -84,7 +82,7 @@ class Client:
 
     def register_if_new(self, axis: str) -> bool:
         """Register an axis with default settings unless it is there; tell whether it was new."""
-        if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes).axes):
+        if any(known.id == axis for known in self.get("/v1/axes", _KnownAxes, archived="true").axes):
             return False
         self.put(f"/v1/axes/{axis}", {"name": axis})
         return True
@@ -98,15 +96,9 @@ class Client:
 
     def _ask(self, method: str, path: str, **arguments: Any) -> JsonObject:  # noqa: ANN401 - httpx's own
         try:
-            response = self._http.request(method, path, **arguments)
-        except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
-            raise click.ClickException(f"no answer from {self._http.base_url}: {error}") from error
-        if response.is_success:
-            answer: JsonObject = response.json()
-            return answer
-        is_problem = response.headers.get("content-type", "").startswith("application/problem+json")
-        detail = response.json()["detail"] if is_problem else response.text[:200]
-        raise click.ClickException(f"{method} {path} was refused with {response.status_code}: {detail}")
+            return cast(JsonObject, self._service.request(method, path, **arguments))
+        except preload_client.PreloadError as error:
+            raise click.ClickException(str(error)) from error
 
 
 def window_document(window: Window) -> JsonObject:

@@ -43,6 +43,11 @@ class Caller:
     user: str | None = None  # who is logged in, in a browser
     is_anyone: bool = False  # nobody has to say who it is: nothing is closed yet
 
+    @property
+    def signature(self) -> str:
+        """Who it is, for what people read."""
+        return self.user or self.name
+
 
 #: Before there is an administrator, on this machine.
 ANYONE = Caller("anyone on this machine", EVERYTHING, is_anyone=True)

@@ -26,7 +26,7 @@ from service.documents.measurement import AlarmEvidence, read_evidence
 from service.errors import ConflictError, ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.operations.analysis_job import measured_with_windows
-from service.operations.monitoring.alarms import store_explanation
+from service.operations.monitoring.alarm_changes import store_explanation
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
     axis_drive,

@@ -56,6 +56,13 @@ class Axes:
                 return stored
         return detector_design(wanted)
 
+    def archive(self, axis_id: str, *, archived: bool) -> None:
+        """Hide an axis from lists and let it take no windows, or take that back. Nothing of it is deleted."""
+        with self._lanes.of(axis_id), self._database.write(axis_id) as session:
+            row = axes.get_axis(session, axis_id)
+            if archived != (row.archived_at is not None):
+                row.archived_at = now() if archived else None
+
     def get(self, axis_id: str) -> AxisRow:
         """Return an axis."""
         with self._database.read() as session:

@@ -20,7 +20,7 @@ from monitor_core.trend import DetectorDesign, DetectorSettings, LossDirection, 
 from monitor_core.uncertainty import Estimate
 from service.documents.stored import StoredRecord
 from service.json_types import Json, JsonObject
-from service.operations.fields import Positive
+from service.operations.fields import Label, Moment, Positive, SetPreload
 
 
 def axis_drive(text: str) -> DescribedDrive:
@@ -70,6 +70,12 @@ class AxisConfiguration(BaseModel):
     axis_type: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
         default=None, description="axes of one type lend a young one what it cannot know yet"
     )
+    machine: Label | None = Field(default=None, description="name of the machine that the axis is of")
+    machine_place: Label | None = Field(default=None, description="where the machine stands; goes with machine")
+    commissioned_preload_n: SetPreload | None = Field(
+        default=None, description="preload that the axis was put into service with: what is left of it is said"
+    )
+    commissioned_at: Moment | None = Field(default=None, description="goes with commissioned_preload_n")
     silent_after_hours: Positive = Field(
         default=168.0, le=1e7, description="without an accepted measurement for so long the state is unknown"
     )
@@ -89,6 +95,10 @@ class AxisConfiguration(BaseModel):
             )
         if (self.moving_mass_kg is None) != (self.moving_mass_standard_uncertainty_kg is None):
             raise ValueError("moving_mass_kg and moving_mass_standard_uncertainty_kg are stated together or not at all")
+        if (self.commissioned_preload_n is None) != (self.commissioned_at is None):
+            raise ValueError("commissioned_preload_n and commissioned_at are stated together or not at all")
+        if self.machine is None and self.machine_place is not None:
+            raise ValueError("machine_place is of a machine: expected its name in machine; got none")
         return self
 
 
@@ -97,7 +107,17 @@ _STORED = StoredRecord(
     TypeAdapter(AxisConfiguration),
     version=1,
     remedy="send it again with PUT /v1/axes, or restore the backup",
-    added=frozenset({"measurement_timeout_s", "baseline_days", "axis_type"}),
+    added=frozenset(
+        {
+            "measurement_timeout_s",
+            "baseline_days",
+            "axis_type",
+            "machine",
+            "machine_place",
+            "commissioned_preload_n",
+            "commissioned_at",
+        }
+    ),
 )
 
 
@@ -111,6 +131,7 @@ def dump_configuration(configuration: AxisConfiguration) -> JsonObject:
     return _STORED.dump(configuration)
 
 
+@lru_cache(maxsize=1024)  # wanted with every window
 def core_settings(configuration: AxisConfiguration) -> AxisSettings:
     """Return the core's settings, in SI units."""
     mass, uncertainty = configuration.moving_mass_kg, configuration.moving_mass_standard_uncertainty_kg

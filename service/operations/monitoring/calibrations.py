@@ -21,7 +21,7 @@ from service.errors import PreconditionError
 from service.json_types import JsonObject
 from service.operations.analysis_job import measured_modes
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
-from service.operations.monitoring.intake.chart_state import begin_anew
+from service.operations.monitoring.intake.epochs import begin_by_calibration
 from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.sisters import prior_of_sisters
 from service.store import calibrations, measurements
@@ -119,7 +119,8 @@ class Calibrations:
             if axis.active_calibration_id == row.id:
                 return
             axis.active_calibration_id = row.id
-            begin_anew(axis, prior_of_sisters(session, axis))
+            session.flush()
+            begin_by_calibration(session.connection(), axis_id, prior_of_sisters(session, axis))
             session.add(ActivationRow(axis_id=axis_id, calibration_id=row.id, activated_at=now(), reason=reason))
 
     def overview(self, axis_id: str) -> CalibrationOverview:

@@ -24,8 +24,10 @@ from service.documents.history import (
 )
 from service.json_types import JsonObject
 from service.operations.monitoring.intake.chart_state import load_design, load_state
-from service.store import axes, calibrations
+from service.operations.monitoring.rejudging.stale import Stale, stale_axes
+from service.store import axes, calibrations, maintenance
 from service.store.database import Database
+from service.store.tables import MaintenanceRow
 from service.store.trend.sessions import SessionRecord, newest_sessions
 
 #: The newest sessions are looked at: a year of them, at one a day.
@@ -44,6 +46,8 @@ class AxisHistory:
     line: JsonObject | None
     false_alarms: JsonObject | None
     alert: JsonObject | None = None  # that stands
+    events: tuple[MaintenanceRow, ...] = ()  # what was done to it, in order of time
+    stale: Stale | None = None  # it is about to be replaced
 
 
 class History:
@@ -58,8 +62,10 @@ class History:
         with self._database.read() as session:
             row = axes.get_axis(session, axis_id)
             calibration = calibrations.active_calibration(session, row)
+            events = tuple(maintenance.standing(maintenance.log_of(session, axis_id)))
+            stale = stale_axes(session, axis_id).get(axis_id)
             if calibration is None or row.active_calibration_id is None:
-                return AxisHistory(None, None, None)
+                return AxisHistory(None, None, None, events=events, stale=stale)
             sessions = newest_sessions(session.connection(), row.number, row.active_calibration_id, MOST_SESSIONS)
         state, design = load_state(row.monitor_state).detector, load_design(row.detector_design)
         newest = sessions[-1].started_at if sessions else None
@@ -72,7 +78,7 @@ class History:
             self._said[axis_id] = known
         line, false_alarms = known[1]
         alert = alert_document(state, calibration, design.settings.baseline_size)
-        return AxisHistory(baseline_document(state, calibration), line, false_alarms, alert)
+        return AxisHistory(baseline_document(state, calibration), line, false_alarms, alert, events, stale)
 
 
 def _long_run(

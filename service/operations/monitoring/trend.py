@@ -18,9 +18,11 @@ from service.errors import DocumentDamagedError, UnreadableBodyError
 from service.json_types import JsonObject
 from service.operations.monitoring.axis_configuration import AxisConfiguration, load_configuration
 from service.operations.monitoring.intake.chart_state import load_design, load_state, state_now
+from service.operations.monitoring.rejudging.stale import Stale, stale_axes
 from service.store import alarms, axes, measurements
 from service.store.database import Database, document_of
 from service.store.intake import outcomes_of
+from service.store.retention import LetGo, let_go
 from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.trend.points import (
     Cursor,
@@ -98,6 +100,14 @@ PAPER_READINGS = 20
 
 
 @dataclass(frozen=True, slots=True)
+class PreloadLeft:
+    """The share of the commissioned preload that is left, with its 95 % coverage interval; an open end is None."""
+
+    share: float
+    interval_95: tuple[float | None, float | None]
+
+
+@dataclass(frozen=True, slots=True)
 class AxisStatus:
     """An axis and how it stands at this moment."""
 
@@ -107,6 +117,17 @@ class AxisStatus:
     since: datetime | None
     last_measurement: JsonObject | None
     open_alarms: int
+    stale: Stale | None = None  # what it says is about to be replaced
+
+    @property
+    def preload_left(self) -> PreloadLeft | None:
+        """What is left of the commissioned preload by the last measurement; None if either is not known."""
+        commissioned, said = self.configuration.commissioned_preload_n, self.last_measurement or {}
+        preload, interval = said.get("preload_n"), said.get("interval_95_n")
+        if commissioned is None or not isinstance(preload, float) or not isinstance(interval, list):
+            return None
+        lower, upper = (end / commissioned if isinstance(end, float) else None for end in interval)
+        return PreloadLeft(preload / commissioned, (lower, upper))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +163,7 @@ class MeasurementView:
     outcome: JsonObject | None
     response: JsonObject | None
     windows: list[WindowRow]
+    let_go: LetGo | None  # None: all waveforms are stored
 
 
 class Trend:
@@ -149,6 +171,7 @@ class Trend:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._newest: dict[str, tuple[int, list[float]]] = {}  # preloads, at a revision of their axis
         self._read: dict[str, tuple[axes.Documents, AxisConfiguration]] = {}  # documents that can be read
 
     def status(self, axis_id: str) -> AxisStatus:
@@ -160,23 +183,46 @@ class Trend:
                 point = point_of(connection, row.number, row.last_measured_at, row.last_measurement_id)
                 said = outcomes_of(connection, [row.last_measurement_id]).get(row.last_measurement_id)
                 said = said if said is None or point is None else with_trend(said, point)
-            return self._status(row, documents, said, alarms.count_open(session, axis_id))
+            stale = stale_axes(session, axis_id).get(axis_id)
+            return self._status(row, documents, said, alarms.count_open(session, axis_id), stale)
 
-    def fleet(self) -> Fleet:
-        """Tell how every axis stands; what is wrong with the documents of one keeps no other from being told."""
+    def fleet(self, machine: str | None = None, *, archived: bool = False) -> Fleet:
+        """Tell how every axis stands, or those of a machine; archived ones only where they are asked for.
+
+        What is wrong with the documents of one keeps no other from being told.
+        """
         statuses, damaged = [], []
         with self._database.read() as session:
             rows, n_open = axes.axes_with_documents(session), alarms.open_by_axis(session)
+            stale = stale_axes(session)
             points = last_points(session.connection())
             said = outcomes_of(session.connection(), [point.measurement_id for point in points.values()])
         for row, documents in rows:
+            if row.archived_at is not None and not archived:
+                continue
             point = points.get(row.number)
             last = None if point is None else with_trend(said[point.measurement_id], point)
             try:
-                statuses.append(self._status(row, documents, last, n_open.get(row.id, 0)))
+                status = self._status(row, documents, last, n_open.get(row.id, 0), stale.get(row.id))
+                statuses += [status] if machine in (None, status.configuration.machine) else []
             except DocumentDamagedError as error:
                 damaged.append(DamagedAxis(row.id, row.name, str(error)))
         return Fleet(statuses, damaged)
+
+    def newest_preloads(self, rows: Sequence[AxisRow], most: int) -> dict[str, list[float]]:
+        """Return the newest preloads of axes in time order, for a small picture of each; refused ones have none.
+
+        They are read again when the row of the axis has changed.
+        """
+        outdated = [row for row in rows if self._newest.get(row.id, (-1,))[0] != row.revision]
+        with self._database.read() as session:
+            for row in outdated:
+                points = page_of_points(
+                    session.connection(), row.number, Span(), after=None, limit=most, newest_first=True
+                )
+                preloads = [point.preload_n for point in reversed(points) if point.preload_n is not None]
+                self._newest[row.id] = row.revision, preloads
+        return {row.id: self._newest[row.id][1] for row in rows}
 
     def paper_rule(self, axis_id: str) -> JsonObject | None:
         """Compare the first measurements since the charts began with the latest, as the paper does."""
@@ -200,10 +246,15 @@ class Trend:
             "distinguished": rule.distinguished,
         }
 
-    def revision(self, axis_id: str) -> int:
-        """Return a number that changes whenever the trend of an axis does."""
+    def revision(self, axis_id: str) -> tuple[int, Stale | None]:
+        """Return a number that changes whenever the trend of an axis does, and what is about to replace it."""
         with self._database.read() as session:
-            return axes.revision_of(session, axis_id)
+            return axes.revision_of(session, axis_id), stale_axes(session, axis_id).get(axis_id)
+
+    def revisions(self) -> dict[str, int]:
+        """Return for each axis a number that changes whenever it does."""
+        with self._database.read() as session:
+            return axes.revisions(session)
 
     def page(
         self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool = False
@@ -234,10 +285,17 @@ class Trend:
             point = point_of(connection, number, row.started_at, measurement_id)
             outcome = None if document is None or point is None else with_trend(document.outcome, point)
             windows = measurements.windows_of(session, measurement_id)
-            return MeasurementView(row, outcome, None if document is None else document.response, windows)
+            response = None if document is None else document.response
+            gone = let_go(connection, [measurement_id]).get(measurement_id)
+            return MeasurementView(row, outcome, response, windows, gone)
 
     def _status(
-        self, row: AxisRow, documents: axes.Documents, last_measurement: JsonObject | None, open_alarms: int
+        self,
+        row: AxisRow,
+        documents: axes.Documents,
+        last_measurement: JsonObject | None,
+        open_alarms: int,
+        stale: Stale | None,
     ) -> AxisStatus:
         """Return how an axis stands; raises DocumentDamagedError if something stored of it cannot be read."""
         read = self._read.get(row.id)
@@ -246,8 +304,11 @@ class Trend:
             load_state(state)
             load_design(limits)
             read = self._read[row.id] = documents, load_configuration(configuration)
-        told, since = state_now(row, now(), read[1].silent_after_hours)
-        return AxisStatus(row, read[1], told, since, last_measurement, open_alarms)
+        if row.archived_at is None:
+            told, since = state_now(row, now(), read[1].silent_after_hours)
+        else:  # nobody waits for it
+            told, since = row.state, row.state_since
+        return AxisStatus(row, read[1], told, since, last_measurement, open_alarms, stale)
 
 
 def _encode_cursor(point: TrendPoint) -> str:

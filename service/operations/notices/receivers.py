@@ -1,4 +1,4 @@
-"""Who outside is told of alarms: webhooks and mail, from one TOML file."""
+"""Who outside is told of alarms: webhooks, mail and MQTT brokers, from one TOML file."""
 
 import base64
 import tomllib
@@ -8,10 +8,10 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, HttpUrl, SecretStr, ValidationError, model_validator
 
 from service.errors import DataFolderError
+from service.operations.notices.broker import Broker, Name
 
 #: A secret that begins so is the base64 of a key, as Standard Webhooks writes it.
 ENCODED = "whsec_"
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 Address = Annotated[str, Field(pattern=r"^[^@\s]+@[^@\s]+$", max_length=254)]
 
 
@@ -47,10 +47,12 @@ class Receivers(BaseModel):
 
     webhook: list[Webhook] = []
     mail: list[Mail] = []
+    mqtt: list[Broker] = []
 
     @model_validator(mode="after")
     def _different(self) -> "Receivers":
-        names = [each.name for each in (*self.webhook, *self.mail)]
+        receivers: list[Webhook | Mail | Broker] = [*self.webhook, *self.mail, *self.mqtt]
+        names = [receiver.name for receiver in receivers]
         if len(set(names)) < len(names):
             raise ValueError(f"receivers must have different names; got {', '.join(names)}")
         return self
@@ -71,7 +73,8 @@ def read_receivers(path: Path | None) -> Receivers:
         first = error.errors(include_input=False)[0]
         where = ".".join(map(str, first["loc"])) or "the file"
         raise DataFolderError(f"the receivers in {path}: {where}: {first['msg']}") from error
-    for file in (*(each.secret_file for each in receivers.webhook), *(each.password_file for each in receivers.mail)):
+    logins: list[Mail | Broker] = [*receivers.mail, *receivers.mqtt]
+    for file in (*(each.secret_file for each in receivers.webhook), *(each.password_file for each in logins)):
         if file is not None:
             read_secret(file)
     return receivers

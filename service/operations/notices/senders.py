@@ -17,6 +17,8 @@ from service.json_types import JsonObject
 from service.operations.notices.receivers import ENCODED, Mail, Webhook, read_secret
 
 TIMEOUT_S = 20.0
+#: Of a CloudEvent in structured mode.
+CLOUD_EVENT_TYPE = "application/cloudevents+json; charset=utf-8"
 #: What asking again cannot change. Of a receiver that is set up wrongly (401, 403, 404) it can.
 _REFUSED_FOR_GOOD = frozenset(range(400, 500)) - {401, 403, 404, 408, 421, 425, 429}
 
@@ -87,7 +89,7 @@ class WebhookSender:
         body = json.dumps(cloud_event(notice, self._source), ensure_ascii=False).encode()
         message_id, timestamp = f"{self._source}/{notice.number}", str(int(now().timestamp()))
         headers = {
-            "content-type": "application/cloudevents+json; charset=utf-8",
+            "content-type": CLOUD_EVENT_TYPE,
             "webhook-id": message_id,
             "webhook-timestamp": timestamp,
         }

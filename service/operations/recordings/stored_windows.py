@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BufferedReader
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from service.errors import UnknownResourceError
 from service.store import measurements
 from service.store.database import Database
 from service.store.recordings import RecordingFiles, not_taken
+from service.store.retention import require_stored
 from service.store.waveforms import WaveformPlace, WaveformStore
 from service.store.window_format import size_of
 
@@ -45,7 +47,8 @@ class StoredWindows:
     def session(self, axis_id: str, measurement_id: int, number: int | None) -> StoredFile:
         """Return the windows of a measurement, or one of them counted from 1, as a session file.
 
-        Raises UnknownResourceError; WaveformDamagedError if a window cannot be read; StorageError.
+        Raises UnknownResourceError; LetGoError if they were let go; WaveformDamagedError if a window cannot be read;
+        StorageError.
         """
         with self._one_at_a_time:
             windows = self._windows(axis_id, measurement_id, number)
@@ -76,16 +79,21 @@ class StoredWindows:
         return StoredFile(_size(file), _parts(file))
 
     def _windows(self, axis_id: str, measurement_id: int, number: int | None) -> list[Window]:
+        return self._waveforms.read_where_they_lie(partial(self._places, axis_id, measurement_id, number))
+
+    def _places(self, axis_id: str, measurement_id: int, number: int | None) -> list[WaveformPlace]:
         with self._database.read() as session:
             measurements.get_measurement(session, axis_id, measurement_id)
             rows = measurements.windows_of(session, measurement_id)
-        if number is not None and number > len(rows):
-            raise UnknownResourceError(f"measurement {measurement_id} has {len(rows)} windows; got window {number}")
-        if number is not None:
-            rows = rows[number - 1 : number]
-        return self._waveforms.read(
+            if number is not None and number > len(rows):
+                raise UnknownResourceError(f"measurement {measurement_id} has {len(rows)} windows; got window {number}")
+            if number is not None:
+                rows = rows[number - 1 : number]
+            if any(row.let_go_by is not None for row in rows):
+                require_stored(session, [measurement_id])
+        return [
             WaveformPlace(row.file_path, row.offset_in_file, row.index_in_frame, row.content_sha256) for row in rows
-        )
+        ]
 
 
 def _size(file: BufferedReader) -> int:

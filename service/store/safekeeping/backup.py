@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from service.clock import now
 from service.errors import DataFolderError, StorageError
 from service.store.recordings import UNDER_WAY
+from service.store.safekeeping.purge_lock import no_purge
 from service.store.safekeeping.verification import damaged_windows
 from service.store.waveform_files import sync_folder
 from service.store.waveforms import WaveformPlace
@@ -57,6 +58,11 @@ def back_up(data_dir: Path, folder: Path, done: Done) -> Manifest:
             f"expected an embedded database {source}; got none (one on PostgreSQL: pg_dump, then raw/)"
         )
     require_empty(folder)
+    with no_purge(data_dir):
+        return _backed_up(data_dir, source, folder, done)
+
+
+def _backed_up(data_dir: Path, source: Path, folder: Path, done: Done) -> Manifest:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _copy_database(source, folder / DATABASE)
@@ -141,7 +147,7 @@ def _describe(folder: Path) -> Manifest:
             WaveformPlace(*row)
             for row in database.execute(
                 "SELECT file_path, offset_in_file, index_in_frame, content_sha256 FROM windows "
-                "ORDER BY file_path, offset_in_file, index_in_frame"
+                "WHERE file_path <> '' ORDER BY file_path, offset_in_file, index_in_frame"
             )
         )
         damaged = tuple(damage.reason for damage in damaged_windows(folder, places))
@@ -152,7 +158,12 @@ def _describe(folder: Path) -> Manifest:
 
 def _waveform_files(database: Path) -> list[str]:
     with closing(_opened(database)) as connection:
-        return [path for (path,) in connection.execute("SELECT DISTINCT file_path FROM windows ORDER BY file_path")]
+        return [
+            path
+            for (path,) in connection.execute(
+                "SELECT DISTINCT file_path FROM windows WHERE file_path <> '' ORDER BY file_path"
+            )
+        ]
 
 
 def _reports(data_dir: Path) -> list[str]:

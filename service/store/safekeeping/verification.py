@@ -33,7 +33,9 @@ def heal(
     query = select(
         WindowRow.file_path, WindowRow.offset_in_file, WindowRow.index_in_frame, WindowRow.content_sha256,
         WindowRow.started_at,
-    ).where(WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(by_start)))  # fmt: skip
+    ).where(
+        WindowRow.axis_id == axis_id, WindowRow.started_at.in_(list(by_start)), WindowRow.let_go_by.is_(None)
+    )  # fmt: skip
     with reading(connection):
         rows = connection.execute(query).all()
     start_of = {WaveformPlace(path, offset, index, sha256): start for path, offset, index, sha256, start in rows}
@@ -44,7 +46,7 @@ def heal(
             places = frame.sync()
             with writing(connection):
                 for start, place in zip(lost, places, strict=True):
-                    row = (WindowRow.axis_id == axis_id, WindowRow.started_at == start)
+                    row = (WindowRow.axis_id == axis_id, WindowRow.started_at == start, WindowRow.let_go_by.is_(None))
                     moved = {"file_path": place.path, "offset_in_file": place.offset, "index_in_frame": place.index}
                     connection.execute(update(WindowRow).where(*row).values(moved))
                 frame.keep()

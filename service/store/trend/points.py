@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, insert, literal, select, tuple_, update
+from sqlalchemy import ColumnElement, Connection, and_, delete, func, insert, literal, select, tuple_, update
 
 from monitor_core.preload import DoubtReason
 from service.json_types import JsonObject
@@ -36,6 +36,12 @@ def forget_checkpoints(connection: Connection, axis_number: int, epoch: int, aft
     """Remove the checkpoints of an epoch after a moment, by default all: a late measurement changed what they hold."""
     of_epoch = delete(_CHECKPOINTS).where(_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch == epoch)
     connection.execute(of_epoch if after is None else of_epoch.where(_CHECKPOINTS.c.at > after))
+
+
+def forget_checkpoints_beyond(connection: Connection, axis_number: int, epoch: int) -> None:
+    """Remove the checkpoints of all epochs later than one."""
+    later = (_CHECKPOINTS.c.axis_number == axis_number, _CHECKPOINTS.c.epoch > epoch)
+    connection.execute(delete(_CHECKPOINTS).where(*later))
 
 
 def add_checkpoint(
@@ -111,6 +117,9 @@ Cursor = tuple[datetime, int]
 _POINTS = TrendPointRow.metadata.tables[TrendPointRow.__tablename__]
 _COLUMNS = [_POINTS.c[name] for name in TrendPoint.__slots__]
 _KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
+#: Why a measurement moved no chart that came when they could not be folded again from before it.
+TOO_LATE = "too-late"
+_IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
 
 
@@ -163,15 +172,26 @@ def point_of(connection: Connection, axis_number: int, at: datetime, measurement
 
 
 def points_after(
-    connection: Connection, axis_number: int, epoch: int, after: datetime | None, begun: datetime | None
+    connection: Connection, axis_number: int, epoch: int, after: datetime | None, since: datetime | None
 ) -> list[TrendPoint]:
-    """Return the points of one epoch of the charts, which begins with a moment, that are later than another one."""
-    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch == epoch)
-    if after is not None:
+    """Return the points of an epoch of the charts, and of those after it, that are later than a moment.
+
+    Those that came too late for the charts are not among them. ``since``: there is nothing older in that epoch.
+    """
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.epoch >= epoch, _IN_TIME)
+    if since is not None and (after is None or since > after):  # of two bounds SQLite would take the first
+        query = query.where(_POINTS.c.at >= since)
+    elif after is not None:
         query = query.where(_POINTS.c.at > after)
-    if begun is not None:
-        query = query.where(_POINTS.c.at >= begun)
     return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+
+
+def first_of_epoch(connection: Connection, axis_number: int, epoch: int, since: datetime) -> datetime | None:
+    """Return when the first point of an epoch was measured, which begins at a moment."""
+    query = select(_POINTS.c.at).where(
+        _POINTS.c.axis_number == axis_number, _POINTS.c.at >= since, _POINTS.c.epoch == epoch, _IN_TIME
+    )
+    return connection.execute(query.order_by(_POINTS.c.at).limit(1)).scalar()
 
 
 def point_before(connection: Connection, axis_number: int, at: datetime) -> TrendPoint | None:
@@ -198,6 +218,20 @@ def page_of_points(
     order = (_POINTS.c.at, _POINTS.c.measurement_id)
     ordered = query.order_by(*(column.desc() for column in order)) if newest_first else query.order_by(*order)
     return [TrendPoint(*row) for row in connection.execute(ordered.limit(limit))]
+
+
+def points_within(connection: Connection, axis_number: int, span: Span) -> list[TrendPoint]:
+    """Return all points of a span, in time order."""
+    query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, *_within(span))
+    return [TrendPoint(*row) for row in connection.execute(query.order_by(_POINTS.c.at, _POINTS.c.measurement_id))]
+
+
+def count_uncharted(connection: Connection, axis_number: int) -> dict[str, int]:
+    """Count the points of an axis that moved no chart, by the reason."""
+    query = select(_POINTS.c.uncharted, func.count().label("number")).where(
+        _POINTS.c.axis_number == axis_number, _POINTS.c.uncharted.is_not(None)
+    )
+    return {row.uncharted: row.number for row in connection.execute(query.group_by(_POINTS.c.uncharted))}
 
 
 def points_at(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> list[TrendPoint]:

@@ -48,6 +48,11 @@ def forget_sessions(
     connection.execute(removed if since is None else removed.where(_SESSIONS.c.started_at >= since))
 
 
+def forget_sessions_beyond(connection: Connection, axis_number: int, epoch: int) -> None:
+    """Remove the sessions of all epochs later than one."""
+    connection.execute(delete(_SESSIONS).where(_SESSIONS.c.axis_number == axis_number, _SESSIONS.c.epoch > epoch))
+
+
 def newest_sessions(connection: Connection, axis_number: int, calibration_id: int, most: int) -> list[SessionRecord]:
     """Return the newest sessions under a calibration, in time order."""
     query = (

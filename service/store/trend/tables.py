@@ -97,3 +97,17 @@ class ChartCheckpointRow(Base):
     epoch: Mapped[int] = _key()
     at: Mapped[datetime] = mapped_column(UtcMicroseconds, primary_key=True)
     state: Mapped[JsonObject]
+
+
+class ChartEpochRow(Base):
+    """Where the charts of an axis begin anew, or learn the level again, in the time of its measurements."""
+
+    __tablename__ = "chart_epochs"
+    __table_args__ = _CLUSTERED
+
+    axis_number: Mapped[int] = _key()
+    begins_at: Mapped[datetime] = mapped_column(UtcMicroseconds, primary_key=True)
+    begun_by: Mapped[str] = mapped_column(String(16), primary_key=True)  # see service.store.trend.epochs
+    epoch: Mapped[int | None]  # counted in order of time; None: the charts have not come here yet
+    calibration_id: Mapped[int | None] = mapped_column(BigInteger)  # that it is charted under
+    state: Mapped[JsonObject | None]  # of the charts when it begins

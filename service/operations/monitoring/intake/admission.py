@@ -1,6 +1,6 @@
 """Which measurement a new window belongs to, whether it is averaged there, and what completes a measurement."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
@@ -8,8 +8,8 @@ from monitor_core.recording import Rejection, RejectionReason, Window
 from monitor_core.recordings.elements.units import to_millimetres
 from service.clock import text_of
 from service.operations.monitoring.axis_configuration import AxisConfiguration
-from service.operations.monitoring.intake.charts import too_late
-from service.store.intake import OPEN, ChartsRecord, MeasurementRecord
+from service.store.intake import OPEN, MeasurementRecord
+from service.store.retention import LetGo
 
 #: A window that says it began so long after it arrived comes from a clock that is wrong: put into the charts, it would
 #: make everything that is measured until then too old for them.
@@ -31,10 +31,11 @@ class Admission:
 
     axis_id: str
     configuration: AxisConfiguration
-    charts: ChartsRecord
     received_at: datetime
     measurements: dict[str, MeasurementRecord]  # those that the windows name
+    closed: Collection[str]  # names of those that were judged too long ago to take more
     admitted: list[Admitted] = field(default_factory=list)
+    let_go: Mapping[int, LetGo] = field(default_factory=dict)  # by measurement, of those that lost windows to a purge
 
     def admit(self, window: Window, own_refusal: Rejection | None) -> None:
         """Put a new window, with what the gate says of it on its own, into its measurement; the first one makes it."""
@@ -88,7 +89,9 @@ class Admission:
         )
 
     def _closed(self, row: MeasurementRecord) -> Rejection | None:
-        if row.status == OPEN or not too_late(self.charts, row.started_at):
+        if row.status != OPEN and row.id is not None and (gone := self.let_go.get(row.id)) is not None:
+            return Rejection(RejectionReason.TOO_LATE, f"the other windows of measurement '{row.name}' were {gone}")
+        if row.name not in self.closed:
             return None
         return Rejection(
             RejectionReason.TOO_LATE, f"measurement '{row.name}' was {row.status} too long before this window arrived"

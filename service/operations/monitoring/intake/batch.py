@@ -20,12 +20,14 @@ from service.json_types import JsonObject
 from service.observability import Metrics
 from service.operations.monitoring.axis_configuration import core_settings
 from service.operations.monitoring.intake.admission import Admission, at_its_position, counts
+from service.operations.monitoring.intake.charts import too_late
 from service.operations.monitoring.intake.judge import Judged, Settled, judge, settle
 from service.operations.monitoring.intake.known import KnownAxes
 from service.store import intake
 from service.store.database import reading
 from service.store.intake import OPEN, AxisRecord, MeasurementRecord, WindowRecord
 from service.store.measurements import member_places
+from service.store.retention import LetGo, let_go
 from service.store.safekeeping.verification import heal
 from service.store.trend.points import point_of
 from service.store.waveforms import WaveformPlace, WaveformStore, Writing
@@ -86,9 +88,14 @@ class Batch:
         starts = {window.started_at for post in posts for window in post.windows}
         with reading(connection):
             self.axis: AxisRecord = intake.read_axis(connection, axis_id)
+            if self.axis.archived_at is not None and starts:
+                raise ConflictError(
+                    f"axis '{axis_id}' is archived since {text_of(self.axis.archived_at)} and takes no windows; "
+                    f"DELETE /v1/axes/{axis_id}/archive takes that back"
+                )
             self._contents = intake.contents_at(connection, self.axis, starts)
             self._measurements = intake.read_measurements(connection, axis_id, names)
-            self._charts = intake.read_charts(connection, self.axis)
+            self._closed = self._too_late(connection)
             self.calibration: Calibration | None = known.calibration_of(connection, self.axis)
             self._said_before = self._outcomes(connection, self._measurements.values())
         self.configuration = known.configuration_of(self.axis)
@@ -109,8 +116,9 @@ class Batch:
             self._frame = files.enter_context(waveforms.begin_write(self.axis.id, new, self._received_at))
         settings = core_settings(self.configuration)
         self._admission = Admission(
-            self.axis.id, self.configuration, self._charts, self._received_at, self._measurements
+            self.axis.id, self.configuration, self._received_at, self._measurements, self._closed
         )
+        self._admission.let_go = self._let_go(connection)
         was_judged_at = {row.name: row.started_at for row in self._measurements.values() if row.status != OPEN}
         for window in new:
             quality = check_window(window, settings, self.calibration)
@@ -129,14 +137,12 @@ class Batch:
         """Wait until the waveforms are on disk."""
         return [] if self._frame is None else self._frame.sync()
 
-    def store(self, connection: Connection, places: Sequence[WaveformPlace]) -> Settled:
-        """Write everything in the transaction that is open."""
+    def store(self, connection: Connection, places: Sequence[WaveformPlace]) -> Settled | None:
+        """Write everything in the transaction that is open; None: charts and counts of the axis stay as they are."""
         for row in self._admission.changed():
             intake.save_measurement(connection, row)
         intake.add_windows(connection, self._window_records(places))
-        settled = settle(
-            connection, self.axis, self._charts, self._judged, self.calibration, refused_windows=self._refusals()
-        )
+        settled = settle(connection, self.axis, self._judged, self.calibration, refused_windows=self._refusals())
         if self._frame is not None:
             self._frame.keep()  # before the commit: one that fails may yet have happened (a lost connection)
         return settled
@@ -184,6 +190,14 @@ class Batch:
         self._new |= new
         self.posts.append(post)
 
+    def _too_late(self, connection: Connection) -> frozenset[str]:
+        """Return the names of the measurements that were judged too long ago to take more."""
+        judged = [row for row in self._measurements.values() if row.status != OPEN]
+        if not judged:
+            return frozenset()  # as it should be: the charts are not asked
+        charts = intake.read_charts(connection, self.axis)
+        return frozenset(row.name for row in judged if too_late(charts, row.started_at))
+
     def _judge(
         self, connection: Connection, waveforms: WaveformStore, row: MeasurementRecord, was_judged_at: datetime | None
     ) -> Judged:
@@ -209,13 +223,31 @@ class Batch:
     ) -> tuple[list[Window], dict[datetime, bool]]:
         """Return the windows of a measurement, and of those stored before whether they were accepted."""
         windows = [item.window for item in self._admission.admitted if item.measurement is row and counts(item.refusal)]
-        if row.id is None:
+        number, members = row.id, list[tuple[WaveformPlace, bool]]()
+        if number is None:
             return windows, {}
-        with reading(connection):
-            members = member_places(connection, row.id)
-        stored = waveforms.read([place for place, _ in members])
+
+        def places() -> list[WaveformPlace]:
+            with reading(connection):
+                members[:] = member_places(connection, number)
+            return [place for place, _ in members]
+
+        stored = waveforms.read_where_they_lie(places)
         accepted = {window.started_at: own for window, (_, own) in zip(stored, members, strict=True)}
         return windows + stored, accepted
+
+    def _let_go(self, connection: Connection) -> dict[int, LetGo]:
+        """Return which of the measurements that are judged, and get more windows, have lost some to a purge."""
+        named = {window.measurement for window in self._new.values()}
+        judged = [
+            row.id
+            for name, row in self._measurements.items()
+            if row.status != OPEN and row.id is not None and name in named
+        ]
+        if not judged:
+            return {}
+        with reading(connection):
+            return let_go(connection, judged)
 
     def _outcomes(self, connection: Connection, rows: Iterable[MeasurementRecord]) -> dict[str, JsonObject]:
         """Return what was said about measurements that were judged before, by name."""

@@ -10,16 +10,13 @@ from datetime import datetime, timedelta
 
 import numpy as np
 from pydantic import TypeAdapter
-from sqlalchemy.orm import Session
 
 from monitor_core.pipeline import AxisState
 from monitor_core.trend import (
     ClosedSession,
     DetectorDesign,
     DetectorState,
-    Prior,
     TrendStatus,
-    closed_session,
     reset,
     state_at,
 )
@@ -27,7 +24,8 @@ from service.documents.stored import StoredRecord
 from service.json_types import Json, JsonObject
 from service.store.intake import ChartsRecord
 from service.store.tables import AxisRow
-from service.store.trend.sessions import SessionRecord, add_sessions
+from service.store.trend.epochs import CALIBRATION, INSPECTION, UNKNOWN, EpochRecord
+from service.store.trend.sessions import SessionRecord
 
 #: Written where both beliefs are one.
 _AS_LEARNT = "as learnt"
@@ -102,30 +100,18 @@ def is_outdated(charts: ChartsRecord | AxisRow) -> bool:
     return _STATE.is_older(charts.monitor_state) or _DESIGN.is_older(charts.detector_design)
 
 
-def begin_again(session: Session, axis: AxisRow) -> None:
-    """Learn the level of an axis anew, because somebody inspected it and found it in order.
+def begun(epoch: EpochRecord, before: DetectorState) -> DetectorState:
+    """Return the detector as it begins an epoch. A person decides that, never the detector.
 
-    A person decides that, here and below, never the detector. What was measured until now moves no chart any more.
+    After an inspection the level is learnt anew. With another calibration or another nut nothing is known but what
+    sisters lent: the charts watch another number now, or another axis.
     """
-    before = load_state(axis.monitor_state).detector
-    after = reset(before)
-    over = closed_session(before, after)
-    if over is not None and axis.active_calibration_id is not None:
-        add_sessions(session.connection(), [session_record(axis.number, axis.active_calibration_id, axis.epoch, over)])
-    _begin_epoch(axis, after)
-
-
-def begin_anew(axis: AxisRow, prior: Prior | None) -> None:
-    """Begin with nothing learnt but what sisters lend: the charts watch another number now."""
-    _begin_epoch(axis, DetectorState(last_at=axis.last_charted_at, prior=prior))
-
-
-def _begin_epoch(axis: AxisRow, detector: DetectorState) -> None:
-    axis.epoch += 1
-    axis.epoch_after, axis.epoch_from = axis.last_charted_at, None
-    axis.since_checkpoint = 0
-    axis.monitor_state = axis.epoch_state = dump_state(AxisState(detector))
-    axis.state, axis.state_since = str(detector.status), None
+    if epoch.begun_by == INSPECTION:
+        return reset(before)
+    if epoch.begun_by == UNKNOWN:
+        return load_state(epoch.state).detector
+    prior = load_state(epoch.state).detector.prior if epoch.begun_by == CALIBRATION else before.prior
+    return DetectorState(last_at=before.last_at, prior=prior)
 
 
 def state_now(axis: AxisRow, at: datetime, silent_after_hours: float) -> tuple[str, datetime | None]:

@@ -1,7 +1,8 @@
 """Carry the charts of an axis over its measurements in the order of their time, in whatever order they arrive.
 
 The charts are a fold. What is newer than all before goes on from where they stand; what arrives late, or replaces what
-was there, folds them again from the last checkpoint before it, so that they stand as if it had come in time.
+was there, folds them again from the last checkpoint before it, so that they stand as if it had come in time. On the way
+they enter the epochs that a person began: another calibration, an inspection, a new nut or screw.
 """
 
 import math
@@ -16,18 +17,28 @@ from monitor_core.pipeline import AxisState, ChartedFeature, advance_feature
 from monitor_core.preload import Calibration, PlaceReading, preload_from_feature
 from monitor_core.recording import Conditions
 from monitor_core.recordings.elements.units import metres
-from monitor_core.trend import DetectorDesign, closed_session
+from monitor_core.trend import ClosedSession, DetectorDesign, closed_session
 from monitor_core.uncertainty import Estimate
-from service.operations.monitoring.intake.chart_state import dump_state, load_design, load_state, session_record
-from service.store import intake
+from service.operations.monitoring.intake.chart_state import (
+    begun,
+    dump_state,
+    load_design,
+    load_state,
+    session_record,
+)
+from service.store.calibrations import CalibrationsInForce
 from service.store.intake import AxisRecord, ChartsRecord
+from service.store.trend.epochs import BEGIN_OF_TIME, CALIBRATION, UNKNOWN, EpochRecord, epochs_of, save_epoch
 from service.store.trend.points import (
+    TOO_LATE,
     Span,
     TrendPoint,
     add_checkpoint,
     add_point,
     checkpoint_before,
+    first_of_epoch,
     forget_checkpoints,
+    forget_checkpoints_beyond,
     newest_point,
     point_before,
     points_after,
@@ -35,7 +46,7 @@ from service.store.trend.points import (
     replace_points,
     say_places,
 )
-from service.store.trend.sessions import SessionRecord, add_sessions, forget_sessions
+from service.store.trend.sessions import SessionRecord, add_sessions, forget_sessions, forget_sessions_beyond
 
 #: A checkpoint is kept after so many measurements in the charts ...
 CHECKPOINT_EVERY = 50
@@ -43,21 +54,24 @@ CHECKPOINT_EVERY = 50
 MOST_CHECKPOINTS = 25
 #: What began so long before the newest measurement is too late, too: its clock is more likely wrong than its way slow.
 LATEST = timedelta(days=366)
+_NEXT = timedelta(microseconds=1)
 
 
 class Uncharted(StrEnum):
     """Why an accepted measurement moves no chart."""
 
     PRELOAD_SET = "preload-set"  #: its preload was set on purpose: it tells nothing about wear
-    TOO_LATE = "too-late"  #: it was made before what the charts can be folded again from
+    TOO_LATE = TOO_LATE  #: it was made before what the charts can be folded again from
+    WAVEFORM_GONE = "waveform-gone"  #: its waveform is not there, so that it stands as another calibration judged it
 
 
 @dataclass(frozen=True, slots=True)
 class Raised:
-    """An alarm that the charts raise, and the measurement that it is raised by."""
+    """An alarm that the charts raise, the measurement that it is raised by, and the calibration that it rests on."""
 
     point: TrendPoint
     state: AxisState
+    calibration: Calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +83,8 @@ class Folded:
     raised: tuple[Raised, ...]  # alarms of what was folded
     again_after: datetime | None  # what began later was folded again; None: nothing was
     again: bool = False
+    since_epoch: int = 0  # the first that was folded
+    entered: tuple[tuple[datetime, int], ...] = ()  # when later ones begin, and their numbers, in order of time
 
 
 def too_late(charts: ChartsRecord, at: datetime) -> bool:
@@ -100,9 +116,10 @@ def put_in(
         return Folded(charts, aside, (), None)
     fold = _Fold(connection, axis, charts, calibration)
     again = bool(replaced) or (charts.last_measured_at is not None and min(touched) <= charts.last_measured_at)
-    if again:
-        fold.go_back(min(touched))
-    folded = fold.over(min(touched), put)
+    of_before = charts.epoch_begins_at is not None and min(touched) < charts.epoch_begins_at
+    if again or of_before:
+        fold.go_back(min(touched), since=None if of_before else charts.epoch_from or min(touched))
+    folded = fold.over(put)
     return replace(folded, points=aside | folded.points)
 
 
@@ -112,9 +129,30 @@ def fold_epoch(
     """Fold the charts over everything that was measured since their epoch began."""
     if charts.epoch_from is None:
         return Folded(charts, {}, (), None)
+    return fold_from(connection, axis, charts, charts.epoch_from, calibration)
+
+
+def fold_from(
+    connection: Connection, axis: AxisRecord, charts: ChartsRecord, first: datetime, calibration: Calibration | None
+) -> Folded:
+    """Fold the charts over everything that was measured since a moment, through the epochs that begin since then."""
     fold = _Fold(connection, axis, charts, calibration)
-    fold.go_back(charts.epoch_from)
-    return fold.over(charts.epoch_from, [])
+    fold.go_back(first)
+    return fold.over([])
+
+
+def enter_epoch(
+    connection: Connection, axis: AxisRecord, charts: ChartsRecord, epoch: EpochRecord, calibration: Calibration | None
+) -> Folded:
+    """Store an epoch, and fold the charts from where it begins."""
+    save_epoch(connection, epoch)
+    newest = charts.last_charted_at if epoch.is_hard else charts.last_measured_at
+    later = [moment for moment in (charts.epoch_begins_at, newest) if moment is not None and moment >= epoch.begins_at]
+    if later:
+        return fold_from(connection, axis, charts, epoch.begins_at, calibration)
+    fold = _Fold(connection, axis, charts, calibration)
+    fold.enter(epoch)
+    return fold.over([])
 
 
 class _Fold:
@@ -124,44 +162,68 @@ class _Fold:
         self, connection: Connection, axis: AxisRecord, charts: ChartsRecord, calibration: Calibration | None
     ) -> None:
         self._connection, self._axis, self._calibration = connection, axis, calibration
+        self._calibration_id = axis.active_calibration_id
         self._charts = charts
+        self._since_epoch = charts.epoch
         self._state = load_state(charts.monitor_state)
         self._design: DetectorDesign = load_design(charts.detector_design)
         self._old: list[TrendPoint] = []  # that are folded again
         self._again = False
         self._begun_after: datetime | None = None
+        self._ahead: list[EpochRecord] = []  # epochs that are still to be entered, in order of time
+        self._entered: list[tuple[datetime, int]] = []
         self._raised: list[Raised] = []
         self._sessions: list[SessionRecord] = []
         self._session_of: dict[int, datetime | None] = {}  # when it began, by measurement; None: it moved no chart
         self._places: dict[datetime, str | None] = {}  # how those of a session contradict each other, in words
 
-    def go_back(self, first: datetime) -> None:
-        """Return to the charts as they stood before a moment: what was measured since is to be folded again."""
-        connection, number, epoch = self._connection, self._axis.number, self._charts.epoch
-        found = checkpoint_before(connection, number, epoch, first)
-        if found is not None:
-            at: datetime | None = found[0]
-            self._state = load_state(found[1])
-        else:
-            at = self._charts.epoch_after
-            self._state = load_state(intake.read_epoch_state(connection, self._axis))
-        forget_checkpoints(connection, number, epoch, at)
-        if self._axis.active_calibration_id is not None:
-            going_on = self._state.detector.session
-            since = at if going_on is None else going_on.started_at
-            forget_sessions(connection, number, self._axis.active_calibration_id, epoch, since)
-        self._charts = replace(self._charts, since_checkpoint=0)
-        self._old = points_after(connection, number, epoch, at, self._charts.epoch_from)
-        self._again, self._begun_after = True, at
+    def go_back(self, first: datetime, *, since: datetime | None = None) -> None:
+        """Return to the charts as they stood before a moment: what was measured since is to be folded again.
 
-    def over(self, first: datetime, put: Sequence[TrendPoint]) -> Folded:
+        Where it lies before the first epoch that is known, they return to where that begins. ``since``: the epoch holds
+        nothing older, so that no more of the history is read.
+        """
+        connection, number = self._connection, self._axis.number
+        epochs = epochs_of(connection, number)
+        known = [i for i, epoch in enumerate(epochs) if epoch.epoch is not None]
+        is_first_known = not known or epochs[known[0]].epoch == 1
+        before = [i for i in known if epochs[i].begins_at <= first]
+        current = before[-1] if before else None if is_first_known else known[0]
+        self._ahead = epochs if current is None else epochs[current + 1 :]
+        newest = self._charts.epoch
+        self._return_to(None if current is None else epochs[current], first)
+        self._forget_since(self._begun_after, newest)
+        self._old = points_after(connection, number, self._charts.epoch, self._begun_after, since)
+        self._again = True
+
+    def enter(self, epoch: EpochRecord) -> None:
+        """Begin an epoch: what was learnt before it holds no more, or its level does not."""
+        before = self._state.detector
+        self._state = AxisState(begun(epoch, before))
+        over = closed_session(before, self._state.detector)
+        if epoch.begun_by in (CALIBRATION, UNKNOWN):
+            self._take_calibration(epoch.calibration_id)
+        else:
+            self._end_session(over)
+        number = self._charts.epoch + 1
+        save_epoch(
+            self._connection,
+            replace(epoch, epoch=number, state=dump_state(self._state), calibration_id=self._calibration_id),
+        )
+        self._entered.append((epoch.begins_at, number))
+        self._charts = replace(
+            self._charts, epoch=number, epoch_from=None, since_checkpoint=0, epoch_begins_at=epoch.begins_at,
+            epoch_after=self._limit(epoch, self._charts.epoch_after),
+        )  # fmt: skip
+
+    def over(self, put: Sequence[TrendPoint]) -> Folded:
         """Carry the charts over new points, and over those to be folded again; store what became of them."""
-        begun = self._charts.epoch_from
-        self._charts = replace(self._charts, epoch_from=first if begun is None else min(begun, first))
         known = {point.measurement_id: point for point in self._old}
         self._places = _said_of(self._state)
         going_on = dict(self._places)
         stepped = [self._step(point) for point in sorted([*self._old, *put], key=_in_time)]
+        for epoch in self._ahead:
+            self.enter(epoch)
         points = self._with_places(stepped, going_on)
         replace_points(self._connection, [p for p in points if known.get(p.measurement_id, p) != p])
         for point in points:
@@ -170,10 +232,62 @@ class _Fold:
         add_sessions(self._connection, self._sessions)
         added = {point.measurement_id for point in put}
         after = {point.measurement_id: point for point in points if point.measurement_id in added}
-        return Folded(self._charts_now(), after, tuple(self._raised), self._begun_after, self._again)
+        return Folded(
+            self._charts_now(), after, tuple(self._raised), self._begun_after, self._again, self._since_epoch,
+            tuple(self._entered),
+        )  # fmt: skip
+
+    def _return_to(self, epoch: EpochRecord | None, first: datetime) -> None:
+        """Stand in an epoch as the charts did at its last checkpoint before a moment, or where it begins."""
+        connection, number = self._connection, self._axis.number
+        counted = 0 if epoch is None or epoch.epoch is None else epoch.epoch
+        found = checkpoint_before(connection, number, counted, first)
+        if found is not None:
+            self._begun_after, self._state = found[0], load_state(found[1])
+        else:
+            self._begun_after = None if epoch is None else epoch.begins_at - _NEXT
+            self._state = load_state(None if epoch is None else epoch.state)
+        limit, begun_at = self._charts.epoch_after, None if epoch is None else epoch.begins_at
+        if limit is not None and first <= limit:  # it was reached later, or somebody said what was done before it
+            limit = None if epoch is None else self._limit(epoch, None)
+        epoch_from = self._charts.epoch_from
+        if counted != self._charts.epoch:
+            epoch_from = None if begun_at is None else first_of_epoch(connection, number, counted, begun_at)
+        self._take_calibration(None if epoch is None else epoch.calibration_id)
+        self._since_epoch = counted
+        self._charts = replace(
+            self._charts, epoch=counted, epoch_begins_at=begun_at, since_checkpoint=0, epoch_after=limit,
+            epoch_from=epoch_from,
+        )  # fmt: skip
+
+    def _forget_since(self, at: datetime | None, newest_epoch: int) -> None:
+        """Forget the checkpoints after a moment, and the sessions from the one on that goes on there."""
+        connection, number, epoch = self._connection, self._axis.number, self._charts.epoch
+        going_on = self._state.detector.session
+        since = at if going_on is None else going_on.started_at
+        if self._calibration_id is not None:
+            forget_sessions(connection, number, self._calibration_id, epoch, since)
+        forget_checkpoints(connection, number, epoch, at)
+        if newest_epoch > epoch:
+            forget_sessions_beyond(connection, number, epoch)
+            forget_checkpoints_beyond(connection, number, epoch)
+
+    def _take_calibration(self, calibration_id: int | None) -> None:
+        if calibration_id != self._calibration_id:
+            found = CalibrationsInForce().numbered(self._connection, self._axis.id, calibration_id)
+            self._calibration_id, self._calibration = calibration_id, found
+
+    @staticmethod
+    def _limit(epoch: EpochRecord, before: datetime | None) -> datetime | None:
+        """Return until when what was measured moves no chart any more, once an epoch is entered."""
+        if not epoch.is_hard:
+            return before
+        return epoch.begins_at - _NEXT if epoch.begins_at > BEGIN_OF_TIME else None
 
     def _step(self, point: TrendPoint) -> TrendPoint:
         """Carry the charts over the next measurement; a refused one, or one with its preload set, changes nothing."""
+        while self._ahead and self._ahead[0].begins_at <= point.at:
+            self.enter(self._ahead.pop(0))
         before, calibration = self._state, self._calibration
         self._session_of[point.measurement_id] = None
         charted = point.uncharted is None and point.feature_s2 is not None and calibration is not None
@@ -187,17 +301,19 @@ class _Fold:
             baseline = preload_from_feature(detector.baseline.mean, calibration.coefficients)
         point = replace(
             point,
+            epoch=self._charts.epoch,
             state=str(detector.status),
             baseline_preload_n=baseline,
             # what was learnt before: a measurement does not judge itself
             learnt_scatter_s2=None if learnt is None or point.feature_s2 is None else learnt.scatter,
         )
-        if detector.alarm is not None and before.detector.alarm is None:
-            self._raised.append(Raised(point, self._state))
+        if detector.alarm is not None and before.detector.alarm is None and calibration is not None:
+            self._raised.append(Raised(point, self._state, calibration))
         self._keep_session(before)
         self._charts = replace(
             self._charts, last_measurement_id=point.measurement_id, last_measured_at=point.at,
             since_checkpoint=self._charts.since_checkpoint + charted,
+            epoch_from=point.at if self._charts.epoch_from is None else min(self._charts.epoch_from, point.at),
         )  # fmt: skip
         if self._charts.since_checkpoint >= CHECKPOINT_EVERY:
             self._keep_checkpoint(point.at)
@@ -208,7 +324,7 @@ class _Fold:
         for since, words in begun.items():
             if points and (self._again or words != self._places[since]):
                 span = Span(since, min(point.at for point in points))
-                say_places(self._connection, self._axis.number, self._charts.epoch, span, self._places[since])
+                say_places(self._connection, self._axis.number, self._since_epoch, span, self._places[since])
         return [
             replace(point, places_disagree=None if since is None else self._places[since])
             for point in points
@@ -216,10 +332,11 @@ class _Fold:
         ]
 
     def _keep_session(self, before: AxisState) -> None:
-        over = closed_session(before.detector, self._state.detector)
-        if over is not None and self._axis.active_calibration_id is not None:
-            calibration_id = self._axis.active_calibration_id
-            self._sessions.append(session_record(self._axis.number, calibration_id, self._charts.epoch, over))
+        self._end_session(closed_session(before.detector, self._state.detector))
+
+    def _end_session(self, over: ClosedSession | None) -> None:
+        if over is not None and self._calibration_id is not None:
+            self._sessions.append(session_record(self._axis.number, self._calibration_id, self._charts.epoch, over))
 
     def _keep_checkpoint(self, at: datetime) -> None:
         state = dump_state(self._state)

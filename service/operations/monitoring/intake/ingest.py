@@ -19,7 +19,7 @@ from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.errors import BusyError, StorageError
 from service.observability import Metrics
-from service.operations.monitoring.alarms import PRELOAD_LOSS
+from service.operations.monitoring.alarm_changes import PRELOAD_LOSS
 from service.operations.monitoring.intake.batch import Batch, IngestReceipt, Post, by_axis
 from service.operations.monitoring.intake.judge import Settled
 from service.operations.monitoring.intake.known import KnownAxes, Lanes
@@ -165,7 +165,7 @@ class Ingest:
                     _refuse(axes[axis_id], error)
             full = [batch for batch in batches if not batch.empty]
             places = [batch.sync() for batch in full]
-            settled: dict[str, Settled] = {}
+            settled: dict[str, Settled | None] = {}
             if full:
                 with writing(connection):
                     for batch, lying in zip(full, places, strict=True):
@@ -180,20 +180,19 @@ class Ingest:
             for window in receipt.windows:
                 self._metrics.windows.labels(window.reason or str(window.status)).inc()
         if settled is not None:
-            for outcome in settled.outcomes:
-                self._metrics.measurements.labels(outcome).inc()
-            for reason in settled.uncharted:
-                self._metrics.uncharted.labels(reason).inc()
-            self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
-        if (
-            settled is not None
-            and settled.documents
-            and settled.state is TrendStatus.ALARM
-            and batch.configuration.drive_model is not None
-        ):
-            self._follow_alarm(batch.axis.id)
+            self._note(batch, settled)
         for post, receipt in zip(batch.posts, receipts, strict=True):
             post.answer.set_result(receipt)
+
+    def _note(self, batch: Batch, settled: Settled) -> None:
+        """Count what was judged, and have an alarm that it left the axis in explained."""
+        for outcome in settled.outcomes:
+            self._metrics.measurements.labels(outcome).inc()
+        for reason in settled.uncharted:
+            self._metrics.uncharted.labels(reason).inc()
+        self._metrics.alarms.labels(PRELOAD_LOSS).inc(settled.new_alarms)
+        if settled.documents and settled.state is TrendStatus.ALARM and batch.configuration.drive_model is not None:
+            self._follow_alarm(batch.axis.id)
 
 
 def _refuse(posts: Sequence[Post], error: Exception) -> None:

@@ -17,11 +17,11 @@ from monitor_core.trend import TrendStatus
 from service.clock import now
 from service.documents.measurement import finite_or_null, measurement_document, response_document, with_trend
 from service.json_types import JsonObject
-from service.operations.monitoring.alarms import settle_alarms
+from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings
 from service.operations.monitoring.intake.charts import Uncharted, put_in
 from service.store import intake
-from service.store.intake import JUDGED, REFUSED, AxisRecord, ChartsRecord, MeasurementRecord
+from service.store.intake import JUDGED, REFUSED, AxisRecord, MeasurementRecord
 from service.store.tables import CountsByReason
 from service.store.trend.points import TrendPoint, point_of
 from service.store.trend.rollups import sum_up
@@ -76,15 +76,18 @@ def judge(
 def settle(
     connection: Connection,
     axis: AxisRecord,
-    before: ChartsRecord,
     judged: Sequence[Judged],
     calibration: Calibration | None,
     *,
     refused_windows: Counter[str],
-) -> Settled:
-    """Write what was judged, the charts that follow from it, their alarms, and the counts of the axis."""
+) -> Settled | None:
+    """Write what was judged, the charts that follow from it, their alarms, and the counts of the axis.
+
+    None: nothing of this changes, as with most windows, and nothing of it is read.
+    """
     if not judged and not any(refused_windows.values()):
-        return Settled({}, (), (), 0, TrendStatus(before.state))
+        return None
+    before = intake.read_charts(connection, axis)
     documents: dict[int, JsonObject] = {}
     new: list[TrendPoint] = []
     replaced: list[TrendPoint] = []
@@ -94,7 +97,7 @@ def settle(
             old = point_of(connection, axis.number, item.was_judged_at, row.id)
             replaced += [] if old is None else [old]
         _save(connection, axis, item)
-        point = _point(axis, row, item.outcome, before.epoch, calibration)
+        point = judged_point(axis.number, row, item.outcome, before.epoch, calibration)
         documents[point.measurement_id] = document = measurement_document(row, item.outcome)
         intake.save_document(connection, point.measurement_id, document, response_document(item.outcome))
         new.append(point)
@@ -102,11 +105,11 @@ def settle(
     sum_up(connection, axis.number, {point.at for point in (*new, *replaced)})
     new_alarms = 0
     if calibration is not None and (folded.raised or folded.again):
-        new_alarms = settle_alarms(connection, axis, folded, calibration)
+        new_alarms = settle_alarms(connection, axis, folded)
     after = replace(
         folded.charts,
-        refused_windows=_counted(before.refused_windows, refused_windows),
-        uncharted=_counted(before.uncharted, _reasons(folded.points.values()), _reasons(replaced)),
+        refused_windows=counted(before.refused_windows, refused_windows),
+        uncharted=counted(before.uncharted, _reasons(folded.points.values()), _reasons(replaced)),
     )
     if judged or after != before:
         intake.save_charts(connection, axis, before, after)
@@ -120,22 +123,26 @@ def settle(
 
 
 def _save(connection: Connection, axis: AxisRecord, item: Judged) -> None:
-    """Store a measurement as judged: it began with its first accepted window, where and as that was measured."""
+    stand(item, axis.active_calibration_id)
+    intake.save_measurement(connection, item.measurement, judged_at=now())
+    if item.measurement.id is not None and item.changed:
+        intake.refuse_windows(connection, item.measurement.id, item.changed)
+
+
+def stand(item: Judged, calibration_id: int | None) -> None:
+    """Let a measurement stand as judged: it began with its first accepted window, where and as that was measured."""
     row = item.measurement
     row.status = JUDGED if item.outcome.refusal is None else REFUSED
-    row.calibration_id = axis.active_calibration_id
+    row.calibration_id = calibration_id
     row.n_accepted, row.closes_at = item.n_accepted, None
     if item.first is not None:
         row.started_at = item.first.started_at
         row.position_mm = to_millimetres(item.first.conditions.position)
         row.set_preload_n = item.first.conditions.preload
-    intake.save_measurement(connection, row, judged_at=now())
-    if row.id is not None and item.changed:
-        intake.refuse_windows(connection, row.id, item.changed)
 
 
-def _point(
-    axis: AxisRecord,
+def judged_point(
+    axis_number: int,
     row: MeasurementRecord,
     outcome: MeasurementOutcome,
     epoch: int,
@@ -147,7 +154,7 @@ def _point(
     drag = outcome.drag_torque.drag.value if isinstance(outcome.drag_torque, DragTorque) else None
     refusal = outcome.refusal
     return TrendPoint(
-        axis_number=axis.number,
+        axis_number=axis_number,
         at=row.started_at,
         measurement_id=_number(row),
         name=row.name,
@@ -194,7 +201,8 @@ def _reasons(points: Iterable[TrendPoint]) -> Counter[str]:
     return Counter(point.uncharted for point in points if point.uncharted is not None)
 
 
-def _counted(before: CountsByReason, more: Counter[str], less: Counter[str] | None = None) -> CountsByReason:
+def counted(before: CountsByReason, more: Counter[str], less: Counter[str] | None = None) -> CountsByReason:
+    """Return counts with some more and some less, by name and without those that are none."""
     counts = Counter(before)
     counts.update(more)
     counts.subtract(less or {})

@@ -9,7 +9,7 @@ from sqlalchemy import Connection
 
 from monitor_core.pipeline import AxisState
 from service.errors import DocumentDamagedError
-from service.operations.monitoring.alarms import settle_alarms
+from service.operations.monitoring.alarm_changes import settle_alarms
 from service.operations.monitoring.axis_configuration import detector_design, detector_settings, load_configuration
 from service.operations.monitoring.intake.chart_state import dump_design, dump_state, is_outdated
 from service.operations.monitoring.intake.charts import fold_epoch
@@ -17,6 +17,7 @@ from service.store import intake
 from service.store.axes import list_axes
 from service.store.calibrations import CalibrationsInForce
 from service.store.database import Database, writing
+from service.store.trend.epochs import epochs_of, save_epoch
 from service.store.trend.points import forget_checkpoints
 
 log = logging.getLogger(__name__)
@@ -47,7 +48,9 @@ def _renew(connection: Connection, axis_id: str) -> None:
     design = detector_design(detector_settings(load_configuration(axis.configuration)))
     beginning = dump_state(AxisState())
     forget_checkpoints(connection, axis.number, before.epoch, None)
-    intake.save_epoch_state(connection, axis, beginning)
+    for epoch in epochs_of(connection, axis.number):
+        if epoch.epoch == before.epoch:
+            save_epoch(connection, replace(epoch, state=beginning))
     charts = replace(
         before,
         detector_design=dump_design(design),
@@ -58,6 +61,6 @@ def _renew(connection: Connection, axis_id: str) -> None:
     calibration = CalibrationsInForce().of(connection, axis)
     folded = fold_epoch(connection, axis, charts, calibration)
     if calibration is not None and folded.again:
-        settle_alarms(connection, axis, folded, calibration)
+        settle_alarms(connection, axis, folded)
     intake.save_charts(connection, axis, before, folded.charts)
     log.info("the charts of axis '%s' are of this version now", axis_id)

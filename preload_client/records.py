@@ -1,0 +1,99 @@
+"""Name what the service answers, as it answers it: moments are RFC 3339 in UTC, units are in the names."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, TypeAlias, TypedDict
+
+Document: TypeAlias = Mapping[str, object]
+
+
+class Axis(TypedDict):
+    """An axis and how it stands."""
+
+    id: str
+    name: str
+    created_at: str
+    configuration: Document
+    active_calibration: int | None
+    state: str
+    state_since: str | None
+    last_measurement: Document | None
+    refused_windows: Mapping[str, int]
+    uncharted: Mapping[str, int]
+    open_alarms: int
+
+
+class TrendPoint(TypedDict):
+    """One measurement: a preload with its 95 % coverage interval, or the reason why there is none."""
+
+    measurement_id: int
+    measurement: str
+    at: str
+    position_mm: float
+    status: Literal["judged", "refused"]
+    frequency_hz: float | None
+    preload_n: float | None
+    interval_95_n: tuple[float | None, float | None] | None
+    drag_torque_nm: float | None
+    state: str | None
+    refusal_reason: str | None
+    uncharted: str | None
+    doubt: str | None
+
+
+class WindowStatus(TypedDict):
+    """What became of one window."""
+
+    started_at: str
+    measurement: str
+    status: Literal["accepted", "refused", "already-there"]
+    reason: str | None
+    detail: str | None
+
+
+class Receipt(TypedDict):
+    """What became of the windows of a request, and of the measurements that were judged with them."""
+
+    accepted: int
+    refused: int
+    already_there: int
+    windows: Sequence[WindowStatus]
+    measurements: Sequence[Document]
+
+
+class AlarmEvent(TypedDict):
+    """One change of an alarm."""
+
+    at: str
+    old_status: str | None
+    new_status: str
+    reason: str
+
+
+class Alarm(TypedDict):
+    """An alarm with its evidence, its cause as far as it was examined, and its history."""
+
+    id: int
+    axis: str
+    measurement_id: int
+    kind: str
+    raised_at: str
+    status: Literal["active", "acknowledged", "cleared"]
+    evidence: Document
+    explanation: Document
+    events: Sequence[AlarmEvent]
+
+
+class Job(TypedDict):
+    """A job as it stands."""
+
+    id: str
+    kind: str
+    axis: str
+    arguments: Document
+    status: Literal["queued", "running", "done", "failed", "cancelled"]
+    done: int
+    total: int | None
+    result: Document | None
+    error: str | None
+    created_at: str
+    updated_at: str

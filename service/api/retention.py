@@ -1,0 +1,246 @@
+"""``/v1/retention``: how long waveforms are kept, and the purge of the rest; pins of measurements and spans."""
+
+from datetime import datetime
+from typing import Annotated, Literal, Self
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from service.api.jobs import JobOut, job_out
+from service.api.services import Services, services
+from service.operations.fields import AxisId, Moment, RequestModel, RowId, Text
+from service.operations.keeping.pins import Reason
+from service.operations.keeping.rule import Rule, Why
+from service.operations.keeping.survey import Share, Survey
+from service.store.tables import PinRow
+
+router = APIRouter(prefix="/v1", tags=["retention"])
+
+
+class RuleOut(BaseModel):
+    """How long raw waveforms are kept; what was found in them is kept for ever."""
+
+    keep_raw_days: Annotated[int | None, Field(description="null: for ever")]
+    keep_before_alarm_days: float
+    keep_after_alarm_days: float
+    lets_go_before: Annotated[datetime | None, Field(description="what arrived before is let go, unless it is kept")]
+    sentence: str
+
+
+class ShareOut(BaseModel):
+    """So many windows, and the bytes that they take on the disk."""
+
+    windows: int
+    bytes: int
+
+
+class KeptOut(ShareOut):
+    """What is kept for one reason; a window that has several counts under the first, in the order of this list."""
+
+    why: Why
+
+
+class PurgeOut(BaseModel):
+    """A purge and what came of it; `ended_at` is null while it is at work, and if it was broken off."""
+
+    id: int
+    begun_at: datetime
+    ended_at: datetime | None
+    keep_raw_days: int
+    windows: int
+    freed_bytes: int
+
+
+class PaceOut(BaseModel):
+    """What an axis stores: counted over so many days, and what a year brings at this pace (1 GB = 1e9 bytes).
+
+    Within its first day nothing is said of a year.
+    """
+
+    axis: str
+    days: float
+    bytes: int
+    gb_per_year: float | None
+
+
+class RetentionOut(BaseModel):
+    """What is stored in all, what of it is kept and why, what a purge would let go, and what a year brings."""
+
+    at: datetime
+    rule: RuleOut
+    files: int
+    bytes: int
+    kept: list[KeptOut]
+    to_let_go: ShareOut
+    unnamed_bytes: Annotated[int, Field(description="of old files that no window names, as a crash may leave them")]
+    let_go_windows: Annotated[int, Field(description="whose waveforms purges have let go; their values stay")]
+    purges: Annotated[list[PurgeOut], Field(description="the newest ones, newest first")]
+    gb_per_year: Annotated[float, Field(description="of all axes together")]
+    axes: list[PaceOut]
+
+
+def retention_out(survey: Survey) -> RetentionOut:
+    """Return a survey on the wire."""
+    rule = survey.rule
+    return RetentionOut(
+        at=survey.at,
+        rule=RuleOut(
+            keep_raw_days=rule.keep_raw_days,
+            keep_before_alarm_days=rule.before_alarm.days,
+            keep_after_alarm_days=rule.after_alarm.days,
+            lets_go_before=survey.lets_go_before,
+            sentence=_sentence(rule),
+        ),
+        files=survey.n_files,
+        bytes=survey.n_bytes,
+        kept=[KeptOut(why=why, **_share(share)) for why, share in survey.kept.items()],
+        to_let_go=ShareOut(**_share(survey.to_let_go)),
+        unnamed_bytes=survey.unnamed_bytes,
+        let_go_windows=survey.n_let_go,
+        purges=[
+            PurgeOut(
+                id=row.id, begun_at=row.begun_at, ended_at=row.ended_at, keep_raw_days=row.keep_raw_days,
+                windows=row.n_windows, freed_bytes=row.freed_bytes,
+            )
+            for row in survey.purges
+        ],
+        gb_per_year=sum(pace.gb_per_year or 0.0 for pace in survey.paces),
+        axes=[
+            PaceOut(axis=pace.axis_id, days=pace.days, bytes=pace.n_bytes, gb_per_year=pace.gb_per_year)
+            for pace in survey.paces
+        ],
+    )  # fmt: skip
+
+
+def _share(share: Share) -> dict[str, int]:
+    return {"windows": share.n_windows, "bytes": share.n_bytes}
+
+
+def _sentence(rule: Rule) -> str:
+    if rule.keep_raw_days is None:
+        return "every waveform is kept for ever (PRELOAD_KEEP_RAW_DAYS is not set)"
+    return (
+        f"waveforms are let go {rule.keep_raw_days} days after the day on which they arrived, except those of "
+        f"calibrations, pinned ones, and those from {rule.before_alarm.days} days before the onset of an alarm to "
+        f"{rule.after_alarm.days} days after it was raised"
+    )
+
+
+class PinIn(RequestModel):
+    """Why the waveforms of a measurement are kept."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "reference after the new nut"}]})
+
+    reason: Text
+
+
+class SpanPinIn(PinIn):
+    """Which measurements of an axis are kept, by when they began, and why."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"from": "2026-03-01T00:00:00Z", "to": "2026-04-01T00:00:00Z", "reason": "acceptance test"}]
+        }
+    )
+
+    start: Moment = Field(alias="from", description="inclusive")
+    end: Moment = Field(alias="to", description="exclusive")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.start >= self.end:
+            raise ValueError(f"from must be before to; got {self.start.isoformat()} and {self.end.isoformat()}")
+        return self
+
+
+class PinOut(BaseModel):
+    """A pin: of a measurement, or of the measurements of an axis that began in a span."""
+
+    id: int
+    axis: str
+    kind: Literal["measurement", "span"]
+    measurement_id: int | None
+    start: datetime | None = Field(serialization_alias="from")
+    end: datetime | None = Field(serialization_alias="to")
+    reason: str
+    who: str
+    at: datetime
+
+
+class PinsOut(BaseModel):
+    """Pins, newest first; `next_cursor` fetches older ones."""
+
+    pins: list[PinOut]
+    next_cursor: int | None
+
+
+class PinsQuery(RequestModel):
+    """Which pins of an axis."""
+
+    cursor: Annotated[int, Field(ge=1, lt=2**63)] | None = Field(default=None, description="next_cursor of a page")
+    limit: Annotated[int, Field(ge=1, le=1000)] = 100
+
+
+def pin_out(row: PinRow) -> PinOut:
+    """Return a pin on the wire."""
+    return PinOut(
+        id=row.id, axis=row.axis_id, kind="span" if row.measurement_id is None else "measurement",
+        measurement_id=row.measurement_id, start=row.start_at, end=row.end_at,
+        reason=row.reason, who=row.who, at=row.at,
+    )  # fmt: skip
+
+
+def _why(body: PinIn, request: Request) -> Reason:
+    return Reason(body.reason, request.state.caller.name)
+
+
+@router.get("/retention", response_model=RetentionOut)
+def get_retention(on: Annotated[Services, Depends(services)]) -> RetentionOut:
+    """Return the rule, what is kept and why, what a purge would free, and what a year brings.
+
+    All that is stored is counted; the answer may be a minute old, as its `at` says.
+    """
+    return retention_out(on.surveys.newest())
+
+
+@router.post("/retention/purges", response_model=JobOut, status_code=202)
+def start_purge(request: Request, response: Response, on: Annotated[Services, Depends(services)]) -> JobOut:
+    """Let go now what the rule does not keep, as a job; one that is not done yet is answered with again."""
+    row = on.purges.begin(request.state.caller.name)
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)
+
+
+@router.post("/axes/{axis}/measurements/{measurement}/pin", response_model=PinOut)
+def pin_measurement(
+    axis: AxisId, measurement: RowId, body: PinIn, request: Request, on: Annotated[Services, Depends(services)]
+) -> PinOut:
+    """Keep the waveforms of a measurement whatever their age; repeated, the reason is the new one."""
+    return pin_out(on.pins.pin_measurement(axis, measurement, _why(body, request)))
+
+
+@router.delete("/axes/{axis}/measurements/{measurement}/pin", response_model=PinOut)
+def unpin_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
+    """Let the rule decide about a measurement again."""
+    return pin_out(on.pins.unpin_measurement(axis, measurement))
+
+
+@router.get("/axes/{axis}/pins", response_model=PinsOut)
+def list_pins(
+    axis: AxisId, query: Annotated[PinsQuery, Query()], on: Annotated[Services, Depends(services)]
+) -> PinsOut:
+    """List what is pinned of an axis, newest first."""
+    rows = on.pins.list(axis, query.cursor, query.limit)
+    return PinsOut(pins=[pin_out(row) for row in rows], next_cursor=rows[-1].id if len(rows) == query.limit else None)
+
+
+@router.post("/axes/{axis}/pins", response_model=PinOut, status_code=201)
+def pin_span(axis: AxisId, body: SpanPinIn, request: Request, on: Annotated[Services, Depends(services)]) -> PinOut:
+    """Keep the waveforms of the measurements of an axis that began in a span: those still stored, and those to come."""
+    return pin_out(on.pins.pin_span(axis, (body.start, body.end), _why(body, request)))
+
+
+@router.delete("/axes/{axis}/pins/{pin}", response_model=PinOut)
+def remove_pin(axis: AxisId, pin: RowId, on: Annotated[Services, Depends(services)]) -> PinOut:
+    """Let the rule decide again about what a pin kept."""
+    return pin_out(on.pins.remove(axis, pin))

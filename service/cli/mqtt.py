@@ -1,0 +1,32 @@
+"""``preload mqtt --url URL``: take windows from an MQTT broker to a running service."""
+
+import os
+import signal
+import threading
+
+import click
+
+from service.observability import configure_logging
+
+
+@click.command()
+@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+def mqtt(url: str) -> None:
+    """Take windows from an MQTT broker to a service, until it is stopped.
+
+    Settings come from the environment (PRELOAD_MQTT_*), the key of the service from PRELOAD_KEY.
+    """
+    if not url.startswith(("http://", "https://")):
+        raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}")
+    from service.gateways.mqtt_windows import MqttSettings, WindowsGateway  # noqa: PLC0415  # an extra
+    from service.operations.notices.senders import NotTakenError  # noqa: PLC0415
+
+    configure_logging("INFO")
+    try:
+        gateway = WindowsGateway(MqttSettings(), url, os.environ.get("PRELOAD_KEY"))
+    except NotTakenError as error:
+        raise click.ClickException(str(error)) from error
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    gateway.run(stopping)

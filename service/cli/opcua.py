@@ -1,0 +1,39 @@
+"""``preload opcua --url URL``: show the axes of a running service to OPC UA clients."""
+
+import asyncio
+import logging
+import os
+import signal
+
+import click
+
+from service.errors import DataFolderError
+from service.observability import configure_logging
+
+
+@click.command()
+@click.option("--url", required=True, help="Address of the service, e.g. http://127.0.0.1:8710.")
+def opcua(url: str) -> None:
+    """Show preload, state and alarms of a service to OPC UA clients, until it is stopped.
+
+    Settings come from the environment (PRELOAD_OPCUA_*), the key of the service from PRELOAD_KEY.
+    """
+    if not url.startswith(("http://", "https://")):
+        raise click.ClickException(f"--url must be an address like http://127.0.0.1:8710; got {url}")
+    try:
+        import asyncua  # noqa: F401, PLC0415  # an extra
+    except ImportError as error:
+        raise DataFolderError("OPC UA needs asyncua; pip install 'preload-monitor[opcua]'") from error
+    from service.gateways.opcua_server import OpcuaSettings, serve_opcua  # noqa: PLC0415
+
+    configure_logging("INFO")
+    logging.getLogger("asyncua").setLevel(logging.ERROR)
+    settings = OpcuaSettings()
+
+    async def run() -> None:
+        stopping = asyncio.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, stopping.set)
+        await serve_opcua(settings, url, os.environ.get("PRELOAD_KEY"), stopping)
+
+    asyncio.run(run())

@@ -1,0 +1,172 @@
+"""Say of an axis in one sentence how it stands, and in another what to do next.
+
+Texts are English with named places for values; a page puts them into its own language, numbers and days included.
+"""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from service.documents.said import N_, Said, Value
+
+
+@dataclass(frozen=True, slots=True)
+class Cleared:
+    """The newest clearing of an alarm: when, by whom if that is known, and why."""
+
+    at: datetime
+    who: str | None
+    comment: str
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """An alert that stands: since when the preload is off, and by how much on average [N]."""
+
+    since: datetime
+    is_rise: bool
+    change: float
+
+
+@dataclass(frozen=True, slots=True)
+class OpenAlarm:
+    """An alarm that stands: since when preload is being lost, and who has seen it."""
+
+    onset: datetime
+    baseline: float | None  # [N]
+    owner: str | None
+    acknowledged_at: datetime | None
+    other_cause: str | None = None  # what was examined says that it is not the preload
+
+
+@dataclass(frozen=True, slots=True)
+class AxisFacts:
+    """What is known of an axis at this moment."""
+
+    state: str  # of the charts: silence is not seen in it
+    is_silent: bool
+    heard_at: datetime | None  # last measurement that moved the charts
+    silent_after_hours: float
+    in_force: int | None  # number of the calibration
+    stored: int | None  # newest calibration, in force or not
+    last_at: datetime | None  # last measurement that was judged
+    last_refused: str | None  # why, if it was
+    preload: float | None  # of the last measurement [N]
+    baseline: float | None  # [N]
+    cleared: Cleared | None = None  # since then nothing was measured
+    alert: Alert | None = None
+    alarm: OpenAlarm | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How an axis stands, and what to do next."""
+
+    sentence: Said
+    next_step: Said
+
+
+_MEASURE = Said("Measure the axis: windows of motor torque and nut acceleration, at a position of the calibration.")
+_GO_ON = Said("Nothing is to be done. Go on measuring.")
+
+
+def standing(facts: AxisFacts) -> Standing:
+    """Return how an axis stands, and what to do next."""
+    if facts.in_force is None:
+        return _uncalibrated(facts)
+    if facts.alarm is not None:
+        return _alarmed(facts, facts.alarm)
+    if facts.is_silent or facts.state == "unknown":
+        return _unknown(facts)
+    if facts.state == "learning":
+        text = N_("The baseline is being learnt. Until then no alarm can be raised.")
+        return Standing(Said(text), Said("Measure on as usual, on different days, until the baseline is learnt."))
+    if facts.state == "alert":
+        return _alerted(facts.alert)
+    return Standing(Said("No loss of preload is seen."), _GO_ON)
+
+
+def _unknown(facts: AxisFacts) -> Standing:
+    if facts.last_at is None:
+        return Standing(Said("Nothing was measured yet, so nothing is known about the preload."), _MEASURE)
+    if facts.cleared is not None:
+        return _cleared(facts.cleared)
+    if facts.is_silent and facts.heard_at is not None:
+        return _silent(facts, facts.heard_at)
+    return _unheard(facts)
+
+
+def _uncalibrated(facts: AxisFacts) -> Standing:
+    if facts.stored is None:
+        text = N_("Nothing can be said about the preload: the axis is not calibrated.")
+        step = N_("Calibrate it: measure at three positions or more, with two known preloads or more.")
+        return Standing(Said(text), Said(step))
+    text = N_("Nothing can be said about the preload: calibration %(number)s is stored, and none is in force.")
+    step = N_("Look at calibration %(number)s and activate it. Measurements judged before stay refused.")
+    number = {"number": str(facts.stored)}
+    return Standing(Said(text, number), Said(step, number))
+
+
+def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
+    lost = None if alarm.baseline is None or facts.preload is None else alarm.baseline - facts.preload
+    values: dict[str, Value] = {"day": alarm.onset}
+    if alarm.other_cause is not None:
+        text = N_("Since %(day)s the frequency is lower, as when preload is lost. What was measured says: %(cause)s.")
+        sentence = Said(text, values | {"cause": alarm.other_cause})
+    elif lost is not None and lost > 0.0 and facts.last_at is not None:
+        days = (facts.last_at - alarm.onset).total_seconds() / 86400.0
+        text = N_("%(lost)s N of preload were lost since %(day)s.")
+        if days >= 1.0:
+            text = N_("%(lost)s N of preload were lost since %(day)s, about %(rate)s N a day.")
+        sentence = Said(text, values | {"lost": round(lost), "rate": lost / max(days, 1.0)})
+    else:
+        sentence = Said("Preload is lower than the baseline since %(day)s.", values)
+    if facts.is_silent and facts.heard_at is not None:
+        step = N_(
+            "Nothing was accepted since %(day)s: see that the axis is measured, then check nut preload and lubrication."
+        )
+        return Standing(sentence, Said(step, {"day": facts.heard_at}))
+    step = N_("Measure at another position, compare the drag torque, check nut preload and lubrication.")
+    return Standing(sentence, Said(step))
+
+
+def _cleared(cleared: Cleared) -> Standing:
+    values: dict[str, Value] = {"day": cleared.at, "comment": cleared.comment}
+    text = N_("The alarm was cleared on %(day)s: “%(comment)s”. Nothing was accepted since.")
+    if cleared.who is not None:
+        text = N_("%(who)s cleared the alarm on %(day)s: “%(comment)s”. Nothing was accepted since.")
+        values["who"] = cleared.who
+    return Standing(Said(text, values), Said("Measure on: what is measured from now on is learnt as the new normal."))
+
+
+def _silent(facts: AxisFacts, heard_at: datetime) -> Standing:
+    values: dict[str, Value] = {"day": heard_at, "hours": round(facts.silent_after_hours)}
+    if facts.last_refused is not None:
+        text = N_("Nothing is known about the preload now: nothing was accepted since %(day)s, the last was refused.")
+        return Standing(Said(text, values), Said("See below why measurements are refused, and measure again."))
+    text = N_("Nothing is known about the preload now: the last measurement is of %(day)s, more than %(hours)s h ago.")
+    step = N_("See that the axis is measured: does the machine send windows, is the sensor connected?")
+    return Standing(Said(text, values), Said(step))
+
+
+def _unheard(facts: AxisFacts) -> Standing:
+    if facts.last_refused is not None:
+        text = N_("Nothing is known about the preload: no measurement was accepted under calibration %(number)s yet.")
+        step = Said("See below why measurements are refused, and measure again.")
+        return Standing(Said(text, {"number": str(facts.in_force)}), step)
+    text = N_("Calibration %(number)s is in force. Nothing was measured with it yet.")
+    return Standing(Said(text, {"number": str(facts.in_force)}), _MEASURE)
+
+
+def _alerted(alert: Alert | None) -> Standing:
+    again = Said("Measure again, at another position too.")
+    if alert is None:
+        return Standing(Said("The last measurements are off the baseline by more than chance explains well."), again)
+    values: dict[str, Value] = {"day": alert.since, "change": round(abs(alert.change))}
+    if alert.is_rise:
+        text = N_("Since %(day)s the preload is %(change)s N above the baseline on average. That is no loss.")
+        step = N_(
+            "Nothing tightens by itself: are payload, temperature and position as stated, was the machine worked on?"
+        )
+        return Standing(Said(text, values), Said(step))
+    text = N_("Since %(day)s the preload is %(change)s N below the baseline on average, not enough for an alarm.")
+    return Standing(Said(text, values), again)

@@ -1,0 +1,20 @@
+"""Sentences that a page puts into its own language: an English text, and the values in it, each by its name."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+Value = int | float | str | datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A sentence: its text, which is the key in the catalogues of languages, and the values in it."""
+
+    text: str
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+def N_(text: str) -> str:  # noqa: N802 - the name that tools for catalogues look for
+    """Mark a text for the catalogue; it is translated where it is shown."""
+    return text

@@ -1,0 +1,134 @@
+"""The nodes that an OPC UA client sees of the axes, and the events of their alarms."""
+
+from asyncua import Node, Server, ua
+from asyncua.common.event_objects import AlarmCondition
+from asyncua.server.event_generator import EventGenerator
+
+from service.gateways.opcua_reading import AlarmSeen, AxisSeen, Reading, values_of
+
+NAMESPACE = "urn:preload-monitor"
+#: Newton, as UNECE Recommendation 20 numbers units for OPC UA (Part 8, 5.6.3): the letters N, E, W as a number.
+NEWTON = ua.EUInformation(
+    NamespaceUri="http://www.opcfoundation.org/UA/units/un/cefact",
+    UnitId=int.from_bytes(b"NEW"),
+    DisplayName=ua.LocalizedText("N"),
+    Description=ua.LocalizedText("newton"),
+)
+#: What each variable is, in words.
+NUMBERS = {
+    "Preload": "preload of the newest measurement",
+    "PreloadIntervalLow": "lower end of its 95 % coverage interval",
+    "PreloadIntervalHigh": "upper end of its 95 % coverage interval",
+}
+#: Of 1 to 1000: a loss of preload is to be seen to soon, and no emergency.
+SEVERITY = 700
+
+
+class Nodes:
+    """Mirrors readings of the service in the address space of a server."""
+
+    def __init__(self, server: Server, index: int, folder: Node) -> None:
+        self._server = server
+        self._index = index
+        self._folder = folder
+        self._axes: dict[str, dict[str, Node]] = {}
+        self._shown: dict[str, AxisSeen] = {}
+        self._alarms: dict[int, AlarmSeen] = {}
+        self._conditions: dict[int, EventGenerator] = {}
+
+    @classmethod
+    async def make(cls, server: Server) -> "Nodes":
+        """Add the folder of the axes."""
+        index = await server.register_namespace(NAMESPACE)
+        folder = await server.nodes.objects.add_folder(ua.NodeId("axes", index), ua.QualifiedName("Axes", index))
+        return cls(server, index, folder)
+
+    async def show(self, reading: Reading) -> None:
+        """Show what was read: values that differ, and an event for each alarm that does."""
+        present = {axis.id: axis for axis in reading.axes}
+        for gone in self._axes.keys() - present.keys():
+            await self._server.delete_nodes([self._server.get_node(self._id(f"axes/{gone}"))], recursive=True)
+            del self._axes[gone]
+        for name, axis in present.items():
+            if self._shown.get(name) != axis:
+                await self._show_axis(axis)
+        self._shown = present
+        open_now = {alarm.id: alarm for alarm in reading.alarms}
+        for number in sorted(self._alarms.keys() | open_now.keys()):
+            before, alarm = self._alarms.get(number), open_now.get(number)
+            if alarm is None:
+                await self._show_alarm(self._alarms[number], is_open=False)
+                del self._conditions[number]
+            elif before is None or before.status != alarm.status:
+                await self._show_alarm(alarm, is_open=True)
+        self._alarms = open_now
+
+    async def show_away(self) -> None:
+        """Say of every value that the service is away; none of them counts meanwhile."""
+        self._shown.clear()
+        for variables in self._axes.values():
+            for variable in variables.values():
+                await variable.write_value(ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNoCommunication)))
+
+    def _id(self, path: str) -> ua.NodeId:
+        return ua.NodeId(path, self._index)
+
+    async def _show_axis(self, axis: AxisSeen) -> None:
+        if axis.id not in self._axes:
+            self._axes[axis.id] = await self._new_axis(axis)
+        for name, value in values_of(axis).items():
+            await self._axes[axis.id][name].write_value(value)
+
+    async def _new_axis(self, axis: AxisSeen) -> dict[str, Node]:
+        path = f"axes/{axis.id}"
+        node = await self._folder.add_object(self._id(path), ua.QualifiedName(axis.id, self._index))
+        variables = {name: await self._number(node, path, name, meaning) for name, meaning in NUMBERS.items()}
+        variables["State"] = await node.add_variable(
+            self._id(f"{path}/State"), ua.QualifiedName("State", self._index), "unknown", ua.VariantType.String
+        )
+        return variables
+
+    async def _number(self, axis: Node, path: str, name: str, meaning: str) -> Node:
+        variable = await axis.add_variable(
+            self._id(f"{path}/{name}"), ua.QualifiedName(name, self._index), 0.0, ua.VariantType.Double
+        )
+        await variable.delete_reference(ua.ObjectIds.BaseDataVariableType, ua.ObjectIds.HasTypeDefinition)
+        await variable.add_reference(ua.ObjectIds.AnalogUnitType, ua.ObjectIds.HasTypeDefinition)
+        unit = self._id(f"{path}/{name}/EngineeringUnits")
+        await variable.add_property(unit, ua.QualifiedName("EngineeringUnits", 0), NEWTON)
+        text = ua.Variant(ua.LocalizedText(meaning), ua.VariantType.LocalizedText)
+        await variable.write_attribute(ua.AttributeIds.Description, ua.DataValue(text))
+        return variable
+
+    async def _show_alarm(self, alarm: AlarmSeen, *, is_open: bool) -> None:
+        """Send the event of a condition; while it is open, who subscribes later gets it by ConditionRefresh."""
+        generator = self._conditions.get(alarm.id)
+        if generator is None:
+            generator = self._conditions[alarm.id] = EventGenerator(self._server.iserver.isession)
+            condition = AlarmCondition(severity=SEVERITY)
+            condition.add_property("NodeId", self._id(f"alarms/{alarm.id}"), ua.VariantType.NodeId)
+            condition.SourceNode = self._id(f"axes/{alarm.axis}")
+            condition.SourceName = alarm.axis
+            condition.InputNode = self._id(f"axes/{alarm.axis}/Preload")
+            await generator.init(condition, ua.ObjectIds.Server, add_generates_event=False)
+        event = generator.event
+        is_seen = alarm.status == "acknowledged" or not is_open
+        event.ConditionName = alarm.kind
+        event.ConditionClassId = ua.NodeId(ua.ObjectIds.ProcessConditionClassType)
+        event.ConditionClassName = ua.LocalizedText("ProcessConditionClass")
+        event.BranchId = ua.NodeId()
+        event.Retain = is_open
+        event.Quality = ua.StatusCode(ua.StatusCodes.Good)
+        event.LastSeverity = SEVERITY
+        for state, text, holds in (
+            ("EnabledState", "Enabled", True),
+            ("ActiveState", "Active" if is_open else "Inactive", is_open),
+            ("AckedState", "Acknowledged" if is_seen else "Unacknowledged", is_seen),
+        ):
+            setattr(event, state, ua.LocalizedText(text))
+            setattr(event, f"{state}/Id", holds)
+        said = alarm.evidence.sentence or alarm.kind
+        await generator.trigger(
+            alarm.raised_at if is_open and not is_seen else None,
+            f"{alarm.axis}: {said}" if is_open else f"{alarm.axis}: alarm {alarm.id} is closed",
+        )

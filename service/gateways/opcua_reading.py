@@ -1,0 +1,124 @@
+"""Read how the axes stand from the service, and lay it out as OPC UA does: value, quality, time of measurement."""
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+
+from asyncua import ua
+from httpx import AsyncClient, HTTPError
+from pydantic import BaseModel, ValidationError
+
+
+class _Doubt(BaseModel):
+    reason: str
+
+
+class _Measurement(BaseModel):
+    """The newest measurement of an axis; one that was refused has no preload."""
+
+    started_at: datetime
+    preload_n: float | None = None
+    interval_95_n: tuple[float | None, float | None] | None = None
+    doubts: list[_Doubt] = []
+
+
+class AxisSeen(BaseModel):
+    """An axis as ``GET /v1/axes`` gives it."""
+
+    id: str
+    name: str
+    state: str
+    state_since: datetime | None
+    last_measurement: _Measurement | None
+
+
+class _Axes(BaseModel):
+    axes: list[AxisSeen]
+
+
+class _Evidence(BaseModel):
+    sentence: str | None = None
+
+
+class AlarmSeen(BaseModel):
+    """An open alarm as ``GET /v1/alarms`` gives it."""
+
+    id: int
+    axis: str
+    kind: str
+    raised_at: datetime
+    status: str
+    evidence: _Evidence
+
+
+class _Alarms(BaseModel):
+    alarms: list[AlarmSeen]
+    next_cursor: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """All that is shown, at one moment."""
+
+    axes: list[AxisSeen]
+    alarms: list[AlarmSeen]
+
+
+class ServiceAwayError(Exception):
+    """The service does not answer, or not with what is expected."""
+
+
+async def read_service(http: AsyncClient) -> Reading:
+    """Read axes and open alarms. Raises ServiceAwayError."""
+    try:
+        axes = _Axes.model_validate(await _get(http, "/v1/axes")).axes
+        alarms = [alarm for status in ("active", "acknowledged") for alarm in await _alarms(http, status)]
+    except (HTTPError, ValidationError, ValueError) as error:
+        raise ServiceAwayError(f"the service cannot be read: {error}") from error
+    return Reading(axes, alarms)
+
+
+async def _alarms(http: AsyncClient, status: str) -> list[AlarmSeen]:
+    query: dict[str, str | int] = {"status": status, "limit": 200}
+    page = _Alarms.model_validate(await _get(http, "/v1/alarms", query))
+    found = page.alarms
+    while page.next_cursor is not None:
+        page = _Alarms.model_validate(await _get(http, "/v1/alarms", query | {"cursor": page.next_cursor}))
+        found += page.alarms
+    return found
+
+
+async def _get(http: AsyncClient, path: str, query: dict[str, str | int] | None = None) -> object:
+    answer = await http.get(path, params=query)
+    answer.raise_for_status()
+    return answer.json()
+
+
+def quality_of(axis: AxisSeen) -> ua.StatusCode:
+    """Return the quality of the preload of an axis: bad without a value, uncertain if it is in doubt or old."""
+    measured = axis.last_measurement
+    if measured is None or measured.preload_n is None:
+        return ua.StatusCode(ua.StatusCodes.BadNoData)
+    if measured.doubts:
+        return ua.StatusCode(ua.StatusCodes.UncertainSubNormal)
+    old = axis.state == "unknown"
+    return ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue if old else ua.StatusCodes.Good)
+
+
+def values_of(axis: AxisSeen) -> dict[str, ua.DataValue]:
+    """Return what the variables of an axis hold; an interval that is open has an infinite end."""
+    measured, quality = axis.last_measurement, quality_of(axis)
+    lower, upper = (measured.interval_95_n if measured is not None else None) or (None, None)
+    at = None if measured is None else measured.started_at
+    return {
+        "Preload": _number(None if measured is None else measured.preload_n, quality, at),
+        "PreloadIntervalLow": _number(0.0 if lower is None else lower, quality, at),
+        "PreloadIntervalHigh": _number(math.inf if upper is None else upper, quality, at),
+        "State": ua.DataValue(ua.Variant(axis.state, ua.VariantType.String), SourceTimestamp=axis.state_since),
+    }
+
+
+def _number(value: float | None, quality: ua.StatusCode, at: datetime | None) -> ua.DataValue:
+    if value is None or quality.is_bad():
+        return ua.DataValue(StatusCode=quality, SourceTimestamp=at)
+    return ua.DataValue(ua.Variant(value, ua.VariantType.Double), StatusCode=quality, SourceTimestamp=at)

@@ -1,0 +1,113 @@
+"""An OPC UA server that shows the axes of a service; it reads the service over HTTP and writes nothing to it."""
+
+import asyncio
+import hmac
+import ipaddress
+import logging
+from pathlib import Path
+from typing import Self
+
+from asyncua import Server, ua
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.user_managers import UserManager
+from httpx import AsyncClient
+from pydantic import Field, model_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from service.gateways.opcua_nodes import SEVERITY, Nodes
+from service.gateways.opcua_reading import ServiceAwayError, read_service
+from service.operations.notices.receivers import read_secret
+
+log = logging.getLogger(__name__)
+
+#: So often the service is read.
+POLL_S = 2.0
+_TIMEOUT_S = 20.0
+
+
+class OpcuaSettings(BaseSettings):
+    """What an operator may set. Each name is read from the environment with the prefix ``PRELOAD_OPCUA_``."""
+
+    model_config = SettingsConfigDict(env_prefix="PRELOAD_OPCUA_", extra="forbid", frozen=True)
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=4840, ge=1, le=65535)
+    certificate_file: Path | None = None
+    private_key_file: Path | None = None
+    username: str | None = None
+    password_file: Path | None = None
+
+    @property
+    def is_secured(self) -> bool:
+        """Whether clients have to encrypt and to log in."""
+        return None not in (self.certificate_file, self.private_key_file, self.username, self.password_file)
+
+    @model_validator(mode="after")
+    def _secured_where_others_reach_it(self) -> Self:
+        given = (self.certificate_file, self.private_key_file, self.username, self.password_file)
+        if any(given) and not self.is_secured:
+            raise ValueError("certificate_file, private_key_file, username and password_file are given together")
+        try:
+            on_loopback = ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            on_loopback = self.host == "localhost"
+        if not on_loopback and not self.is_secured:
+            raise ValueError("beyond loopback it needs certificate_file, private_key_file, username and password_file")
+        return self
+
+
+class _OneUser(UserManager):  # type: ignore[misc]  # the library's types are not read
+    """Lets one name with one password in."""
+
+    def __init__(self, username: str, password: str) -> None:
+        self._expected = f"{username}\n{password}".encode()
+
+    def get_user(
+        self,
+        iserver: InternalServer,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: object = None,
+    ) -> User | None:
+        """Return who may read, None where name or password is another."""
+        del iserver, certificate
+        given = f"{username}\n{password}".encode()
+        return User(UserRole.User, username) if hmac.compare_digest(given, self._expected) else None
+
+
+async def serve_opcua(settings: OpcuaSettings, url: str, key: str | None, stopping: asyncio.Event) -> None:
+    """Show a service until it is to stop."""
+    server = await _new_server(settings)
+    headers = {"authorization": f"Bearer {key}"} if key else None
+    async with AsyncClient(base_url=url, timeout=_TIMEOUT_S, trust_env=False, headers=headers) as http, server:
+        log.info("OPC UA: %s", server.endpoint.geturl())
+        nodes = await Nodes.make(server)
+        while not stopping.is_set():
+            try:
+                await nodes.show(await read_service(http))
+            except ServiceAwayError as error:
+                log.warning("%s", error)
+                await nodes.show_away()
+            try:
+                await asyncio.wait_for(stopping.wait(), POLL_S)
+            except TimeoutError:
+                continue
+
+
+async def _new_server(settings: OpcuaSettings) -> Server:
+    users, policy = None, ua.SecurityPolicyType.NoSecurity
+    if settings.username is not None and settings.password_file is not None:
+        users = _OneUser(settings.username, read_secret(settings.password_file).get_secret_value())
+        policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
+    server = Server(user_manager=users)
+    server.iserver.bind_condition_methods = SEVERITY  # ConditionRefresh; its own events have a severity, too
+    await server.init()
+    server.set_endpoint(f"opc.tcp://{settings.host}:{settings.port}/preload")
+    server.set_server_name("Preload Monitor")
+    server.set_security_policy([policy])
+    server.set_identity_tokens([ua.AnonymousIdentityToken if users is None else ua.UserNameIdentityToken])
+    if settings.certificate_file is not None and settings.private_key_file is not None:
+        await server.load_certificate(settings.certificate_file)
+        await server.load_private_key(settings.private_key_file)
+    return server

@@ -1,0 +1,102 @@
+"""Changes of alarms: raised by the charts, withdrawn, explained; every one is kept, and told outside."""
+
+from collections import defaultdict
+from datetime import datetime
+from itertools import zip_longest
+
+from sqlalchemy import Connection
+from sqlalchemy.orm import Session
+
+from service.clock import now
+from service.documents.change import not_examined_yet, read_cause
+from service.documents.measurement import alarm_evidence
+from service.json_types import JsonObject
+from service.operations.monitoring.intake.charts import Folded, Raised
+from service.operations.notices.alarm_notice import alarm_notice, kind_of
+from service.store import alarms
+from service.store.intake import AxisRecord
+from service.store.notices import add_notice
+from service.store.tables import AlarmEventRow, AlarmRow
+
+#: What the charts find.
+PRELOAD_LOSS = "preload-loss"
+#: What fits into a row of the history.
+LONGEST_REASON = 1000
+#: What changes alarms that were raised already, unless somebody says otherwise.
+LATE = "a measurement that arrived late"
+
+
+def settle_alarms(connection: Connection, axis: AxisRecord, folded: Folded, because_of: str = LATE) -> int:
+    """Store the alarms of charts that were folded from a moment on, and return how many are new.
+
+    Alarms that they raised before, from there on, are the same ones in order within each epoch, if with other evidence;
+    one that is not raised any more is withdrawn.
+    """
+    n_new = 0
+    with Session(connection) as session:
+        after = folded.again_after
+        before = alarms.raised_after(session, axis.id, folded.since_epoch, after) if folded.again else []
+        stood, raised = defaultdict(list), defaultdict(list)
+        for row in before:
+            stood[_epoch_at(folded, row.measured_at)].append(row)
+        for found in folded.raised:
+            raised[found.point.epoch].append(found)
+        for epoch in sorted({*stood, *raised}):
+            for row, found in zip_longest(stood[epoch], raised[epoch]):
+                if found is None:
+                    change_alarm(session, row, alarms.WITHDRAWN, f"with {because_of} the charts raise none")
+                elif row is None:
+                    n_new += 1
+                    _raise(session, axis, epoch, found)
+                else:
+                    _raise_again(session, row, epoch, found, because_of)
+        session.commit()  # hands it to the connection
+    return n_new
+
+
+def _epoch_at(folded: Folded, moment: datetime) -> int:
+    entered = [epoch for begins_at, epoch in folded.entered if begins_at <= moment]
+    return entered[-1] if entered else folded.since_epoch
+
+
+def _raise_again(session: Session, row: AlarmRow, epoch: int, found: Raised, because_of: str) -> None:
+    evidence = alarm_evidence(found.point, found.state, found.calibration)
+    row.epoch = epoch
+    if row.evidence != evidence:
+        row.evidence, row.measurement_id, row.measured_at = evidence, found.point.measurement_id, found.point.at
+        change_alarm(session, row, row.status, f"{because_of} changed the evidence")
+
+
+def _raise(session: Session, axis: AxisRecord, epoch: int, found: Raised) -> None:
+    at, point = now(), found.point
+    row = AlarmRow(
+        axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
+        measured_at=point.at, status=alarms.ACTIVE, evidence=alarm_evidence(point, found.state, found.calibration),
+        explanation=not_examined_yet(axis.configuration),
+    )  # fmt: skip
+    session.add(row)
+    session.flush()
+    raised = "raised by measurement"
+    _tell(session, row, AlarmEventRow(alarm_id=row.id, at=at, old_status=None, new_status=alarms.ACTIVE, reason=raised))
+
+
+def store_explanation(session: Session, row: AlarmRow, explanation: JsonObject) -> None:
+    """Keep the latest answer with the alarm, and each answer of another sentence in its history."""
+    cause = read_cause(explanation)
+    before, row.explanation = read_cause(row.explanation), explanation
+    if cause.sentence != before.sentence:
+        answer = f"explained: {cause.sentence}" if cause.examined else cause.sentence
+        change_alarm(session, row, row.status, answer[:LONGEST_REASON])
+
+
+def change_alarm(session: Session, row: AlarmRow, status: str, reason: str, who: str | None = None) -> None:
+    """Give an alarm a status, and keep when, why, and by whom where it was somebody."""
+    event = AlarmEventRow(alarm_id=row.id, at=now(), old_status=row.status, new_status=status, reason=reason, who=who)
+    row.status = status
+    _tell(session, row, event)
+
+
+def _tell(session: Session, row: AlarmRow, event: AlarmEventRow) -> None:
+    """Keep an event of an alarm, and with it what receivers outside are told."""
+    session.add(event)
+    add_notice(session, event.at, kind_of(event), f"axes/{row.axis_id}", alarm_notice(row, event))

@@ -1,0 +1,36 @@
+"""Tell whether anything that a page shows may have changed: a commit, or an axis that fell silent meanwhile."""
+
+import uuid
+from bisect import bisect_right
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from service.clock import now
+from service.store import axes
+from service.store.database import Database
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    revision: str
+    silent_from: list[datetime]  # of each axis that is heard, in order
+
+
+class Changes:
+    """Gives every state of what is stored a mark of its own. While nothing is written, no table is read for it."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._start = uuid.uuid4().hex[:8]  # marks of an earlier run of the service are not those of this one
+        self._known: _Known | None = None
+
+    def mark(self) -> str:
+        """Return the mark of what is stored now."""
+        revision, known = self._database.revision(), self._known
+        if known is None or known.revision != revision:
+            known = self._known = _Known(revision, self._silences())
+        return f"{self._start}-{revision}-{bisect_right(known.silent_from, now())}".replace(":", ".").replace(",", ".")
+
+    def _silences(self) -> list[datetime]:
+        with self._database.read() as session:
+            return sorted(last_at + timedelta(hours=hours) for last_at, hours in axes.silences(session))

@@ -1,0 +1,172 @@
+"""Jobs that judge the history of an axis anew under another calibration, or only say what that would change.
+
+Measurement by measurement is judged aside, as intake judges it; meanwhile the axis says what it said. At the end all
+of it takes the place of the old history in one transaction. A job that was interrupted goes on with what is left.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from sqlalchemy import Connection
+from sqlalchemy.orm import Session
+
+from monitor_core.recordings.calibration_file import calibration_from_document
+from service.clock import now
+from service.errors import BusyError, ConflictError, InvalidRequestError
+from service.jobs import JobCancelledError, JobHandle, JobRunner
+from service.json_types import JsonObject
+from service.operations.fields import Moment, RequestModel, Text
+from service.operations.monitoring.axis_configuration import load_configuration
+from service.operations.monitoring.intake.known import Lanes
+from service.operations.monitoring.rejudging.comparison import Column
+from service.operations.monitoring.rejudging.history import Swapped, swap
+from service.operations.monitoring.rejudging.measurement import Anew, judged_anew
+from service.store import calibrations, intake, rejudged
+from service.store.axes import get_axis
+from service.store.database import Database, reading, trying, writing
+from service.store.rejudged import KIND
+from service.store.tables import JobRow
+from service.store.trend.points import Cursor, Span
+from service.store.waveforms import WaveformStore
+
+#: So many measurements are judged between two reports; what a crash undoes is done once more.
+AT_ONCE = 20
+
+
+class RejudgementIn(RequestModel):
+    """By which calibration a history is judged anew, and which part of it."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"calibration": 2, "dry_run": True}]})
+
+    calibration: Annotated[int, Field(ge=1, lt=2**63)]
+    start: Moment | None = Field(default=None, alias="from", description="inclusive; what is older stays as it is")
+    end: Moment | None = Field(default=None, alias="to", description="exclusive; only for a dry run")
+    dry_run: bool = Field(default=False, description="only say, side by side, what it would change")
+    reason: Text = "the history was judged anew"
+
+    @property
+    def span(self) -> Span:
+        """The part of the history."""
+        return Span(self.start, self.end)
+
+
+_COLUMN = TypeAdapter(Column)
+
+
+class Rejudgements:
+    """Judges histories anew; the work of a job of kind ``rejudgement``."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore, lanes: Lanes, runner: JobRunner) -> None:
+        self._database = database
+        self._waveforms = waveforms
+        self._lanes = lanes
+        self._runner = runner
+
+    def start(self, axis_id: str, asked: RejudgementIn) -> JobRow:
+        """Begin in the background.
+
+        Raises UnknownResourceError if there is no such calibration; InvalidRequestError if a part would be left whose
+        charts go on; ConflictError while the history is judged anew already; BusyError as for every job.
+        """
+        if asked.end is not None and not asked.dry_run:
+            raise InvalidRequestError(
+                "to is for a dry run: the charts go on from what was measured last, so that it cannot be left out"
+            )
+        with self._database.read() as session:
+            calibrations.get_calibration(session, axis_id, asked.calibration)
+
+        def alone(session: Session, row: JobRow) -> JsonObject:
+            others = [other.id for other in rejudged.unfinished_of(session, axis_id) if other.id != row.id]
+            if others:
+                raise ConflictError(f"the history of axis '{axis_id}' is being judged anew already, by job {others[0]}")
+            return row.arguments
+
+        return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), store_with=alone)
+
+    def run(self, job: JobHandle) -> None:
+        """Judge what is left aside, then let it stand, or undo it where it is a dry run."""
+        asked = RejudgementIn.model_validate(job.arguments)
+        with self._database.write() as session:
+            rejudged.forget_staged(session.connection(), None)
+            axis = get_axis(session, job.axis_id)
+            document = calibrations.get_calibration(session, job.axis_id, asked.calibration).document
+            anew = Anew(
+                job.job_id, axis.number, load_configuration(axis.configuration), asked.calibration,
+                calibration_from_document(document),
+            )  # fmt: skip
+        try:
+            self._judge_aside(job, anew, asked)
+            self._finish(job, anew, asked)
+        except JobCancelledError:
+            self._forget_if_cancelled(job.job_id)
+            raise
+
+    def _judge_aside(self, job: JobHandle, anew: Anew, asked: RejudgementIn) -> None:
+        with self._database.connect() as connection, reading(connection):
+            done, total = rejudged.progress_of(connection, job.job_id, job.axis_id, asked.span)
+        job.report(done, total, {})
+        for n_judged in self._judged(job.axis_id, anew, asked.span):
+            done += n_judged
+            job.report(min(done, total), total, {})
+
+    def _judged(self, axis_id: str, anew: Anew, span: Span) -> Iterator[int]:
+        """Judge what is left, some at a time; yield how many."""
+        after: Cursor | None = None
+        with self._database.connect() as connection:
+            while True:
+                with reading(connection):
+                    rows = rejudged.left_to_judge(connection, anew.job_id, axis_id, span, after=after, limit=AT_ONCE)
+                    windows = [rejudged.windows_with_places(connection, row.id or 0) for row in rows]
+                if not rows:
+                    return
+                records = [
+                    judged_anew(anew, row, stored, self._waveforms) for row, stored in zip(rows, windows, strict=True)
+                ]
+                with writing(connection):
+                    rejudged.stage(connection, records)
+                yield len(rows)
+                after = rows[-1].started_at, rows[-1].id or 0
+
+    def _finish(self, job: JobHandle, anew: Anew, asked: RejudgementIn) -> None:
+        """Judge what came meanwhile, while nothing else comes, and let everything stand."""
+        with self._lanes.of(job.axis_id):
+            for _ in self._judged(job.axis_id, anew, asked.span):
+                pass
+            with self._database.connect() as connection:
+                if asked.dry_run:
+                    with trying(connection):
+                        swapped = self._swapped(connection, job, anew, asked)
+                    with writing(connection):
+                        self._end(connection, job, swapped, asked)
+                else:
+                    with self._database.at_axes(connection, [job.axis_id], wait=True), writing(connection):
+                        swapped = self._swapped(connection, job, anew, asked)
+                        self._end(connection, job, swapped, asked)
+
+    def _swapped(self, connection: Connection, job: JobHandle, anew: Anew, asked: RejudgementIn) -> Swapped:
+        axis = intake.read_axis(connection, job.axis_id)
+        if rejudged.left_to_judge(connection, anew.job_id, axis.id, asked.span, after=None, limit=1):
+            raise BusyError("another process took windows of this axis at this moment")
+        return swap(connection, anew, axis, asked.span, asked.reason)
+
+    @staticmethod
+    def _end(connection: Connection, job: JobHandle, swapped: Swapped, asked: RejudgementIn) -> None:
+        """Store the answer in the transaction of the work: it is done with it, or neither is."""
+        _, total = rejudged.progress_of(connection, job.job_id, job.axis_id, asked.span)
+        rejudged.forget_staged(connection, job.job_id)
+        old, new = swapped.old, swapped.new
+        comparison: JsonObject = {
+            "dry_run": asked.dry_run,
+            "same_alarms": (old.n_alarms, old.alarms_at) == (new.n_alarms, new.alarms_at),
+            "waveforms_gone": swapped.n_gone,
+            "old": _COLUMN.dump_python(old, mode="json"),
+            "new": _COLUMN.dump_python(new, mode="json"),
+        }
+        if not rejudged.finish_job(connection, job.job_id, total, comparison, now()):
+            raise JobCancelledError
+
+    def _forget_if_cancelled(self, job_id: str) -> None:
+        with self._database.connect() as connection, writing(connection):
+            if rejudged.is_cancelled(connection, job_id):
+                rejudged.forget_staged(connection, job_id)

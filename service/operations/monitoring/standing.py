@@ -1,0 +1,92 @@
+"""Gather what is known of an axis, for the sentence that says how it stands."""
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from pydantic import BaseModel
+
+from service.documents.axis_sentence import Alert, AxisFacts, Cleared, OpenAlarm
+from service.documents.measurement import read_evidence
+from service.json_types import JsonObject
+from service.operations.monitoring.alarms import AlarmView
+from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.trend import AxisStatus
+from service.store import alarms as status_of
+
+
+class _Last(BaseModel):
+    """What is read again of the last measurement."""
+
+    started_at: datetime | None = None
+    preload_n: float | None = None
+    baseline_preload_n: float | None = None
+    reason: str | None = None
+
+
+class _Alert(BaseModel):
+    since: datetime
+    direction: str
+    mean_change_n: float
+
+
+class _Cause(BaseModel):
+    examined: bool
+    sentence: str
+    cause: str | None = None
+
+
+def facts_of(
+    status: AxisStatus, calibrations: CalibrationOverview, found: Sequence[AlarmView], alert: JsonObject | None
+) -> AxisFacts:
+    """Return what is known of an axis; its alarms come newest first."""
+    row, last = status.row, _Last.model_validate(status.last_measurement or {})
+    return AxisFacts(
+        state=row.state,
+        is_silent=status.state != row.state,
+        heard_at=row.last_charted_at,
+        silent_after_hours=status.configuration.silent_after_hours,
+        in_force=calibrations.active,
+        stored=max((calibration.id for calibration in calibrations.calibrations), default=None),
+        last_at=row.last_measured_at,
+        last_refused=last.reason,
+        preload=last.preload_n,
+        baseline=last.baseline_preload_n,
+        cleared=_cleared(status, calibrations, found),
+        alert=None if alert is None else _alert(alert),
+        alarm=open_alarm(found) if row.state == "alarm" else None,
+    )
+
+
+def open_alarm(found: Sequence[AlarmView]) -> OpenAlarm | None:
+    """Return what is said of the newest alarm that is open."""
+    view = next((view for view in found if view.row.status in status_of.OPEN), None)
+    if view is None:
+        return None
+    evidence, cause = read_evidence(view.row.evidence), _Cause.model_validate(view.row.explanation)
+    seen = view.last_to(status_of.ACKNOWLEDGED)
+    is_other = cause.examined and cause.cause not in ("preload", "unknown", "none")
+    return OpenAlarm(
+        onset=evidence.onset,
+        baseline=evidence.baseline_preload_n,
+        owner=None if seen is None else seen.who,
+        acknowledged_at=None if seen is None else seen.at,
+        other_cause=cause.sentence if is_other else None,
+    )
+
+
+def _cleared(status: AxisStatus, calibrations: CalibrationOverview, found: Sequence[AlarmView]) -> Cleared | None:
+    """Return the clearing with which the charts began again, if nothing moved them since."""
+    row = status.row
+    if row.state != "unknown" or row.epoch_from is not None:
+        return None
+    events = [event for view in found if (event := view.last_to(status_of.CLEARED)) is not None]
+    newest = max(events, key=lambda event: event.at, default=None)
+    activated_at = max((activation.activated_at for activation in calibrations.activations), default=None)
+    if newest is None or (activated_at is not None and activated_at > newest.at):
+        return None
+    return Cleared(newest.at, newest.who, newest.reason)
+
+
+def _alert(document: JsonObject) -> Alert:
+    alert = _Alert.model_validate(document)
+    return Alert(alert.since, alert.direction == "rise", alert.mean_change_n)

@@ -1,0 +1,141 @@
+"""Keep the state of each axis, and whether the service is there, as retained messages of an MQTT broker."""
+
+import json
+import logging
+import secrets
+import threading
+from datetime import datetime, timedelta
+
+from monitor_core.trend import TrendStatus
+from service.clock import now, text_of
+from service.errors import DocumentDamagedError, ServiceError, UnknownResourceError
+from service.json_types import JsonObject
+from service.operations.monitoring.trend import AxisStatus, Trend
+from service.operations.notices.broker import Broker
+from service.operations.notices.mqtt_connection import Connection, Message
+from service.operations.notices.senders import NotTakenError
+
+log = logging.getLogger(__name__)
+
+#: So often it is looked which axes have changed: one query for all of them.
+POLL_S = 1.0
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
+#: So many axes are told together.
+_MOST_TOGETHER = 100
+ONLINE, OFFLINE = b"online", b"offline"
+
+
+def valid_until(status: AxisStatus) -> datetime | None:
+    """Return until when a state counts if nothing more is measured; None where it is unknown already."""
+    last = status.row.last_charted_at
+    if last is None or status.state == TrendStatus.UNKNOWN:
+        return None
+    return last + timedelta(hours=status.configuration.silent_after_hours)
+
+
+def state_document(status: AxisStatus) -> JsonObject:
+    """Return what is told of an axis: its state, its newest preload, and how old they are."""
+    until, last = valid_until(status), status.last_measurement or {}
+    doubts = last.get("doubts")
+    return {
+        "axis": status.row.id,
+        "name": status.row.name,
+        "state": status.state,
+        "state_since": None if status.since is None else text_of(status.since),
+        "valid_until": None if until is None else text_of(until),
+        "measured_at": last.get("started_at"),
+        "position_mm": last.get("position_mm"),
+        "preload_n": last.get("preload_n"),
+        "interval_95_n": last.get("interval_95_n"),
+        "interval_kind": last.get("interval_kind"),
+        "doubts": doubts if isinstance(doubts, list) else [],
+        "refused": last.get("reason"),
+    }
+
+
+class StatePublisher:
+    """Compares what the broker was told with what is stored, and tells it what differs.
+
+    It begins anew with each connection, since a broker may have forgotten. Several services of one database may each
+    do so: they tell the same, and the last of them is the one whose leave is seen.
+    """
+
+    def __init__(self, broker: Broker, trend: Trend) -> None:
+        self._broker = broker
+        self._trend = trend
+        self._stopping = threading.Event()
+        self._contradicted = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name=f"states-{broker.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to tell."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Say that the service goes, and stop."""
+        self._stopping.set()
+        self._thread.join(5.0)
+
+    def _serve(self) -> None:
+        pause_s = FIRST_PAUSE_S
+        while not self._stopping.is_set():
+            try:
+                with self._connection() as connection:
+                    pause_s = FIRST_PAUSE_S
+                    self._keep_told(connection)
+            except (NotTakenError, ServiceError) as error:
+                log.warning("broker %s is not told of states: %s", self._broker.name, error)
+            except Exception:  # the edge of this thread: it must go on, whatever a broker answers
+                log.exception("broker %s is not told of states", self._broker.name)
+            self._stopping.wait(pause_s)
+            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+    def _connection(self) -> Connection:
+        client_id = f"preload-{self._broker.name}-states-{secrets.token_hex(4)}"
+        return Connection(self._broker, client_id, will=self._presence(OFFLINE))
+
+    def _presence(self, payload: bytes) -> Message:
+        return Message(self._broker.status_topic, payload, retain=True, content_type="text/plain")
+
+    def _hear(self, payload: bytes) -> None:
+        if payload == OFFLINE:
+            self._contradicted.set()
+
+    def _keep_told(self, connection: Connection) -> None:
+        """Tell until the connection is lost or the service stops."""
+        connection.publish(self._presence(ONLINE))
+        connection.listen(self._broker.status_topic, self._hear)
+        known, due = dict[str, int](), dict[str, datetime]()
+        while not connection.is_lost and not self._stopping.is_set():
+            if self._contradicted.is_set():  # another service of this name has gone, this one has not
+                self._contradicted.clear()
+                connection.publish(self._presence(ONLINE))
+            at, revisions = now(), self._trend.revisions()
+            changed = [axis for axis, revision in revisions.items() if known.get(axis) != revision]
+            silent = [axis for axis, until in due.items() if until <= at]
+            gone = known.keys() - revisions.keys()
+            self._tell(connection, [*dict.fromkeys((*changed, *silent, *gone))], due)
+            known = revisions
+            self._stopping.wait(POLL_S)
+        if self._stopping.is_set():
+            connection.publish(self._presence(OFFLINE))
+
+    def _tell(self, connection: Connection, axes: list[str], due: dict[str, datetime]) -> None:
+        for first in range(0, len(axes), _MOST_TOGETHER):
+            connection.publish(*(self._state(axis, due) for axis in axes[first : first + _MOST_TOGETHER]))
+
+    def _state(self, axis: str, due: dict[str, datetime]) -> Message:
+        """Return the message of an axis; an empty one, which the broker forgets it by, where it is gone."""
+        due.pop(axis, None)
+        topic = self._broker.axis_topic(axis, "state")
+        try:
+            status = self._trend.status(axis)
+        except UnknownResourceError:
+            return Message(topic, b"", retain=True)
+        except DocumentDamagedError as error:
+            document: JsonObject = {"axis": axis, "state": str(TrendStatus.UNKNOWN), "detail": str(error)}
+        else:
+            document = state_document(status)
+            if (until := valid_until(status)) is not None:
+                due[axis] = until
+        return Message(topic, json.dumps(document, ensure_ascii=False).encode(), retain=True)

@@ -1,0 +1,282 @@
+"""Draw what was measured over time: points with intervals, the baseline's band, refused ones hollow, a lane of events.
+
+One drawing for pages, reports and print: colours are those of the style sheet, shapes say the same without colour.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final
+
+import numpy as np
+from markupsafe import Markup
+
+from service.report.rounding import tick
+from service.report.svg import Axis, axis_over, element, joined, label, path_through
+from service.report.time_axis import time_ticks
+
+#: Width of a character of 16 units of height, on the wide side.
+_CHARACTER: Final = 9.2
+_RADIUS: Final = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """One measurement in a chart; a value that is not known is NaN, and stands at the foot."""
+
+    at: datetime
+    value: float
+    lower: float
+    upper: float
+    kind: str  # state of the axis after it, or "refused" or "doubt"
+    words: str
+    href: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LaneEvent:
+    """What happened to an axis besides measurements: calibration, alarm, work."""
+
+    at: datetime
+    kind: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A level with the interval around it in which one more healthy measurement is expected."""
+
+    level: float
+    lower: float
+    upper: float
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight line through the trend."""
+
+    start: tuple[datetime, float]
+    end: tuple[datetime, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Size of a chart, and how many labels it has room for; all lengths in pixels."""
+
+    width: float
+    height: float
+    left: float
+    times: int
+    values: int
+    lane: bool = True
+
+    @property
+    def bottom(self) -> float:
+        """Where the axis of time is."""
+        return self.height - (58.0 if self.lane else 30.0)
+
+    @property
+    def right(self) -> float:
+        """Where the last moment is."""
+        return self.width - 12.0
+
+
+WIDE: Final = Frame(1180.0, 300.0, 70.0, 8, 5)
+NARROW: Final = Frame(388.0, 250.0, 56.0, 5, 4)
+LOW_WIDE: Final = Frame(1180.0, 170.0, 70.0, 8, 3, lane=False)
+LOW_NARROW: Final = Frame(388.0, 150.0, 56.0, 5, 3, lane=False)
+_TOP: Final = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrendPicture:
+    """All that a chart shows."""
+
+    title: str
+    unit: str
+    start: datetime
+    end: datetime
+    marks: Sequence[Mark]
+    events: Sequence[LaneEvent] = ()
+    band: Band | None = None
+    line: Line | None = None
+
+
+def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], *, linked: bool = False) -> Markup:
+    """Draw a chart; ``write`` puts a number into the language of the page.
+
+    ``linked``: each mark leads to its measurement. Then the picture is a group for a screen reader, else an image.
+    """
+    time = _TimeAxis(shown.start, shown.end, Axis(0.0, 1.0, frame.left + 8.0, frame.right - 8.0))
+    scale = _scale(shown, frame)
+    parts = [
+        _band(shown.band, scale, frame),
+        _grid(scale, frame, write, shown.unit),
+        _times(time, frame),
+        _line(shown.line, time, scale, frame),
+        _lane(shown.events, time, frame),
+        _marks(shown.marks, time, scale, frame, linked),
+    ]
+    return element(
+        "svg",
+        *parts,
+        viewBox=f"0 0 {frame.width:g} {frame.height:g}",
+        width=frame.width,
+        height=frame.height,
+        role="group" if linked else "img",
+        aria_label=shown.title,
+        data_from=shown.start.isoformat(),
+        data_to=shown.end.isoformat(),
+        data_left=frame.left + 8.0,
+        data_right=frame.right - 8.0,
+    )
+
+
+def sparkline(values: Sequence[float | None], kind: str, words: str) -> Markup:
+    """Draw the course of the newest values, without axes; the last one is marked."""
+    known = np.array([math.nan if value is None else value for value in values])
+    if np.isnan(known).all():
+        return Markup()
+    y = axis_over(known, 28.0, 4.0)(known)
+    x = np.linspace(4.0, 112.0, known.size) if known.size > 1 else np.array([112.0])
+    last = int(np.flatnonzero(~np.isnan(known))[-1])
+    return element(
+        "svg",
+        element("path", d=path_through(x, y), class_="spark"),
+        element("path", d=_shape(kind, float(x[last]), float(y[last])), class_=f"mark {kind}"),
+        viewBox="0 0 120 32",
+        width=120.0,
+        height=32.0,
+        role="img",
+        aria_label=words,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _TimeAxis:
+    start: datetime
+    end: datetime
+    axis: Axis
+
+    def place(self, moment: datetime) -> float:
+        whole = (self.end - self.start).total_seconds() or 1.0
+        return float(self.axis((moment - self.start).total_seconds() / whole))
+
+    def holds(self, moment: datetime) -> bool:
+        return self.start <= moment <= self.end
+
+
+def _scale(shown: TrendPicture, frame: Frame) -> Axis:
+    """Return the axis of values: over all of them, and over intervals that are not much wider than what they are of."""
+    values = np.array([mark.value for mark in shown.marks], dtype=np.float64)
+    ends = np.array([end for mark in shown.marks for end in (mark.lower, mark.upper)], dtype=np.float64)
+    levels = [] if shown.band is None else [shown.band.lower, shown.band.upper]
+    known = np.array([*values[np.isfinite(values)], *levels])
+    if known.size:
+        reach = 1.5 * max(float(np.ptp(known)), 0.2 * float(np.abs(known).max()))
+        ends = np.clip(ends[np.isfinite(ends)], known.min() - reach, known.max() + reach)
+    return axis_over(np.array([*known, *ends]), frame.bottom - 18.0, _TOP)
+
+
+def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> Markup:
+    drawn = []
+    for value in scale.ticks(frame.values):
+        y = float(scale(value))
+        drawn.append(element("line", x1=frame.left, y1=y, x2=frame.right, y2=y, class_="grid"))
+        drawn.append(label(write(tick(value)), frame.left - 6.0, y + 5.0, text_anchor="end", class_="quiet"))
+    drawn.append(label(unit, frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet"))
+    return joined(drawn)
+
+
+def _times(time: _TimeAxis, frame: Frame) -> Markup:
+    drawn = [element("line", x1=frame.left, y1=frame.bottom, x2=frame.right, y2=frame.bottom, class_="grid")]
+    for moment, words in time_ticks(time.start, time.end, frame.times):
+        x, half = time.place(moment), _CHARACTER * len(words) / 2.0
+        drawn.append(element("line", x1=x, y1=frame.bottom, x2=x, y2=frame.bottom + 5.0, class_="grid"))
+        if x - half > 0.0 and x + half < frame.width:
+            drawn.append(label(words, x, frame.height - 8.0, text_anchor="middle", class_="quiet"))
+    return joined(drawn)
+
+
+def _band(band: Band | None, scale: Axis, frame: Frame) -> Markup:
+    if band is None:
+        return Markup()
+    lower, upper, level = (min(max(float(scale(v)), _TOP), frame.bottom) for v in (band.lower, band.upper, band.level))
+    width = frame.right - frame.left
+    return joined([
+        element("rect", x=frame.left, y=upper, width=width, height=max(lower - upper, 0.0), class_="band"),
+        element("line", x1=frame.left, y1=level, x2=frame.right, y2=level, class_="level"),
+    ])  # fmt: skip
+
+
+def _line(line: Line | None, time: _TimeAxis, scale: Axis, frame: Frame) -> Markup:
+    if line is None:
+        return Markup()
+    ends = [(time.place(moment), float(scale(value))) for moment, value in (line.start, line.end)]
+    (x1, y1), (x2, y2) = ends
+    if x2 <= frame.left or x1 >= frame.right:
+        return Markup()
+    slope = (y2 - y1) / (x2 - x1) if x2 > x1 else 0.0
+    left, right = max(x1, frame.left), min(x2, frame.right)
+    return element(
+        "line", x1=left, y1=y1 + slope * (left - x1), x2=right, y2=y1 + slope * (right - x1), class_="through"
+    )
+
+
+def _lane(events: Sequence[LaneEvent], time: _TimeAxis, frame: Frame) -> Markup:
+    if not frame.lane:
+        return Markup()
+    drawn, free_from, y = [], frame.left, frame.bottom + 22.0
+    held = sorted((event for event in events if time.holds(event.at)), key=lambda event: event.at)
+    places = [*(time.place(event.at) for event in held), frame.width + 5.0]
+    for event, x, following in zip(held, places, places[1:], strict=False):
+        drawn.append(element("line", x1=x, y1=_TOP, x2=x, y2=frame.bottom, class_="event"))
+        drawn.append(element("path", d=f"M{x:.1f} {y - 14.0:.1f}l5 10h-10z", class_=f"event {event.kind}"))
+        width = _CHARACTER * len(event.words)
+        if x + 8.0 >= free_from and x + 8.0 + width <= following - 5.0:
+            drawn.append(label(event.words, x + 8.0, y - 2.0, class_="quiet"))
+            free_from = x + 16.0 + width
+    return joined(drawn)
+
+
+def _marks(marks: Sequence[Mark], time: _TimeAxis, scale: Axis, frame: Frame, linked: bool) -> Markup:
+    intervals: dict[str, list[str]] = {}
+    plain: dict[str, list[str]] = {}
+    drawn: list[Markup] = []
+    for mark in marks:
+        x, known = time.place(mark.at), math.isfinite(mark.value)
+        y = _inside(scale, mark.value, frame) if known else frame.bottom - 8.0
+        if known and math.isfinite(mark.lower):
+            top = _inside(scale, mark.upper, frame) if math.isfinite(mark.upper) else _TOP
+            intervals.setdefault(mark.kind, []).append(f"M{x:.1f} {_inside(scale, mark.lower, frame):.1f}V{top:.1f}")
+        shape = _shape(mark.kind, x, y)
+        if linked and mark.href is not None:
+            inside = element("path", d=shape, class_=f"mark {mark.kind}")
+            drawn.append(element("a", element("title", mark.words), inside, href=mark.href, tabindex="-1"))
+        else:
+            plain.setdefault(mark.kind, []).append(shape)
+    whiskers = [element("path", d="".join(d), class_=f"whisker {kind}") for kind, d in intervals.items()]
+    rest = [element("path", d="".join(d), class_=f"mark {kind}") for kind, d in plain.items()]
+    return joined([*whiskers, *rest, *drawn])
+
+
+def _inside(scale: Axis, value: float, frame: Frame) -> float:
+    return min(max(float(scale(value)), _TOP), frame.bottom)
+
+
+def _shape(kind: str, x: float, y: float) -> str:
+    """Return the outline of a mark: its shape says the state without any colour."""
+    r = _RADIUS
+    match kind:
+        case "alarm":
+            return f"M{x - 5:.1f} {y - 4:.1f}h10l-5 9z"
+        case "alert":
+            return f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5-5z"
+        case "doubt":
+            return f"M{x - r:.1f} {y - r:.1f}l8 8m0-8l-8 8"
+        case "unknown":
+            return f"M{x - r:.1f} {y - r:.1f}h8v8h-8z"
+        case _:
+            return f"M{x - r:.1f} {y:.1f}a4 4 0 1 0 8 0a4 4 0 1 0-8 0"

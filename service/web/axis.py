@@ -1,0 +1,157 @@
+"""``/axes/{axis}``: how one axis stands, its trend, what can be trusted, its measurements and alarms."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Depends, Query, Response
+from pydantic import BaseModel, ConfigDict
+
+from service.api.alarms import AlarmOut, alarm_out
+from service.api.axes import axis_out
+from service.api.services import Services, services
+from service.documents.axis_sentence import standing
+from service.documents.measurement import interval_of
+from service.documents.said import N_
+from service.operations.discrepancy.discrepancy_job import finished_discrepancies
+from service.operations.fields import AxisId
+from service.operations.monitoring.alarms import AlarmView
+from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.standing import facts_of, open_alarm
+from service.report.trend_chart import LaneEvent
+from service.store.trend.points import Span, TrendPoint
+from service.web.ranges import RangeQuery, ShownRange, shown_range
+from service.web.site import PageOf
+from service.web.trend_view import MOST_SHOWN, Charts, lane_of, low_charts, preload_charts
+from service.web.words import Words
+
+router = APIRouter(include_in_schema=False)
+
+_LISTED: Final = 30
+_MOST_ALARMS: Final = 50
+
+
+class Last(BaseModel):
+    """What the page shows of the last measurement."""
+
+    model_config = ConfigDict(frozen=True)
+
+    started_at: datetime | None = None
+    position_mm: float | None = None
+    payload_kg: float | None = None
+    temperature_c: float | None = None
+    preload_n: float | None = None
+    interval_95_n: tuple[float | None, float | None] | None = None
+    interval_kind: str = "95 % coverage"
+    baseline_preload_n: float | None = None
+    coherence: float | None = None
+    n_averages: int | None = None
+    windows_dropped: int = 0
+    drag_torque_nm: float | None = None
+    refused: bool = False
+    reason: str | None = None
+    detail: str | None = None
+    outside: list[str] = []
+    doubts: list["Doubt"] = []
+    compared_with_calibration: dict[str, "Compared"] = {}
+    variance_shares: dict[str, float] = {}
+
+    @property
+    def half_width_n(self) -> float | None:
+        """Half of the width of the interval; None if an end is open."""
+        lower, upper = self.interval_95_n or (None, None)
+        return None if lower is None or upper is None else (upper - lower) / 2.0
+
+
+class Doubt(BaseModel):
+    """What speaks against the number."""
+
+    reason: str
+    detail: str
+
+
+class Compared(BaseModel):
+    """A quantity of the measurement against the calibration."""
+
+    relative_difference: float | None
+    standard_deviations: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A measurement as a line of the list."""
+
+    point: TrendPoint
+    interval: tuple[float | None, float | None]
+
+
+@router.get("/axes/{axis}")
+def axis_page(
+    axis: AxisId, page: PageOf, query: Annotated[RangeQuery, Query()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show one axis."""
+    status = on.trend.status(axis)
+    overview, history = on.calibrations.overview(axis), on.history.of(axis)
+    alarms = on.alarms.list(axis, None, None, _MOST_ALARMS)
+    last = Last.model_validate(status.last_measurement or {})
+    active = next((row for row in overview.calibrations if row.id == overview.active), None)
+    listed = on.trend.page(axis, Span(), cursor=query.before, limit=_LISTED, newest_first=True)
+    return page.show(
+        "axis.html",
+        axis=axis_out(status),
+        standing=standing(facts_of(status, overview, alarms, history.alert)),
+        last=last,
+        history=history,
+        rule=on.trend.paper_rule(axis),
+        calibration=active,
+        latest_calibration=max((row.id for row in overview.calibrations), default=None),
+        activations=overview.activations,
+        alarms=[alarm_out(view) for view in alarms],
+        alarm=open_alarm(alarms),
+        open_alarm=_first_open(alarms),
+        listed=[Listed(point, interval_of(point)) for point in listed.points],
+        older=listed.next_cursor,
+        query=query,
+        discrepancies=finished_discrepancies(on.database, axis),
+        pictures=_pictures(axis, page.words, query, on, (alarms, overview)),
+    )
+
+
+def _first_open(alarms: Sequence[AlarmView]) -> AlarmOut | None:
+    return next((alarm_out(view) for view in alarms if view.row.status in ("active", "acknowledged")), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """The span of the trend that is shown, and the pictures of it."""
+
+    shown: ShownRange
+    preload: Charts
+    drag: Charts
+    frequency: Charts
+    events: list[LaneEvent]
+
+
+def _pictures(
+    axis: str, words: Words, query: RangeQuery, on: Services, happened: tuple[list[AlarmView], CalibrationOverview]
+) -> Pictures | None:
+    """Return the pictures of an axis, and what happened to it; None if nothing was measured yet."""
+    first, last = (on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=to).points for to in (False, True))
+    if not first:
+        return None
+    shown = shown_range(f"/axes/{axis}", query, first[0].at, last[0].at)
+    points = on.trend.at_resolution(axis, Span(shown.start, shown.end), MOST_SHOWN - 1).points
+    if shown.start <= last[0].at < shown.end and last[0] not in points:  # the present is shown, whatever is thinned out
+        points = [*points, last[0]]
+    history = on.history.of(axis)
+    events = lane_of(words, *happened, history)
+    return Pictures(
+        shown,
+        preload_charts(words, axis, points, shown, history=history, events=events),
+        low_charts(
+            words, (words(N_("Drag torque over time")), "N·m"), points, shown, lambda point: point.drag_torque_nm
+        ),
+        low_charts(words, (words(N_("Frequency over time")), "Hz"), points, shown, lambda point: point.frequency_hz),
+        sorted((event for event in events if shown.start <= event.at <= shown.end), key=lambda event: event.at),
+    )

@@ -1,0 +1,138 @@
+"""``/``: the fleet, worst first, with what needs somebody. ``/wall``: the same in large type, to be read from afar."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Final, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+from markupsafe import Markup
+from pydantic import BaseModel, Field
+
+from service.api.services import Services, services
+from service.operations.fields import RequestModel
+from service.operations.monitoring.alarms import AlarmView
+from service.operations.monitoring.machines import SEVERITY
+from service.operations.monitoring.standing import open_alarm
+from service.operations.monitoring.trend import AxisStatus
+from service.report.trend_chart import sparkline
+from service.web.site import PageOf
+
+router = APIRouter(include_in_schema=False)
+
+#: In these states an axis needs somebody.
+NEEDY: Final = ("alarm", "alert", "unknown")
+#: Axes on one page: the worst of a large fleet come first, and the rest is found by name.
+_ON_A_PAGE: Final = 100
+_OF_A_SPARK: Final = 30
+
+
+class FleetQuery(RequestModel):
+    """Which axes."""
+
+    q: Annotated[str, Field(max_length=100)] = ""
+    state: Literal["", "alarm", "alert", "unknown", "learning", "normal"] = ""
+    page: Annotated[int, Field(ge=1, le=100_000)] = 1
+
+
+class _Last(BaseModel):
+    """What a fleet shows of the last measurement of an axis."""
+
+    started_at: datetime | None = None
+    preload_n: float | None = None
+    interval_95_n: tuple[float | None, float | None] | None = None
+    baseline_preload_n: float | None = None
+    reason: str | None = None
+    doubts: list[object] = []
+
+
+@dataclass(frozen=True, slots=True)
+class FleetAxis:
+    """An axis as a line of the fleet."""
+
+    id: str
+    name: str
+    state: str
+    last: _Last
+    share: float | None  # of the preload that is its baseline [-]
+    loss_per_day: float | None  # since the onset of the alarm that stands [N]
+    open_alarms: int
+    owner: str | None  # who has the alarm
+    acknowledged: bool
+    spark: Markup
+
+
+@router.get("/")
+def fleet_page(
+    page: PageOf, query: Annotated[FleetQuery, Query()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show all axes, worst first."""
+    return _fleet("fleet.html", page, query, on)
+
+
+@router.get("/wall")
+def wall_page(page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show the worst axes in large type."""
+    return _fleet("wall.html", page, FleetQuery(), on)
+
+
+def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Response:
+    fleet, alarms = on.trend.fleet(), on.alarms.open_by_axis()
+    needy = sum(status.state in NEEDY for status in fleet.axes) + len(fleet.damaged)
+    found = sorted(
+        (status for status in fleet.axes if _is_meant(status, query)),
+        key=lambda status: (SEVERITY.index(status.state), _is_taken(alarms.get(status.row.id)), status.row.id),
+    )
+    first = (query.page - 1) * _ON_A_PAGE
+    shown = found[first : first + _ON_A_PAGE]
+    return page.show(
+        template,
+        axes=_lines(on, shown, alarms),
+        damaged=fleet.damaged,
+        n_needy=needy,
+        n_axes=len(fleet.axes) + len(fleet.damaged),
+        n_found=len(found),
+        query=query,
+        n_pages=-(-len(found) // _ON_A_PAGE),
+        states=SEVERITY,
+    )
+
+
+def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:
+    wanted = query.q.strip().lower()
+    return query.state in ("", status.state) and (wanted in status.row.name.lower() or wanted in status.row.id.lower())
+
+
+def _is_taken(alarm: AlarmView | None) -> bool:
+    """Tell whether somebody has the alarm of an axis; those that nobody has come first."""
+    return alarm is None or alarm.row.status != "active"
+
+
+def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, AlarmView]) -> list[FleetAxis]:
+    newest = on.trend.newest_preloads([status.row for status in statuses], _OF_A_SPARK)
+    lines = []
+    for status in statuses:
+        row, last = status.row, _Last.model_validate(status.last_measurement or {})
+        view = alarms.get(row.id)
+        alarm = None if view is None else open_alarm([view])
+        share = per_day = None
+        if last.preload_n is not None and last.baseline_preload_n:
+            share = last.preload_n / last.baseline_preload_n
+        if alarm is not None and alarm.baseline is not None and last.preload_n is not None and last.started_at:
+            days = (last.started_at - alarm.onset).total_seconds() / 86400.0
+            per_day = (alarm.baseline - last.preload_n) / days if days >= 1.0 else None
+        lines.append(
+            FleetAxis(
+                id=row.id,
+                name=row.name,
+                state=status.state,
+                last=last,
+                share=share,
+                loss_per_day=per_day,
+                open_alarms=status.open_alarms,
+                owner=None if alarm is None else alarm.owner,
+                acknowledged=alarm is not None and alarm.acknowledged_at is not None,
+                spark=sparkline(newest[row.id], status.state, row.name),
+            )
+        )
+    return lines

@@ -1,0 +1,141 @@
+"""How numbers, moments and ages are written in the language of a page: filters of the templates."""
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+
+from babel.dates import format_timedelta
+from jinja2 import Environment, pass_context
+from jinja2.runtime import Context
+from markupsafe import Markup, escape
+
+from service.clock import now
+from service.documents.measurement import shares_in_words
+from service.documents.said import Said, Value
+from service.report.rounding import UNKNOWN, notation
+from service.web.words import Words
+
+#: Half of the width of a 95 % interval in standard uncertainties.
+_REACH = 1.96
+
+
+def decimal(words: Words, text: str) -> str:
+    """Return a number as this language writes it: with its own decimal mark."""
+    return text.replace(".", words.locale.number_symbols["latn"]["decimal"]).replace("-", "−")
+
+
+def number(words: Words, value: float | None, digits: int = 3) -> str:
+    """Show a number with so many significant digits."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    chosen = notation(value, math.nan, digits)
+    return decimal(words, chosen.mantissa(value) + chosen.power)
+
+
+def with_interval(words: Words, value: float | None, interval: Sequence[float | None] | None) -> tuple[str, str]:
+    """Return a value and half the width of its 95 % interval, with the digits that it warrants; "" if it is open."""
+    if value is None:
+        return UNKNOWN, ""
+    lower, upper = interval or (None, None)
+    if lower is None or upper is None:
+        return number(words, value), ""
+    half = (upper - lower) / 2.0
+    chosen = notation(value, half / _REACH)
+    decimals = 0 if half >= 3.0 else max(chosen.decimals, 0)
+    return decimal(words, f"{value:.{decimals}f}"), decimal(words, f"{half:.{decimals}f}")
+
+
+def _moment(value: datetime | str) -> datetime:
+    return datetime.fromisoformat(value) if isinstance(value, str) else value
+
+
+def when(value: datetime | str | None) -> str | Markup:
+    """Show a moment to the minute in UTC; a browser with a script turns it into its own zone."""
+    if value is None:
+        return UNKNOWN
+    moment = _moment(value).astimezone(UTC)
+    return Markup('<time datetime="{}" data-local>{}</time>').format(
+        moment.isoformat().replace("+00:00", "Z"), moment.strftime("%Y-%m-%d %H:%M UTC")
+    )
+
+
+def day(value: datetime | str | None) -> str | Markup:
+    """Show the day of a moment."""
+    if value is None:
+        return UNKNOWN
+    moment = _moment(value).astimezone(UTC)
+    return Markup('<time datetime="{}">{}</time>').format(moment.isoformat(), moment.strftime("%Y-%m-%d"))
+
+
+def age(words: Words, value: datetime | str | None) -> str | Markup:
+    """Show how long ago something was; a browser with a script goes on counting."""
+    if value is None:
+        return UNKNOWN
+    moment = _moment(value)
+    passed = format_timedelta(moment - now(), add_direction=True, format="short", locale=words.locale)
+    return Markup('<time datetime="{}" data-age>{}</time>').format(moment.isoformat().replace("+00:00", "Z"), passed)
+
+
+def say(words: Words, said: Said | None) -> Markup:
+    """Write a sentence in the language of the page, its numbers and moments as that writes them."""
+    if said is None:
+        return Markup()
+    values = {name: _said(words, value) for name, value in said.values.items()}
+    return Markup(str(escape(words(said.text))) % values)  # noqa: S704 - text and values are escaped
+
+
+def _said(words: Words, value: Value) -> str | Markup:
+    if isinstance(value, datetime):
+        return day(value)
+    if isinstance(value, float):
+        value = number(words, value, 2)
+    return escape(value)
+
+
+def shares(found: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Return the shares of a variance, in words."""
+    return shares_in_words(found)
+
+
+def install(environment: Environment) -> None:
+    """Give the filters to templates; the words of the page are in what it is written from."""
+
+    def of(context: Context) -> Words:
+        found: Words = context["words"]
+        return found
+
+    @pass_context
+    def number_filter(context: Context, value: float | None, digits: int = 3) -> str:
+        return number(of(context), value, digits)
+
+    @pass_context
+    def interval_filter(context: Context, value: float | None, interval: Sequence[float | None] | None) -> object:
+        return with_interval(of(context), value, interval)
+
+    @pass_context
+    def age_filter(context: Context, value: datetime | str | None) -> object:
+        return age(of(context), value)
+
+    @pass_context
+    def say_filter(context: Context, said: Said | None) -> Markup:
+        return say(of(context), said)
+
+    @pass_context
+    def translated(context: Context, text: str) -> str:
+        return of(context)(text)
+
+    @pass_context
+    def translated_plural(context: Context, one_of_it: str, several: str, n: int) -> str:
+        return of(context).texts.ngettext(one_of_it, several, n)
+
+    environment.filters |= {
+        "number": number_filter,
+        "with_interval": interval_filter,
+        "age": age_filter,
+        "say": say_filter,
+        "when": when,
+        "day": day,
+        "shares": shares,
+        "translated": translated,
+    }
+    environment.install_gettext_callables(translated, translated_plural, newstyle=True)  # type: ignore[attr-defined]

@@ -1,0 +1,145 @@
+"""What every page is written with: templates, words of the visitor, and the mark of what is stored when it is read."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Final
+
+from anyio.to_thread import run_sync
+from fastapi import Depends, Request, Response
+from fastapi.responses import RedirectResponse
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.api.http.problems import MEDIA_TYPE
+from service.documents.said import N_
+from service.web import shown
+from service.web.words import words_for
+
+FOLDER = Path(__file__).parent
+STATIC = FOLDER / "static"
+
+environment: Final = Environment(
+    loader=FileSystemLoader(FOLDER / "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    extensions=["jinja2.ext.i18n"],
+)
+shown.install(environment)
+
+#: The pages that every page leads to.
+NAVIGATION: Final = (
+    ("/", N_("Fleet")),
+    ("/docs", N_("API")),
+)
+#: What a page says after a form was taken: the form leads to ``…?done=KEY``. One line for each form.
+DONE: Final = {
+    "acknowledged": N_("Noted: you have seen the alarm."),
+}
+
+
+class Page:
+    """What a route writes its page with."""
+
+    def __init__(self, request: Request) -> None:
+        self._request = request
+        self.words = words_for(request.headers.get("accept-language", ""))
+
+    def show(
+        self, template: str, *, status: int = 200, headers: Mapping[str, str] | None = None, **found: object
+    ) -> Response:
+        """Write a page in the language of the visitor."""
+        return Response(
+            written(self._request.scope, template, **found),
+            status_code=status,
+            media_type="text/html",
+            headers={"Vary": "Accept-Language", "Cache-Control": "no-store", **(headers or {})},
+        )
+
+
+async def page(request: Request) -> Page:
+    """Give a route what it writes its page with."""
+    return Page(request)
+
+
+PageOf = Annotated[Page, Depends(page)]
+
+
+def done(path: str, key: str) -> Response:
+    """Lead on to a page after a form was taken, which says so (303: to load it again sends nothing twice)."""
+    return RedirectResponse(f"{path}?done={key}", status_code=303)
+
+
+def written(scope: Scope, template: str, **found: object) -> str:
+    """Write a page."""
+    request, state = Request(scope), scope.get("state", {})
+    caller = state.get("caller")
+    return environment.get_template(template).render(
+        words=words_for(request.headers.get("accept-language", "")),
+        mark="" if request.url.path == "/login" else state.get("mark", ""),
+        nav=NAVIGATION,
+        user=None if caller is None else caller.user,
+        is_open=caller is not None and caller.is_anyone and request.url.path != "/login",
+        path=request.url.path,
+        said=DONE.get(request.query_params.get("done", "")),
+        **found,
+    )
+
+
+class Site:
+    """ASGI middleware: marks what is stored before a page is read, and shows people a page where programs get JSON.
+
+    The mark is taken first: whatever changes while the page is read, the page will ask for.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http" or not _is_page(scope):
+            await self._app(scope, receive, send)
+            return
+        state = scope.setdefault("state", {})
+        if scope["method"] == "GET":
+            state["mark"] = await run_sync(scope["app"].state.services.changes.mark)
+        await self._app(scope, receive, _ProblemPage(scope, send))
+
+
+class _ProblemPage:
+    """Sends an answer on; a problem document as a page."""
+
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._scope, self._send = scope, send
+        self._start: Message | None = None
+        self._body = b""
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = Headers(raw=message["headers"])
+            if headers.get("content-type") == MEDIA_TYPE and "content-encoding" not in headers:
+                self._start = message
+                return
+        if self._start is None:
+            await self._send(message)
+            return
+        self._body += message.get("body", b"")
+        if not message.get("more_body"):
+            await self._as_page(self._start)
+
+    async def _as_page(self, start: Message) -> None:
+        problem = json.loads(self._body)
+        text = written(self._scope, "problem.html", problem=problem).encode()
+        headers = MutableHeaders(raw=list(start["headers"]))
+        headers["content-type"], headers["content-length"] = "text/html; charset=utf-8", str(len(text))
+        headers["vary"], headers["cache-control"] = "Accept-Language", "no-store"
+        await self._send({"type": "http.response.start", "status": start["status"], "headers": headers.raw})
+        await self._send({"type": "http.response.body", "body": text})
+
+
+def _is_page(scope: Scope) -> bool:
+    """Tell whether a person asks, in a browser, for something that is no file and no answer for programs."""
+    return not scope["path"].startswith(("/v1/", "/static")) and "text/html" in Headers(scope=scope).get("accept", "")

@@ -1,0 +1,157 @@
+"""Turn points of the trend into pictures and lines of a page."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Final
+
+from markupsafe import Markup
+from pydantic import BaseModel
+
+from service.documents.measurement import interval_of
+from service.documents.said import N_
+from service.operations.monitoring.alarms import AlarmView
+from service.operations.monitoring.calibrations import CalibrationOverview
+from service.operations.monitoring.history import AxisHistory
+from service.operations.monitoring.trend import thin_out
+from service.report.trend_chart import (
+    LOW_NARROW,
+    LOW_WIDE,
+    NARROW,
+    WIDE,
+    Band,
+    Frame,
+    LaneEvent,
+    Line,
+    Mark,
+    TrendPicture,
+    trend_chart,
+)
+from service.store.trend.points import TrendPoint
+from service.web.ranges import ShownRange
+from service.web.shown import decimal, with_interval
+from service.web.words import Words
+
+#: Points of a picture: as many as a page of 100 kB has room for, each a link to its measurement.
+MOST_SHOWN: Final = 150
+_ON_A_PHONE: Final = 70
+
+
+class _Baseline(BaseModel):
+    preload_n: float
+    prediction_interval_95_n: tuple[float, float]
+    ended_at: datetime
+
+
+class _Line(BaseModel):
+    started_at: datetime
+    ended_at: datetime
+    preload_at_end_n: float
+    slope_n_per_year: float
+
+
+@dataclass(frozen=True, slots=True)
+class Charts:
+    """A picture twice: for wide pages and for phones."""
+
+    wide: Markup
+    narrow: Markup
+
+
+def preload_charts(
+    words: Words, axis_id: str, points: Sequence[TrendPoint], shown: ShownRange, *,
+    history: AxisHistory, events: Sequence[LaneEvent],
+) -> Charts:  # fmt: skip
+    """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis."""
+    baseline = None if history.baseline is None else _Baseline.model_validate(history.baseline)
+    band = None
+    if baseline is not None:
+        lower, upper = baseline.prediction_interval_95_n
+        band = Band(baseline.preload_n, lower, upper, words(N_("baseline")))
+
+    def picture(chosen: Sequence[TrendPoint]) -> TrendPicture:
+        marks = [_mark(words, axis_id, point) for point in chosen]
+        return TrendPicture(
+            words(N_("Preload over time")), "N", shown.start, shown.end, marks, events, band, _through(history)
+        )
+
+    def write(text: str) -> str:
+        return decimal(words, text)
+
+    return Charts(
+        trend_chart(picture(points), WIDE, write, linked=True),
+        trend_chart(picture(thinned(points, _ON_A_PHONE)), NARROW, write),
+    )
+
+
+def low_charts(
+    words: Words, name: tuple[str, str], points: Sequence[TrendPoint], shown: ShownRange,
+    value_of: Callable[[TrendPoint], float | None],
+) -> Charts:  # fmt: skip
+    """Draw another quantity of the same measurements, by its title and its unit."""
+
+    def drawn(chosen: Sequence[TrendPoint], frame: Frame) -> Markup:
+        marks = []
+        for point in chosen:
+            value = value_of(point)
+            kind = "refused" if point.refusal_reason else point.state
+            marks.append(Mark(point.at, math.nan if value is None else value, math.nan, math.nan, kind, ""))
+        picture = TrendPicture(*name, shown.start, shown.end, marks)
+        return trend_chart(picture, frame, lambda text: decimal(words, text))
+
+    return Charts(drawn(points, LOW_WIDE), drawn(thinned(points, _ON_A_PHONE), LOW_NARROW))
+
+
+def lane_of(
+    words: Words, alarms: Sequence[AlarmView], calibrations: CalibrationOverview, history: AxisHistory
+) -> list[LaneEvent]:
+    """Return what happened to an axis besides measurements, for the lane under its trend."""
+    calibration = words(N_("calibration %(number)s"))
+    events = [
+        LaneEvent(activation.activated_at, "calibration", calibration % {"number": activation.calibration_id})
+        for activation in calibrations.activations
+    ]
+    for view in alarms:
+        events.append(LaneEvent(view.row.measured_at, "alarm", words(N_("alarm"))))
+        cleared = view.last_to("cleared")
+        if cleared is not None:
+            events.append(LaneEvent(cleared.at, "cleared", words(N_("cleared"))))
+    if history.baseline is not None:
+        baseline = _Baseline.model_validate(history.baseline)
+        events.append(LaneEvent(baseline.ended_at, "learnt", words(N_("learnt"))))
+    return events
+
+
+def thinned(points: Sequence[TrendPoint], most: int) -> list[TrendPoint]:
+    """Keep so many points at most: the extremes of each stretch, and the last one, which is the present."""
+    return [*thin_out(points[:-1], most - 1), *points[-1:]]
+
+
+def _mark(words: Words, axis_id: str, point: TrendPoint) -> Mark:
+    lower, upper = interval_of(point) if point.preload_n is not None else (None, None)
+    kind = "refused" if point.refusal_reason else "doubt" if point.doubts else point.state
+    value, half = with_interval(words, point.preload_n, (lower, upper))
+    said = words(N_("refused")) if point.refusal_reason else f"{value} N{f' ± {half}' if half else ''}"
+    return Mark(
+        at=point.at,
+        value=_or_nan(point.preload_n),
+        lower=_or_nan(lower),
+        upper=math.inf if upper is None and lower is not None else _or_nan(upper),
+        kind=kind,
+        words=f"{point.at:%Y-%m-%d %H:%M} UTC: {said}",
+        href=f"/axes/{axis_id}/measurements/{point.measurement_id}",
+    )
+
+
+def _through(history: AxisHistory) -> Line | None:
+    if history.line is None:
+        return None
+    line = _Line.model_validate(history.line)
+    years = (line.ended_at - line.started_at) / timedelta(days=365.25)
+    first = line.preload_at_end_n - line.slope_n_per_year * years
+    return Line((line.started_at, first), (line.ended_at, line.preload_at_end_n))
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -1,0 +1,146 @@
+"""Pages in the system's Chromium against a service that is a process of its own.
+
+A page that asks for anything from outside, or writes an error to its console, fails its test. Pages that others add use
+``served`` (every state, only read), ``fresh_service`` (a copy of it to change) and ``visit``.
+"""
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, sync_playwright
+
+from tests.browser.states import build
+from tests.service.conftest import Api, ForkedServer, ServerProcess, free_port, servers
+
+#: No name is resolved: what a page asks of others fails inside the browser. (A route of Playwright's would do it here,
+#: where nothing is answered while a test waits.)
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
+SIZES = {"desk": (1280, 720), "phone": (420, 800)}
+THEMES = ("light", "dark")
+#: Rules of WCAG 2.2 A and AA, and what axe calls best practice.
+AXE = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Start the system's Chromium, one for all tests."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None:
+        pytest.fail("the tests of the pages need Chromium: apt-get install chromium, or any chromium on the PATH")
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="session")
+def states(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a data folder with an axis in every state; nobody writes into it."""
+    folder = tmp_path_factory.mktemp("states") / "var"
+    build(folder)
+    return folder
+
+
+@dataclass
+class Site:
+    """A running service, and the ways in for a browser and for a program."""
+
+    server: ServerProcess
+    api: Api
+    restart: Callable[[], None] = field(repr=False)
+
+    @property
+    def url(self) -> str:
+        return self.server.url
+
+
+def sites(folder: Path, states: Path) -> Iterator[Site]:
+    """Serve a copy of the data folder by a process of its own."""
+    data_dir = folder / "var"
+    shutil.copytree(states, data_dir)
+    starting = servers(folder, ForkedServer)
+    start, port = next(starting), free_port()
+    with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as http:
+        site = Site(start(data_dir, port), Api(http, data_dir), restart=lambda: None)
+
+        def restart() -> None:
+            site.server.process.terminate()
+            site.server.process.wait()
+            site.server = start(data_dir, port)
+            site.server.wait_until_up()
+
+        site.restart = restart
+        site.server.wait_until_up()
+        yield site
+    next(starting, None)
+
+
+@pytest.fixture(scope="session")
+def served(states: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Serve an axis in every state, for tests that only read."""
+    yield from sites(tmp_path_factory.mktemp("served"), states)
+
+
+@pytest.fixture
+def fresh_service(states: Path, tmp_path: Path) -> Iterator[Site]:
+    """Serve an axis in every state, for a test that changes something."""
+    yield from sites(tmp_path, states)
+
+
+Visit = Callable[..., Page]
+
+
+@pytest.fixture
+def visit(browser: Browser) -> Iterator[Visit]:
+    """Open a page in a window of its own; in the end no page may have said an error or asked outside for anything."""
+    wrong: list[str] = []
+    contexts: dict[tuple[object, ...], BrowserContext] = {}
+
+    def watch(request: Request, url: str) -> None:
+        if not request.url.startswith((url, "data:")):
+            wrong.append(f"asked for {request.url}")
+
+    def note(message: ConsoleMessage, allowed: str) -> None:
+        # that a service is gone, or that a page is missing on purpose, Chromium says by itself
+        if message.type == "error" and not (allowed and allowed in message.text):
+            wrong.append(f"console: {message.text}")
+
+    def opened(
+        url: str, path: str, size: str = "desk", theme: str = "light", *, language: str = "en",
+        zone: str = "Europe/Berlin", script: bool = True, allowed: str = "",
+    ) -> Page:  # fmt: skip
+        kind = (size, theme, language, zone, script)
+        if kind not in contexts:
+            width, height = SIZES[size]
+            contexts[kind] = browser.new_context(
+                viewport={"width": width, "height": height},
+                color_scheme=theme,
+                locale=language,
+                timezone_id=zone,
+                java_script_enabled=script,
+            )
+            contexts[kind].set_default_timeout(10_000)
+        page = contexts[kind].new_page()
+        page.on("console", lambda message: note(message, allowed))
+        page.on("pageerror", lambda error: wrong.append(f"script: {error}"))
+        page.on("request", lambda request: watch(request, url))
+        page.goto(url + path)
+        return page
+
+    yield opened
+    for context in contexts.values():
+        context.close()
+    assert not wrong
+
+
+def violations(page: Page) -> list[str]:
+    """Return what axe finds wrong with a page, each with the place."""
+    found = Axe().run(page, options=AXE).response["violations"]
+    return [
+        f"{rule['id']}: {node['target']} {node['failureSummary'][:200]}" for rule in found for node in rule["nodes"]
+    ]

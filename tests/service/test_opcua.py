@@ -1,0 +1,225 @@
+"""OPC UA: a client reads preload, interval, unit, time and quality, and gets an alarm as a condition."""
+
+import asyncio
+import os
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asyncua import Client, ua
+
+from service.gateways.opcua_reading import AxisSeen, quality_of, values_of
+from service.gateways.opcua_server import OpcuaSettings, serve_opcua
+from tests.conftest import PROJECT_ROOT
+from tests.service.brokers import certificate
+from tests.service.conftest import Api, free_port, running_service
+from tests.service.test_notices import losing_preload
+
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - refused unless it is encrypted
+
+
+class Subscriber:
+    """Keeps the events that it gets."""
+
+    def __init__(self) -> None:
+        self.events: list[Any] = []
+
+    def event_notification(self, event: Any) -> None:
+        self.events.append(event)
+
+    def of(self, kind: int) -> list[Any]:
+        return [event for event in self.events if event.EventType == ua.NodeId(kind)]
+
+
+@asynccontextmanager
+async def gateway(url: str, **settings: Any) -> AsyncIterator[str]:
+    """Run the gateway in this loop and yield its address."""
+    made, stopping = OpcuaSettings(port=free_port(), **settings), asyncio.Event()
+    task = asyncio.create_task(serve_opcua(made, url, None, stopping))
+    try:
+        await until(lambda: listens(made.port) or task.done())
+        yield f"opc.tcp://127.0.0.1:{made.port}/preload"
+    finally:
+        stopping.set()
+        await task
+
+
+def listens(port: int) -> bool:
+    import socket
+
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+async def until(holds: Callable[[], Any], seconds: float = 20.0) -> None:
+    async with asyncio.timeout(seconds):
+        while not holds():
+            await asyncio.sleep(0.02)
+
+
+async def read(client: Client, name: str) -> ua.DataValue:
+    index = await client.get_namespace_index("urn:preload-monitor")
+    node = client.get_node(ua.NodeId(f"axes/axis/{name}", index))
+    return await node.read_data_value(raise_on_bad_status=False)
+
+
+async def read_until(client: Client, name: str, holds: Callable[[ua.DataValue], bool]) -> ua.DataValue:
+    async with asyncio.timeout(20.0):
+        while not holds(value := await read(client, name)):
+            await asyncio.sleep(0.05)
+    return value
+
+
+def test_a_client_reads_values_and_gets_an_alarm_and_its_end(tmp_path: Path) -> None:
+    with running_service(tmp_path / "var") as api:
+        api.register("quiet")
+        alarm = losing_preload(api)
+        asyncio.run(_as_client(api, alarm))
+
+
+async def _as_client(api: Api, alarm: int) -> None:
+    axis = api.axis("axis")
+    measured = axis["last_measurement"]
+    async with gateway(str(api.http.base_url)) as url, Client(url) as client:
+        preload = await read_until(client, "Preload", lambda value: value.Value.Value is not None)
+        assert preload.Value.Value == measured["preload_n"]
+        assert preload.SourceTimestamp == datetime.fromisoformat(measured["started_at"])
+        assert (await read(client, "PreloadIntervalLow")).Value.Value == measured["interval_95_n"][0]
+        assert (await read(client, "PreloadIntervalHigh")).Value.Value == measured["interval_95_n"][1]
+        assert (await read(client, "State")).Value.Value == "alarm"
+        index = await client.get_namespace_index("urn:preload-monitor")
+        node = client.get_node(ua.NodeId("axes/axis/Preload", index))
+        assert await node.read_type_definition() == ua.NodeId(ua.ObjectIds.AnalogUnitType)
+        unit = await (await node.get_child("0:EngineeringUnits")).read_value()
+        assert (unit.DisplayName.Text, unit.UnitId) == ("N", 5129559)
+        with pytest.raises(ua.UaError):
+            await node.write_value(1.0)
+        quiet = client.get_node(ua.NodeId("axes/quiet/Preload", index))
+        assert (await quiet.read_data_value(raise_on_bad_status=False)).StatusCode.name == "BadNoData"
+
+        subscriber = Subscriber()
+        subscription = await client.create_subscription(50, subscriber)
+        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        condition_type = client.get_node(ua.ObjectIds.ConditionType)
+        await condition_type.call_method(
+            "0:ConditionRefresh", ua.Variant(subscription.subscription_id, ua.VariantType.UInt32)
+        )
+        await until(lambda: subscriber.of(ua.ObjectIds.AlarmConditionType))
+        event = subscriber.of(ua.ObjectIds.AlarmConditionType)[0]
+        assert "below the baseline" in event.Message.Text
+        assert (event.SourceName, event.ConditionName) == ("axis", "preload-loss")
+        assert (getattr(event, "ActiveState/Id"), getattr(event, "AckedState/Id"), event.Retain) == (True, False, True)
+
+        api.http.post(f"/v1/alarms/{alarm}/acknowledge", json={"comment": "seen"}).raise_for_status()
+        await until(lambda: getattr(subscriber.events[-1], "AckedState/Id", False))
+        assert getattr(subscriber.events[-1], "ActiveState/Id") is True
+        api.http.post(f"/v1/alarms/{alarm}/clear", json={"comment": "new nut"}).raise_for_status()
+        await until(lambda: getattr(subscriber.events[-1], "ActiveState/Id", True) is False)
+        assert subscriber.events[-1].Retain is False
+        assert subscriber.events[-1].NodeId == event.NodeId
+        assert len(subscriber.of(ua.ObjectIds.AlarmConditionType)) == 3
+
+
+def test_without_the_service_no_value_counts(tmp_path: Path) -> None:
+    async def check(api_url: str, stop: Callable[[], None]) -> None:
+        async with gateway(api_url) as url, Client(url) as client:
+            await read_until_known(client)
+            assert (await read(client, "State")).StatusCode.is_good()
+            stop()
+            state = await read_until(client, "State", lambda value: value.StatusCode.is_bad())
+            assert state.StatusCode.name == "BadNoCommunication"
+
+    service = running_service(tmp_path / "var")
+    api = service.__enter__()
+    api.register("axis")
+    asyncio.run(check(str(api.http.base_url), lambda: service.__exit__(None, None, None)))
+
+
+async def read_until_known(client: Client) -> None:
+    async with asyncio.timeout(20.0):
+        while (await client.get_namespace_array()).count("urn:preload-monitor") == 0 or (
+            await read(client, "State")
+        ).StatusCode.name == "BadNodeIdUnknown":
+            await asyncio.sleep(0.05)
+
+
+def seen(**measured: Any) -> AxisSeen:
+    measurement = {"started_at": "2026-03-02T06:00:00Z"} | measured if measured else None
+    return AxisSeen.model_validate(
+        {"id": "a", "name": "a", "state": "normal", "state_since": None, "last_measurement": measurement}
+    )
+
+
+@pytest.mark.parametrize(
+    ("axis", "quality"),
+    [
+        (seen(), "BadNoData"),
+        (seen(refused=True, reason="low-coherence"), "BadNoData"),
+        (seen(preload_n=200.0, interval_95_n=[150.0, None]), "Good"),
+        (seen(preload_n=200.0, interval_95_n=[150.0, 250.0], doubts=[{"reason": "x"}]), "UncertainSubNormal"),
+        (seen(preload_n=200.0).model_copy(update={"state": "unknown"}), "UncertainLastUsableValue"),
+    ],
+)  # fmt: skip
+def test_the_quality_says_whether_there_is_a_value_and_whether_it_is_in_doubt(axis: AxisSeen, quality: str) -> None:
+    assert quality_of(axis).name == quality
+    values = values_of(axis)
+    assert {values[name].StatusCode.name for name in values if name != "State"} == {quality}
+    assert (values["Preload"].Value.Value is None) == (quality == "BadNoData")
+
+
+def test_an_open_end_of_an_interval_is_infinite() -> None:
+    values = values_of(seen(preload_n=200.0, interval_95_n=[150.0, None]))
+    assert values["PreloadIntervalHigh"].Value.Value == float("inf")
+
+
+def test_beyond_loopback_it_is_encrypted_and_asks_for_a_password(tmp_path: Path, api: Api) -> None:
+    with pytest.raises(ValueError, match="beyond loopback it needs certificate_file"):
+        OpcuaSettings(host=EVERYWHERE)
+    certificate(tmp_path, "urn:preload:test")
+    (tmp_path / "password").write_text("right\n")
+    api.register("axis")
+    secured = {
+        "host": EVERYWHERE, "certificate_file": tmp_path / "cert.pem", "private_key_file": tmp_path / "key.pem",
+        "username": "control", "password_file": tmp_path / "password",
+    }  # fmt: skip
+
+    async def check() -> None:
+        async with gateway(str(api.http.base_url), **secured) as url:
+            with pytest.raises(ua.UaError):
+                async with Client(url):
+                    pass
+            for password, lets_in in (("wrong", False), ("right", True)):
+                client = Client(url)
+                client.application_uri = "urn:preload:test"
+                await client.set_security_string(
+                    f"Basic256Sha256,SignAndEncrypt,{tmp_path}/cert.pem,{tmp_path}/key.pem"
+                )
+                client.set_user("control")
+                client.set_password(password)
+                if lets_in:
+                    async with client:
+                        await read_until_known(client)
+                else:
+                    with pytest.raises(ua.UaError):
+                        async with client:
+                            pass
+
+    asyncio.run(check())
+
+
+def test_without_the_extra_a_sentence_says_what_installs_it(tmp_path: Path) -> None:
+    hidden = tmp_path / "asyncua"
+    hidden.mkdir()
+    (hidden / "__init__.py").write_text("raise ImportError('hidden')\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "service.cli.main", "opcua", "--url", "http://127.0.0.1:9"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(PROJECT_ROOT)])},
+        capture_output=True, text=True, timeout=60, check=False, cwd=PROJECT_ROOT,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == "preload: OPC UA needs asyncua; pip install 'preload-monitor[opcua]'\n"

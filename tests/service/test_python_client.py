@@ -1,0 +1,176 @@
+"""The client in Python: what it reads is what the service says, and it repeats what may be repeated."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import preload_client
+from preload_client import Client, JobFailedError, ProblemError, UnreachableError, client
+from service.app import create_app
+from service.cli.remote.client import window_document
+from service.settings import Settings
+from tests.service.conftest import Api, free_port, simulated_measurement
+
+SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
+
+
+def test_it_brings_no_more_than_httpx() -> None:
+    heavy = ("numpy", "fastapi", "pydantic", "sqlalchemy", "monitor_core", "service")
+    code = f"import sys, preload_client; print([name for name in {heavy} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("record", "schema"),
+    [
+        (preload_client.Axis, "AxisOut"), (preload_client.TrendPoint, "TrendPointOut"),
+        (preload_client.WindowStatus, "WindowOut"), (preload_client.Receipt, "WindowsOut"),
+        (preload_client.AlarmEvent, "AlarmEventOut"), (preload_client.Alarm, "AlarmOut"),
+        (preload_client.Job, "JobOut"),
+    ],
+)  # fmt: skip
+def test_records_have_the_members_of_the_api(record: Any, schema: str) -> None:
+    stated = create_app(Settings()).openapi()["components"]["schemas"][schema]["properties"]
+    assert list(record.__annotations__) == list(stated)
+
+
+@pytest.fixture(scope="module")
+def service(shared_api: Api) -> Iterator[Client]:
+    shared_api.register("mill")
+    shared_api.calibrate("mill")
+    with Client(str(shared_api.http.base_url)) as opened:
+        yield opened
+
+
+def test_windows_in_and_trend_out(service: Client, shared_api: Api, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    windows = [window_document(window) for window in simulated_measurement(rng, "m", n_windows=4)]
+    for window in windows:
+        window["response"] = np.frombuffer(window["response"], "<f4").astype(float)  # type: ignore[arg-type]
+    assert service.post_windows("mill", windows, complete=True)["accepted"] == 4
+    windows[0]["excitation"] = np.frombuffer(windows[0]["excitation"], "<f4").tolist()  # type: ignore[arg-type]
+    assert service.post_windows("mill", windows, complete=True)["already_there"] == 4
+    point = next(service.trend("mill"))
+    assert [point] == shared_api.trend("mill")
+    arrays = service.trend_arrays("mill")
+    assert arrays["preload_n"].tolist() == [point["preload_n"]]
+    assert arrays["at"][0] == np.datetime64("2026-03-02T06:00:00")
+    assert arrays["lower_n"][0] < arrays["preload_n"][0] < arrays["upper_n"][0]
+    assert service.axis("mill") in service.axes()
+    table = service.table("/v1/axes/mill/trend", tmp_path / "trend.parquet")
+    assert pq.read_table(table)["preload_n"].to_pylist() == [point["preload_n"]]
+
+
+def test_an_upload_is_waited_for_with_its_progress(service: Client) -> None:
+    service.register("saw", "Saw")
+    seen: list[int] = []
+    job = service.wait(service.upload("saw", [SESSION]), lambda each: seen.append(each["done"]), every_s=0.01)
+    assert seen == sorted(seen)
+    assert seen[-1] == job["total"] > 0
+    assert job in service.jobs("saw")
+    assert len(list(service.records("/v1/axes/saw/trend", "points", {"limit": 3}))) > 6  # several pages
+
+
+def test_a_refusal_carries_its_document(service: Client) -> None:
+    with pytest.raises(ProblemError, match="GET /v1/axes/nobody was refused with 404: ") as caught:
+        service.axis("nobody")
+    assert (caught.value.status, caught.value.name) == (404, "unknown-resource")
+    assert caught.value.document["detail"] == caught.value.detail
+    with pytest.raises(ProblemError, match="format must be csv or parquet"):
+        service.table("/v1/axes", "axes.xml")
+    with pytest.raises(ProblemError, match="no alarm"):
+        service.acknowledge(7, "seen")
+
+
+def test_a_job_that_fails_is_an_error() -> None:
+    job = {"id": "7", "kind": "replay", "axis": "a", "status": "failed", "error": "no room"}
+    with answering([(200, job)]) as (url, _), pytest.raises(JobFailedError, match="is failed: no room"):
+        Client(url).wait(job)  # type: ignore[arg-type]
+
+
+@contextmanager
+def answering(answers: list[tuple[int, object]]) -> Iterator[tuple[str, list[str]]]:
+    """Answer requests as stated, one after another (0: break the connection); yield the address and what was asked."""
+    asked: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.rfile.read(int(self.headers.get("content-length", 0)))
+            asked.append(self.command)
+            status, document = answers[min(len(asked), len(answers)) - 1]
+            if status == 0:
+                self.close_connection = True
+                return
+            self.send_response(status)
+            self.send_header("Content-Type", "application/json" if status < 300 else "application/problem+json")
+            self.send_header("Retry-After", "1")
+            body = json.dumps(document).encode()
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        do_POST = do_PUT = do_GET  # noqa: N815 - the names of the library
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}", asked
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+BUSY, BROKEN, FINE = (503, {"detail": "busy"}), (0, None), (200, {"id": "a", "next_cursor": None})
+
+
+@pytest.mark.parametrize(
+    ("answers", "ask", "n_asked", "error"),
+    [
+        ([BUSY, BUSY, FINE], lambda c: c.acknowledge(1, "seen"), 3, None),  # nothing was changed
+        ([BROKEN, FINE], lambda c: c.axis("a"), 2, None),
+        ([BROKEN, FINE], lambda c: c.post_windows("a", []), 2, None),
+        ([(502, {"detail": "gone"}), FINE], lambda c: c.post_windows("a", []), 2, None),
+        ([BROKEN, FINE], lambda c: c.acknowledge(1, "seen"), 1, UnreachableError),  # it may have been carried out
+        ([(502, {"detail": "gone"}), FINE], lambda c: c.clear(1, "seen"), 1, ProblemError),
+        ([(409, {"detail": "no"}), FINE], lambda c: c.axis("a"), 1, ProblemError),
+        ([BUSY], lambda c: c.axis("a"), 6, ProblemError),
+    ],
+)
+def test_what_may_be_repeated_is(
+    answers: Any, ask: Any, n_asked: int, error: type[Exception] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(client.time, "sleep", waits.append)
+    with answering(answers) as (url, asked), Client(url) as service:
+        if error is None:
+            ask(service)
+        else:
+            with pytest.raises(error):
+                ask(service)
+        assert len(asked) == n_asked
+    assert len(waits) == n_asked - 1
+    assert waits == sorted(waits)
+    assert max(waits, default=0.0) <= 30.0
+
+
+def test_who_does_not_listen_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(client.time, "sleep", waits.append)
+    with Client(f"http://127.0.0.1:{free_port()}") as nobody, pytest.raises(UnreachableError, match="no answer from"):
+        nobody.acknowledge(1, "seen")
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0]
