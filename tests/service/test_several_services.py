@@ -107,7 +107,10 @@ def test_without_the_lock_and_revisions_something_else_is_said(
         return sync(batch)
 
     monkeypatch.setattr(Batch, "sync", sync_together)
-    _, found = from_many(url, tmp_path, windows, 2)
+    found = of_one
+    for attempt in range(6):  # charts are folded again from what is stored, which now and then mends all of it
+        if found == of_one:
+            _, found = from_many(emptied(url), tmp_path / str(attempt), windows, 2)
     assert found != of_one
 
 
