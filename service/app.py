@@ -25,6 +25,7 @@ from service.api import (
     recordings,
     retention,
     trend,
+    trials,
     windows,
 )
 from service.api.access import Gate
@@ -70,6 +71,8 @@ from service.operations.notices.receivers import Receivers, read_receivers
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.trial.trial import KIND as TRIAL
+from service.operations.trial.trial import Trials
 from service.settings import Settings
 from service.store.axes import list_axes
 from service.store.database import Database
@@ -145,6 +148,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(recordings.router)
     resources = (
         axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention,
+        trials,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
@@ -199,7 +203,13 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     rule = rule_of(settings)
     purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
     rejudgements = Rejudgements(database, waveforms, lanes, runner)
+    axes, calibrations = Axes(database, lanes), Calibrations(database, waveforms, lanes)
+    alarms, maintenance = Alarms(database, lanes), Maintenance(database, lanes)
+    trials = Trials(
+        database, runner, ingest, axes=axes, calibrations=calibrations, alarms=alarms, maintenance=maintenance
+    )
     work |= {
+        TRIAL: trials.run,
         REJUDGEMENT: rejudgements.run,
         "replay": replays.run,
         IMPORT: uploads.run,
@@ -213,16 +223,17 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         waveforms=waveforms,
         metrics=metrics,
         access=Access(database, on_loopback=settings.is_on_loopback()),
-        axes=Axes(database, lanes),
+        axes=axes,
         ingest=ingest,
         trend=trend,
         history=History(database),
-        calibrations=Calibrations(database, waveforms, lanes),
+        calibrations=calibrations,
         rejudgements=rejudgements,
-        alarms=Alarms(database, lanes),
+        alarms=alarms,
         changes=Changes(database),
-        maintenance=Maintenance(database, lanes),
+        maintenance=maintenance,
         replays=replays,
+        trials=trials,
         recordings=uploads,
         stored_windows=StoredWindows(database, waveforms, files),
         identifications=identifications,

@@ -29,6 +29,7 @@ from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.trial.trial import Trials
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 
@@ -54,6 +55,7 @@ class Services:
     changes: Changes
     maintenance: Maintenance
     replays: Replays
+    trials: Trials
     recordings: Recordings
     stored_windows: StoredWindows
     identifications: AnalysisJob[IdentificationIn]

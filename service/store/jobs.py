@@ -88,6 +88,12 @@ def count_unfinished(session: Session, kind: str) -> int:
     return int(session.scalar(query) or 0)
 
 
+def unfinished_of(session: Session, kind: str) -> JobRow | None:
+    """Return the oldest job of one kind that waits or is at work."""
+    query = select(JobRow).where(JobRow.kind == kind, JobRow.status.in_((QUEUED, RUNNING)))
+    return session.scalar(query.order_by(JobRow.created_at).limit(1))
+
+
 def unfinished_by_kind(session: Session) -> dict[tuple[str, str], int]:
     """Count the jobs that wait or are at work, by kind and status."""
     query = select(JobRow.kind, JobRow.status, func.count()).where(JobRow.status.in_((QUEUED, RUNNING)))

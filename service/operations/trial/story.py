@@ -1,0 +1,128 @@
+"""What happened to the machine of the trial in its year: what it is measured at, and what people did.
+
+The year ends when the trial is asked for. Everything else is the same each time: the story, the moves, the noise.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+from itertools import count
+from typing import Final
+
+import numpy as np
+
+#: One measurement every second day; more would say the same, and take longer to simulate.
+EVERY: Final = timedelta(days=2)
+N_MEASUREMENTS: Final = 183
+#: Preload that the axis was put into service with. [N]
+COMMISSIONED: Final = 300.0
+#: Measurements that are simulated, sent and reported together.
+_TOGETHER: Final = 8
+
+#: The story, in days since the first measurement.
+_PAYLOAD_DAYS: Final = (90, 120)
+_PAYLOAD: Final = 9.0  # [kg]
+_LOOSE_DAYS: Final = (150, 164)
+_LOOSE: Final = 238.0  # [N]
+_SEEN_DAY: Final = 158
+_LUBRICATED_DAY: Final = 240
+_WEAR_FROM: Final = 322
+_WEAR: Final = 1.5  # [N a day]
+#: On these days the accelerometer was not plugged in.
+_DEAD_DAYS: Final = (60, 262)
+
+
+class Deed(StrEnum):
+    """What people did after some measurements."""
+
+    CALIBRATE = "calibrate"
+    SEE_ALARM = "see the alarm"
+    REPAIR = "repair, and clear the alarm"
+    LUBRICATE = "lubricate"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a measurement is taken at."""
+
+    name: str
+    at: datetime
+    position: float  # of the table from the fixed bearing [m]
+    preload: float  # in truth [N]
+    payload: float = 0.0  # [kg]
+    temperature: float = 21.0  # [°C]
+    preload_is_known: bool = False  # set on purpose, by a load cell
+    sensor_is_dead: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """Measurements that follow each other, and what was done after them."""
+
+    readings: tuple[Reading, ...]
+    deed: Deed | None = None
+
+    @property
+    def ended_at(self) -> datetime:
+        """When its last measurement was taken."""
+        return self.readings[-1].at
+
+
+def story(ends_at: datetime) -> tuple[Chapter, ...]:
+    """Return the year that ends at a moment."""
+    rng = np.random.default_rng(2018)
+    year = tuple(_year(ends_at, rng))
+    *before, last = _calibration(year[0].at - timedelta(days=1))
+    chapters = [*map(Chapter, before), Chapter(last, Deed.CALIBRATE)]
+    deeds = {_SEEN_DAY: Deed.SEE_ALARM, _LOOSE_DAYS[1] - 2: Deed.REPAIR, _LUBRICATED_DAY: Deed.LUBRICATE}
+    began: list[Reading] = []
+    for number, reading in enumerate(year):
+        began.append(reading)
+        deed = deeds.get(number * EVERY.days)
+        if deed is not None or len(began) == _TOGETHER or reading is year[-1]:
+            chapters.append(Chapter(tuple(began), deed))
+            began = []
+    return tuple(chapters)
+
+
+def _calibration(from_: datetime) -> list[tuple[Reading, ...]]:
+    """Return positions at each of some preloads set on purpose, then with a payload, then at other temperatures."""
+    settings = [
+        *([(x, preload, 0.0, 21.0) for x in (0.2, 0.35, 0.5, 0.65, 0.8)] for preload in (150.0, 230.0, 310.0, 390.0)),
+        [(x, COMMISSIONED, payload, 21.0) for payload in (8.0, 10.0) for x in (0.3, 0.5, 0.7)],
+        [(x, COMMISSIONED, 0.0, temperature) for temperature in (14.0, 28.0) for x in (0.35, 0.65)],
+    ]
+    number = count()
+    return [
+        tuple(
+            Reading(
+                f"calibration-{(n := next(number)):02d}", from_ + n * timedelta(minutes=10),
+                *setting, preload_is_known=True,
+            )
+            for setting in together
+        )
+        for together in settings
+    ]  # fmt: skip
+
+
+def _year(ends_at: datetime, rng: np.random.Generator) -> Iterator[Reading]:
+    for number in range(N_MEASUREMENTS):
+        day = number * EVERY.days
+        season = 5.0 * math.sin(2.0 * math.pi * (day - 100.0) / 365.0)
+        yield Reading(
+            name=f"day-{day:03d}",
+            at=ends_at - (N_MEASUREMENTS - 1 - number) * EVERY,
+            position=round(float(rng.uniform(0.3, 0.7)), 3),
+            preload=_preload(day) + float(rng.normal(0.0, 1.5)),
+            payload=_PAYLOAD if _PAYLOAD_DAYS[0] <= day < _PAYLOAD_DAYS[1] else 0.0,
+            temperature=round(21.0 + season + float(rng.normal(0.0, 0.8)), 1),
+            sensor_is_dead=day in _DEAD_DAYS,
+        )
+
+
+def _preload(day: int) -> float:
+    if _LOOSE_DAYS[0] <= day < _LOOSE_DAYS[1]:
+        return _LOOSE
+    return COMMISSIONED - _WEAR * max(0, day - _WEAR_FROM)

@@ -1,0 +1,145 @@
+"""Make an axis with a year behind it for who has no machine at hand: a job through the ordinary operations.
+
+Registered, measured, calibrated, alarmed, seen, repaired: what people did is entered as if they did it then.
+"""
+
+from collections.abc import Iterable
+from datetime import datetime, timedelta
+from itertools import count
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from service.clock import now, text_of
+from service.errors import ConflictError
+from service.jobs import JobHandle, JobRunner
+from service.json_types import JsonObject
+from service.operations.monitoring.alarms import Alarms
+from service.operations.monitoring.axes import Axes
+from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.maintenance import Maintenance, MaintenanceIn, Work
+from service.operations.trial.simulated import BAND, N_WINDOWS, SAMPLE_RATE, machine_text, measurements_of
+from service.operations.trial.story import COMMISSIONED, EVERY, Chapter, Deed, story
+from service.store import alarms, backdating, jobs
+from service.store.database import Database
+from service.store.tables import AxisRow, JobRow
+
+KIND: Final = "trial"
+#: An axis is a trial as long as it is of this machine.
+TRIAL_MACHINE: Final = "Trial (simulated)"
+_NAME: Final = "Trial: X axis of the bundled machine"
+#: Who did what is told of the year.
+_FITTER: Final = "Anna (trial)"
+_LATER: Final = timedelta(hours=1)
+
+
+class Trials:
+    """Starts trials and tells of them; the work of a job of kind ``trial``."""
+
+    def __init__(
+        self, database: Database, runner: JobRunner, ingest: Ingest, *,
+        axes: Axes, calibrations: Calibrations, alarms: Alarms, maintenance: Maintenance,
+    ) -> None:  # fmt: skip
+        self._database = database
+        self._runner = runner
+        self._ingest = ingest
+        self._axes = axes
+        self._calibrations = calibrations
+        self._alarms = alarms
+        self._maintenance = maintenance
+
+    def start(self) -> JobRow:
+        """Begin to make a trial axis of a name that is free.
+
+        Raises ConflictError if one is being made.
+        """
+        with self._database.read() as session:
+            names = ("trial" if number == 1 else f"trial-{number}" for number in count(1))
+            axis_id = next(name for name in names if session.get(AxisRow, name) is None)
+        ends_at = (now() - _LATER).replace(second=0, microsecond=0)
+        arguments: JsonObject = {"axis": axis_id, "ends_at": text_of(ends_at)}
+        return self._runner.submit(KIND, None, arguments, store_with=_alone)
+
+    def under_way(self) -> JobRow | None:
+        """Return the job that makes a trial axis now."""
+        with self._database.read() as session:
+            return jobs.unfinished_of(session, KIND)
+
+    def run(self, job: JobHandle) -> None:
+        """Make a trial axis, from the chapter on at which the job was interrupted."""
+        axis_id, ends_at = str(job.arguments["axis"]), datetime.fromisoformat(str(job.arguments["ends_at"]))
+        chapters = story(ends_at)
+        total, done = sum(len(chapter.readings) for chapter in chapters), 0
+        self._register(axis_id, commissioned_at=chapters[0].readings[0].at)
+        for chapter in chapters:
+            done += len(chapter.readings)
+            if done <= job.done:
+                continue
+            for windows in measurements_of(chapter.readings):
+                self._ingest.ingest(axis_id, windows, complete=True)
+            self._do(axis_id, chapter)
+            job.report(done, total, {"axis": axis_id})
+        self._date_alarms(axis_id, chapters)
+
+    def _register(self, axis_id: str, *, commissioned_at: datetime) -> None:
+        configuration = AxisConfiguration(
+            search_band_hz=BAND,
+            sample_rate_hz=SAMPLE_RATE,
+            windows_per_measurement=N_WINDOWS,
+            measurements_per_year=round(timedelta(days=365) / EVERY),
+            machine=TRIAL_MACHINE,
+            axis_type="bundled machine, X",
+            commissioned_preload_n=COMMISSIONED,
+            commissioned_at=commissioned_at,
+            silent_after_hours=8760.0,  # nobody goes on measuring it, and it shall still be there to look at
+            drive_model=machine_text(),
+        )
+        self._axes.register(axis_id, _NAME, configuration)
+
+    def _do(self, axis_id: str, chapter: Chapter) -> None:
+        """Do what people did after a chapter; what is done already, before an interruption, is left."""
+        at = chapter.ended_at + _LATER
+        match chapter.deed:
+            case Deed.CALIBRATE:
+                self._calibrate(axis_id, at)
+            case Deed.SEE_ALARM:
+                for alarm in self._alarms.list(axis_id, alarms.ACTIVE, None, 1):
+                    self._alarms.acknowledge(alarm.row.id, "looked at it; the axis has play by hand", _FITTER)
+            case Deed.REPAIR:
+                self._log(axis_id, at, Work.MOUNTING, "lock nut of the fixed bearing was loose; tightened", COMMISSIONED)
+                for alarm in self._alarms.list(axis_id, alarms.ACKNOWLEDGED, None, 1):
+                    self._alarms.clear(alarm.row.id, "lock nut tightened, preload set again", _FITTER)
+            case Deed.LUBRICATE:
+                self._log(axis_id, at, Work.LUBRICATED, "grease after half a year", None)
+        if chapter.deed in (Deed.SEE_ALARM, Deed.REPAIR):
+            self._date_alarms(axis_id, [chapter])
+
+    def _calibrate(self, axis_id: str, at: datetime) -> None:
+        if self._calibrations.overview(axis_id).active is None:
+            fitted = self._calibrations.fit_measurements(axis_id, (None, None), None, "of the trial")
+            self._calibrations.activate(axis_id, fitted.id, "first calibration", expected_active=None)
+        with self._database.write(axis_id) as session:
+            backdating.date_calibrations(session, axis_id, at)
+
+    def _log(self, axis_id: str, at: datetime, kind: Work, note: str, set_preload_n: float | None) -> None:
+        entry = MaintenanceIn(at=at, who=_FITTER, kind=kind, note=note, set_preload_n=set_preload_n)
+        self._maintenance.enter(axis_id, entry)
+
+    def _date_alarms(self, axis_id: str, chapters: Iterable[Chapter]) -> None:
+        """Let what was done about alarms have been done after its chapter."""
+        when = {chapter.deed: chapter.ended_at + _LATER for chapter in chapters}
+        done_at = {
+            status: when[deed]
+            for deed, status in ((Deed.SEE_ALARM, alarms.ACKNOWLEDGED), (Deed.REPAIR, alarms.CLEARED))
+            if deed in when
+        }
+        with self._database.write(axis_id) as session:
+            backdating.date_alarms(session, axis_id, done_at)
+
+
+def _alone(session: Session, row: JobRow) -> JsonObject:
+    if jobs.count_unfinished(session, KIND) > 1:
+        raise ConflictError("a trial axis is being made already; it takes some seconds")
+    return row.arguments
