@@ -83,6 +83,7 @@ from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
 from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web import trials as trials_page
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
@@ -153,7 +154,7 @@ def create_app(settings: Settings) -> FastAPI:
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (fleet, axis, alarm_forms, api_pages, login):
+    for page in (fleet, trials_page, axis, alarm_forms, api_pages, login):
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 

@@ -23,6 +23,7 @@ from service.report.trend_chart import LaneEvent
 from service.store.trend.points import Span, TrendPoint
 from service.web.ranges import RangeQuery, ShownRange, shown_range
 from service.web.site import PageOf
+from service.web.trials import is_trial
 from service.web.trend_view import MOST_SHOWN, Charts, lane_of, low_charts, preload_charts
 from service.web.words import Words
 
@@ -113,6 +114,7 @@ def axis_page(
         listed=[Listed(point, interval_of(point)) for point in listed.points],
         older=listed.next_cursor,
         query=query,
+        is_trial=is_trial(status),
         discrepancies=finished_discrepancies(on.database, axis),
         pictures=_pictures(axis, page.words, query, on, (alarms, overview)),
     )

@@ -17,6 +17,7 @@ from service.operations.monitoring.standing import open_alarm
 from service.operations.monitoring.trend import AxisStatus
 from service.report.trend_chart import sparkline
 from service.web.site import PageOf
+from service.web.trials import trial_of
 
 router = APIRouter(include_in_schema=False)
 
@@ -89,6 +90,7 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
         template,
         axes=_lines(on, shown, alarms),
         damaged=fleet.damaged,
+        trial=trial_of(on),
         n_needy=needy,
         n_axes=len(fleet.axes) + len(fleet.damaged),
         n_found=len(found),

@@ -38,6 +38,8 @@ NAVIGATION: Final = (
 #: What a page says after a form was taken: the form leads to ``…?done=KEY``. One line for each form.
 DONE: Final = {
     "acknowledged": N_("Noted: you have seen the alarm."),
+    "trial-begun": N_("The trial axis is being made."),
+    "trial-ended": N_("The trial is put away."),
 }
 
 

@@ -20,7 +20,7 @@ MACHINE: Final = Path(__file__).parent / "machine.toml"
 #: The first mode is looked for here. [Hz]
 BAND: Final = (140.0, 230.0)
 SAMPLE_RATE: Final = 1400.0  # [Hz]
-N_WINDOWS: Final = 6
+N_WINDOWS: Final = 8
 #: Half a second: the mode has rung down by then, and the trial is there in seconds.
 _SECONDS: Final = 0.5
 #: What the maker's description does not say: the drive softens as it warms.

@@ -33,6 +33,8 @@ _NAME: Final = "Trial: X axis of the bundled machine"
 #: Who did what is told of the year.
 _FITTER: Final = "Anna (trial)"
 _LATER: Final = timedelta(hours=1)
+#: The cause of an alarm is waited for, but not for ever.
+_LOOK_EVERY_S, _MOST_LOOKS = 0.2, 75
 
 
 class Trials:
@@ -77,9 +79,12 @@ class Trials:
             done += len(chapter.readings)
             if done <= job.done:
                 continue
-            for windows in measurements_of(chapter.readings):
-                self._ingest.ingest(axis_id, windows, complete=True)
-            self._do(axis_id, chapter)
+            waiting = [
+                self._ingest.submit(axis_id, windows, complete=True) for windows in measurements_of(chapter.readings)
+            ]
+            for receipt in waiting:
+                receipt.result()
+            self._do(job, axis_id, chapter)
             job.report(done, total, {"axis": axis_id})
         self._date_alarms(axis_id, chapters)
 
@@ -98,7 +103,7 @@ class Trials:
         )
         self._axes.register(axis_id, _NAME, configuration)
 
-    def _do(self, axis_id: str, chapter: Chapter) -> None:
+    def _do(self, job: JobHandle, axis_id: str, chapter: Chapter) -> None:
         """Do what people did after a chapter; what is done already, before an interruption, is left."""
         at = chapter.ended_at + _LATER
         match chapter.deed:
@@ -108,13 +113,22 @@ class Trials:
                 for alarm in self._alarms.list(axis_id, alarms.ACTIVE, None, 1):
                     self._alarms.acknowledge(alarm.row.id, "looked at it; the axis has play by hand", _FITTER)
             case Deed.REPAIR:
-                self._log(axis_id, at, Work.MOUNTING, "lock nut of the fixed bearing was loose; tightened", COMMISSIONED)
+                self._wait_for_cause(job)
+                self._log(axis_id, at, Work.MOUNTING, "lock nut of the fixed bearing tightened", COMMISSIONED)
                 for alarm in self._alarms.list(axis_id, alarms.ACKNOWLEDGED, None, 1):
                     self._alarms.clear(alarm.row.id, "lock nut tightened, preload set again", _FITTER)
             case Deed.LUBRICATE:
                 self._log(axis_id, at, Work.LUBRICATED, "grease after half a year", None)
         if chapter.deed in (Deed.SEE_ALARM, Deed.REPAIR):
             self._date_alarms(axis_id, [chapter])
+
+    def _wait_for_cause(self, job: JobHandle) -> None:
+        """Let the cause of the alarm be found before it is cleared; after that nobody looks for it."""
+        axis_id = str(job.arguments["axis"])
+        for _ in range(_MOST_LOOKS):
+            if all(row.status not in (jobs.QUEUED, jobs.RUNNING) for row in self._runner.list(axis_id, 10)):
+                return
+            job.sleep(_LOOK_EVERY_S)
 
     def _calibrate(self, axis_id: str, at: datetime) -> None:
         if self._calibrations.overview(axis_id).active is None:

@@ -1,0 +1,107 @@
+"""An empty service is tried with one click: a year of an axis, which every page has something to show of."""
+
+import itertools
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.conftest import SIZES, THEMES, Site, Visit, sites, violations
+from tests.service.conftest import assert_problem
+
+
+@pytest.fixture(scope="module")
+def nothing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make the data folder of a service that knows no axis."""
+    folder = tmp_path_factory.mktemp("nothing")
+    (folder / "var").mkdir()
+    return folder / "var"
+
+
+@pytest.fixture
+def empty_service(nothing: Path, tmp_path: Path) -> Iterator[Site]:
+    """Serve no axis."""
+    yield from sites(tmp_path, nothing)
+
+
+@pytest.fixture(scope="module")
+def tried(nothing: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Serve a trial that was made by one request, for tests that only read."""
+    for site in sites(tmp_path_factory.mktemp("tried"), nothing):
+        job = site.api.http.post("/v1/trials").json()
+        wait_for(site, job["id"])
+        yield site
+
+
+def wait_for(site: Site, job: str, seconds: float = 120.0) -> dict[str, object]:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        found: dict[str, object] = site.api.http.get(f"/v1/jobs/{job}").json()
+        if found["status"] not in ("queued", "running"):
+            assert (found["status"], found["error"]) == ("done", None)
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"job {job} did not end within {seconds} s")
+
+
+@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+def test_everybody_can_read_the_offer(empty_service: Site, visit: Visit, size: str, theme: str) -> None:
+    assert not violations(visit(empty_service.url, "/", size, theme))
+
+
+def test_one_click_makes_a_year_and_one_puts_it_away(empty_service: Site, visit: Visit) -> None:
+    page = visit(empty_service.url, "/")
+    page.get_by_role("button", name="Make the trial axis").click()
+    expect(page.locator("#said")).to_have_text("The trial axis is being made.")
+    expect(page.locator("#trial-progress")).to_be_visible()
+    expect(page.locator("#trial")).to_contain_text("measurements")
+    (job,) = [job for job in empty_service.api.http.get("/v1/jobs").json()["jobs"] if job["kind"] == "trial"]
+    problem = assert_problem(empty_service.api.http.post("/v1/trials"), 409, "conflict")
+    assert "being made already" in problem["detail"]
+    wait_for(empty_service, job["id"])
+    expect(page.locator("#trial")).to_have_count(0)
+    expect(page.locator("h1")).to_have_text("1 of 1 needs you.")
+    page.get_by_role("link", name="Trial: X axis of the bundled machine").click()
+    expect(page.locator("#state")).to_contain_text("alarm")
+    page.get_by_role("button", name="Put away").click()
+    expect(page.locator("#said")).to_have_text("The trial is put away.")
+    expect(page.get_by_role("button", name="Make the trial axis")).to_be_visible()
+
+
+def test_its_year_is_worth_looking_at(tried: Site) -> None:
+    """A loose nut that was repaired, a payload without an alarm, refusals, work, and wear that stands."""
+    points = tried.api.trend("trial", limit=1000)
+    assert len(points) == 213
+    worn, repaired = tried.api.http.get("/v1/alarms", params={"axis": "trial"}).json()["alarms"]
+    assert (worn["status"], repaired["status"]) == ("active", "cleared")
+    people = [(event["new_status"], event["who"]) for event in repaired["events"] if event["who"]]
+    assert people == [("acknowledged", "Anna (trial)"), ("cleared", "Anna (trial)")]
+    moments = [event["at"] for event in repaired["events"] if event["who"]]
+    assert repaired["evidence"]["at"] < moments[0] < moments[1] < worn["evidence"]["at"]
+    assert repaired["explanation"]["sentence"].startswith("the preload fell by")
+    under_payload = [point for point in points if point["payload_kg"] and point["set_preload_n"] is None]
+    assert len(under_payload) == 15
+    assert {point["state"] for point in under_payload} == {"normal"}
+    refused = [point for point in points if point["refusal_reason"] not in (None, "not-calibrated")]
+    assert len(refused) == 2
+    log = tried.api.http.get("/v1/axes/trial/maintenance").json()["entries"]
+    assert [entry["kind"] for entry in log] == ["mounting", "lubricated"]
+    judged = [point for point in points if point["preload_n"] is not None]
+    truth_now = 300.0 - 1.5 * (364 - 322)
+    lower, upper = judged[-1]["interval_95_n"]
+    assert lower < truth_now < upper
+    assert sum(point["drag_torque_nm"] is not None for point in judged) > 0.8 * len(judged)
+
+
+def test_it_is_there_within_20_seconds(empty_service: Site) -> None:
+    started = time.process_time(), time.monotonic()
+    wait_for(empty_service, empty_service.api.http.post("/v1/trials").json()["id"])
+    assert time.monotonic() - started[1] < 20.0
+
+
+def test_only_a_trial_is_ended(served: Site) -> None:
+    answer = served.api.http.post("/trials/normal/end", headers={"accept": "text/html"})
+    assert answer.status_code == 409
+    assert "is no trial" in answer.text
