@@ -40,6 +40,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("POST", f"{_AXIS}/windows"): Scope.WINDOWS_WRITE,
         ("POST", f"{_AXIS}/recordings"): Scope.WINDOWS_WRITE,
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/consequences"): Scope.TRENDS_READ,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
@@ -70,7 +71,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
-                "/v1/changes", "/v1/advice", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
+                "/v1/changes", "/v1/advice", "/v1/system", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
             )
         },
     }

@@ -18,3 +18,14 @@ class Said:
 def N_(text: str) -> str:  # noqa: N802 - the name that tools for catalogues look for
     """Mark a text for the catalogue; it is translated where it is shown."""
     return text
+
+
+def in_english(said: Said) -> str:
+    """Write a sentence as programs get it."""
+    return said.text % {name: _written(value) for name, value in said.values.items()}
+
+
+def _written(value: Value) -> str:
+    if isinstance(value, datetime):
+        return f"{value:%Y-%m-%d}"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
