@@ -82,7 +82,19 @@ from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web import (
+    alarm_forms,
+    api_pages,
+    axis,
+    axis_analyses,
+    axis_settings,
+    axis_work,
+    fleet,
+    job_page,
+    login,
+    stored,
+    system_page,
+)
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
@@ -153,7 +165,9 @@ def create_app(settings: Settings) -> FastAPI:
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (fleet, axis, alarm_forms, api_pages, login):
+    for page in (
+        fleet, axis, axis_work, axis_settings, stored, axis_analyses, job_page, system_page, alarm_forms, api_pages, login,
+    ):  # fmt: skip
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 

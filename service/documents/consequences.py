@@ -108,7 +108,8 @@ def of_band(found: InBand) -> Iterator[Consequence]:
     """Say how many of the newest measurements a search band would have missed."""
     if found.n_looked_at:
         text = N_(
-            "%(n)s of the last %(looked)s frequencies lie outside %(low)s to %(high)s Hz: such measurements are refused."
+            "%(n)s of the last %(looked)s frequencies lie outside %(low)s to %(high)s Hz: measurements like these are "
+            "refused."
         )
         values: dict[str, Value] = {
             "n": found.n_outside, "looked": found.n_looked_at, "low": found.low_hz, "high": found.high_hz,

@@ -38,7 +38,9 @@ class Axes:
     ) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
 
-        ``if_match``: a :func:`settings_tag`; PreconditionError if that of what is stored is another one. Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
+        ``if_match``: a :func:`settings_tag`; PreconditionError if that of what is stored is another one.
+
+        Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
         RecordingFormatError or OutsideValidityError if the drive model is none that an alarm could be explained with.
         """
         if configuration.drive_model is not None:

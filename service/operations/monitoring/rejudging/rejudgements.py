@@ -66,7 +66,9 @@ class Rejudgements:
     def start(self, axis_id: str, asked: RejudgementIn, *, if_match: str | None = None) -> JobRow:
         """Begin in the background.
 
-        ``if_match``: the calibration that is expected to be in force; PreconditionError if it is another one. Raises UnknownResourceError if there is no such calibration; InvalidRequestError if a part would be left whose
+        ``if_match``: the calibration that is expected to be in force; PreconditionError if it is another one.
+
+        Raises UnknownResourceError if there is no such calibration; InvalidRequestError if a part would be left whose
         charts go on; ConflictError while the history is judged anew already; BusyError as for every job.
         """
         if asked.end is not None and not asked.dry_run:
