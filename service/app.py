@@ -166,7 +166,8 @@ def create_app(settings: Settings) -> FastAPI:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
     for page in (
-        fleet, axis, axis_work, axis_settings, stored, axis_analyses, job_page, system_page, alarm_forms, api_pages, login,
+        fleet, axis, axis_work, axis_settings, stored, axis_analyses, job_page, system_page, alarm_forms,
+        api_pages, login,
     ):  # fmt: skip
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from service.documents.said import N_, Said, Value
+from service.documents.said import N_, Said, Stated, Value
 
 
 class Kind(StrEnum):
@@ -56,7 +56,7 @@ class InBand:
 def of_limit(before: Limit, after: Limit, loss_n: float) -> Consequence:
     """Say what another rate of false alarms costs in delay."""
     values: dict[str, Value] = {
-        "rate": after.false_alarms_per_year, "was": before.false_alarms_per_year, "loss": round(loss_n),
+        "rate": Stated(after.false_alarms_per_year), "was": Stated(before.false_alarms_per_year), "loss": round(loss_n),
     }  # fmt: skip
     if before.delay_days is None or after.delay_days is None:
         text = N_(
@@ -81,7 +81,7 @@ def of_limits_in_time() -> Consequence:
 def of_silence(before: Gaps, after: Gaps, *, silent_now: bool) -> Iterator[Consequence]:
     """Say how often the axis would have been unknown because nothing was heard of it."""
     values: dict[str, Value] = {
-        "hours": after.hours, "n": after.n_gaps, "n_was": before.n_gaps, "sessions": after.n_sessions,
+        "hours": Stated(after.hours), "n": after.n_gaps, "n_was": before.n_gaps, "sessions": after.n_sessions,
     }  # fmt: skip
     text = N_(
         "Without an accepted measurement for %(hours)s h the axis is unknown. In the last %(sessions)s sessions that "
@@ -112,7 +112,7 @@ def of_band(found: InBand) -> Iterator[Consequence]:
             "refused."
         )
         values: dict[str, Value] = {
-            "n": found.n_outside, "looked": found.n_looked_at, "low": found.low_hz, "high": found.high_hz,
+            "n": found.n_outside, "looked": found.n_looked_at, "low": Stated(found.low_hz), "high": Stated(found.high_hz),
         }  # fmt: skip
         yield Consequence("search_band_hz", Kind.COUNTED, Said(text, values))
     if found.calibrated:

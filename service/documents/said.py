@@ -7,6 +7,10 @@ from datetime import datetime
 Value = int | float | str | datetime
 
 
+class Stated(float):
+    """A number as somebody stated it, shown with all its digits."""
+
+
 @dataclass(frozen=True, slots=True)
 class Said:
     """A sentence: its text, which is the key in the catalogues of languages, and the values in it."""
@@ -28,4 +32,6 @@ def in_english(said: Said) -> str:
 def _written(value: Value) -> str:
     if isinstance(value, datetime):
         return f"{value:%Y-%m-%d}"
+    if isinstance(value, Stated):
+        return f"{value:.10g}"
     return f"{value:.3g}" if isinstance(value, float) else str(value)

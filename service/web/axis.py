@@ -30,7 +30,7 @@ from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
 
-_LISTED: Final = 30
+_LISTED: Final = 20
 _MOST_ALARMS: Final = 50
 
 

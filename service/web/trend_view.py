@@ -42,7 +42,7 @@ WORK: Final = {
     "other": N_("other work"),
 }
 #: Points of a picture: as many as a page of 100 kB has room for, each a link to its measurement.
-MOST_SHOWN: Final = 150
+MOST_SHOWN: Final = 120
 _ON_A_PHONE: Final = 70
 
 
