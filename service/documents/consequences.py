@@ -112,7 +112,8 @@ def of_band(found: InBand) -> Iterator[Consequence]:
             "refused."
         )
         values: dict[str, Value] = {
-            "n": found.n_outside, "looked": found.n_looked_at, "low": Stated(found.low_hz), "high": Stated(found.high_hz),
+            "n": found.n_outside, "looked": found.n_looked_at,
+            "low": Stated(found.low_hz), "high": Stated(found.high_hz),
         }  # fmt: skip
         yield Consequence("search_band_hz", Kind.COUNTED, Said(text, values))
     if found.calibrated:
