@@ -71,7 +71,7 @@ def test_silences_are_counted_in_what_was_measured(learnt: Api) -> None:
     )
     assert found is not None
     assert int(found[1]) == int(found[2]) + 1 >= 8  # a day apart; the last one is not over yet
-    assert "happened 0 times" in sentences(learnt, silent_after_hours=25.0)[0][1]
+    assert "happened 0 times" in sentences(learnt, silent_after_hours=72.5)[0][1]
 
 
 def test_a_band_that_misses_the_mode_says_so(learnt: Api) -> None:
