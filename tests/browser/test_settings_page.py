@@ -73,6 +73,7 @@ def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: V
     page.get_by_label("Windows of a measurement").fill("9")
     if late == "Save":
         press(page, "What would this change?")
+        expect(page.locator("#changes")).to_be_visible()
     configuration = site.api.axis("alarm")["configuration"] | {"silent_after_hours": 72.5}
     site.api.http.put("/v1/axes/alarm", json={"name": "alarm", "configuration": configuration}).raise_for_status()
     press(page, late)
@@ -86,6 +87,7 @@ def test_the_second_is_told_what_the_first_changed(fresh_service: Site, visit: V
     press(page, "What would this change?")
     expect(page.locator("#changes tbody tr")).to_have_count(1)
     press(page, "Save")
+    expect(page.locator("#said")).to_be_visible()
     assert site.api.axis("alarm")["configuration"] == configuration | {"windows_per_measurement": 9}
 
 

@@ -11,7 +11,7 @@ from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
 from tests.browser.states import measure
 from tests.browser.test_axis_actions import press
 from tests.browser.test_fleet_page import small_targets, small_texts
-from tests.service.test_discrepancies import TEXT, published_peaks
+from tests.service.test_discrepancies import LUMPED, TEXT, published_peaks
 
 PASSWORD = "correct horse battery"  # noqa: S105 - of a test
 
@@ -51,7 +51,7 @@ def test_refusals_of_all_axes_are_summed_by_reason(fresh_service: Site, visit: V
 
 @pytest.mark.parametrize("script", [True, False])
 def test_a_job_is_seen_and_cancelled(fresh_service: Site, visit: Visit, script: bool) -> None:
-    body = {"baseline": TEXT, "peaks": published_peaks()}
+    body = {"baseline": LUMPED, "peaks": published_peaks()}
     job = fresh_service.api.http.post("/v1/axes/alarm/discrepancies", json=body).json()["id"]
     page = visit(fresh_service.url, "/system", script=script)
     expect(page.locator("#jobs tbody tr")).to_contain_text("Model compared with measurements")
