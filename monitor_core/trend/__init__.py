@@ -3,8 +3,8 @@
 from monitor_core.trend.baseline import Baseline, learn_baseline
 from monitor_core.trend.belief import Belief, Prior
 from monitor_core.trend.bootstrap import FEWEST_SESSIONS, FoundRate, found_rate, healthy_sessions
+from monitor_core.trend.delay import DetectionDelay, detection_delay
 from monitor_core.trend.design import DetectorDesign, DetectorSettings, LossDirection, design_detector
-from monitor_core.trend.detection_delay import DetectionDelay, detection_delay
 from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.intervals import (
     PaperRule,

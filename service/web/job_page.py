@@ -40,7 +40,9 @@ class Joints(BaseModel):
     """All of them."""
 
     parameters: dict[str, Joint]
-    taken_as: list[str] = []
+    not_identifiable: list[str]
+    taken_as: list[str]
+    model: str
 
 
 class _Effect(BaseModel):

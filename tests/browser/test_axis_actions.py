@@ -4,12 +4,17 @@ import csv
 import io
 import itertools
 import re
+import uuid
 
 import pytest
 from playwright.sync_api import Page, expect
 
+from service.store.database import Database
+from service.store.jobs import ReportStore
+from service.store.tables import JobRow
 from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
 from tests.browser.test_fleet_page import small_targets, small_texts
+from tests.service.conftest import START
 from tests.service.test_discrepancies import MODEL
 from tests.service.test_jobs import wait_for
 
@@ -228,3 +233,50 @@ def test_it_speaks_german(served: Site, visit: Visit) -> None:
 def test_a_wrong_moment_is_refused_in_a_sentence(served: Site, visit: Visit) -> None:
     page = visit(served.url, "/axes/alarm?since=yesterday", allowed="422")
     expect(page.locator("main")).to_contain_text("expected date and time as in 2026-03-02T06:00; got yesterday")
+
+
+JOINTS = {
+    "parameters": {
+        "nut_stiffness_n_per_m": {
+            "value": 2.1e8, "standard_uncertainty": 1e7, "unit": "N/m", "interval_95": [1.9e8, 2.3e8],
+            "interval_kind": "profile of χ²", "verdict": "determined", "at_limit": False,
+        },
+        "nut_damping_ns_per_m": {
+            "value": 22.5, "standard_uncertainty": None, "unit": "N·s/m", "interval_95": None,
+            "interval_kind": "linear in the logarithm", "verdict": "not determined", "at_limit": True,
+        },
+    },
+    "not_identifiable": ["nut_damping_ns_per_m is not determined by these data"],
+    "taken_as": [],
+    "model": 'family = "receptance"',
+}  # fmt: skip
+LACKS = {"outcome": "explained", "effects": [{"key": "pedestal-compliance"}]}
+
+
+@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+def test_what_came_of_an_analysis_is_read(
+    fresh_service: Site, visit: Visit, size: str, theme: str
+) -> None:  # fmt: skip
+    rows = {kind: str(uuid.uuid4()) for kind in ("identification", "discrepancy")}
+    database = Database(f"sqlite:///{fresh_service.api.data_dir / 'preload.db'}")
+    with database.write() as session:
+        for (kind, job), result in zip(rows.items(), (JOINTS, LACKS), strict=True):
+            session.add(
+                JobRow(
+                    id=job, kind=kind, axis_id="alarm", arguments={}, status="done", done=1, total=1, result=result,
+                    created_at=START, updated_at=START,
+                )
+            )  # fmt: skip
+    database.close()
+    ReportStore(fresh_service.api.data_dir).write(rows["discrepancy"], "<h1>what is missing</h1>")
+    page = visit(fresh_service.url, f"/jobs/{rows['identification']}", size, theme)
+    page.locator("summary").click()
+    expect(page.locator("#joints")).to_contain_text("not determined by these data")
+    expect(page.locator("#identified-model")).to_contain_text('family = "receptance"')
+    assert not violations(page)
+    assert small_texts(page) == small_targets(page) == []
+    page = visit(fresh_service.url, f"/jobs/{rows['discrepancy']}", size, theme)
+    expect(page.locator("#discrepancy")).to_contain_text("explained: pedestal-compliance")
+    assert not violations(page)
+    press(page, "Read the report")
+    expect(page.locator("h1")).to_have_text("what is missing")
