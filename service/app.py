@@ -24,6 +24,7 @@ from service.api import (
     receivers,
     recordings,
     retention,
+    system,
     trend,
     trials,
     windows,
@@ -58,6 +59,7 @@ from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
+from service.operations.monitoring.consequences import Consequences
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
@@ -71,6 +73,7 @@ from service.operations.notices.receivers import Receivers, read_receivers
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.system import System
 from service.operations.trial.trial import KIND as TRIAL
 from service.operations.trial.trial import Trials
 from service.settings import Settings
@@ -82,7 +85,19 @@ from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web import (
+    alarm_forms,
+    api_pages,
+    axis,
+    axis_analyses,
+    axis_settings,
+    axis_work,
+    fleet,
+    job_page,
+    login,
+    stored,
+    system_page,
+)
 from service.web import trials as trials_page
 from service.web.site import STATIC, Site
 
@@ -150,11 +165,15 @@ def create_app(settings: Settings) -> FastAPI:
     resources = (
         axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention,
         trials,
+        system,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (fleet, trials_page, axis, alarm_forms, api_pages, login):
+    for page in (
+        fleet, axis, axis_work, axis_settings, stored, axis_analyses, job_page, system_page, alarm_forms,
+        api_pages, login, trials_page,
+    ):  # fmt: skip
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
@@ -228,6 +247,8 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         ingest=ingest,
         trend=trend,
         history=History(database),
+        consequences=Consequences(database),
+        system=System(database, metrics, ingest),
         calibrations=calibrations,
         rejudgements=rejudgements,
         alarms=alarms,

@@ -43,6 +43,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("POST", "/v1/trials"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/trials"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/trials/{axis}/end"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/consequences"): Scope.TRENDS_READ,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
@@ -62,10 +63,25 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("POST", f"{_AXIS}/identifications"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/discrepancies"): Scope.REPLAYS_RUN,
         ("POST", "/v1/jobs/{job}/cancel"): Scope.REPLAYS_RUN,
+        ("GET", "/axes/{axis}/work"): Scope.ALARMS_ACK,
+        ("POST", "/axes/{axis}/work"): Scope.ALARMS_ACK,
+        ("GET", "/axes/{axis}/identifications"): Scope.REPLAYS_RUN,
+        ("POST", "/axes/{axis}/identifications"): Scope.REPLAYS_RUN,
+        ("GET", "/axes/{axis}/discrepancies"): Scope.REPLAYS_RUN,
+        ("POST", "/axes/{axis}/discrepancies"): Scope.REPLAYS_RUN,
+        ("POST", "/jobs/{job}/cancel"): Scope.REPLAYS_RUN,
+        **{
+            ("POST", f"/axes/{{axis}}/{path}"): Scope.CALIBRATIONS_WRITE
+            for path in (
+                "archive", "unarchive", "settings", "settings/review", "stored/rejudgements", "stored/pins",
+                "stored/unpin",
+            )
+        },
         **{
             ("GET", path): Scope.TRENDS_READ
             for path in (
-                "/", "/wall", "/axes/{axis}", "/docs", "/redoc", "/openapi.json", "/metrics",
+                "/", "/wall", "/axes/{axis}", "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
+                "/docs", "/redoc", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",
                 f"{_AXIS}/calibrations", f"{_AXIS}/calibrations/{{calibration}}",
@@ -73,7 +89,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
-                "/v1/changes", "/v1/advice", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
+                "/v1/changes", "/v1/advice", "/v1/system", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
             )
         },
     }

@@ -15,7 +15,7 @@ from service.documents.measurement import interval_of
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
 from service.operations.monitoring.rejudging.stale import Stale
-from service.operations.monitoring.trend import thin_out
+from service.operations.monitoring.trend import Only, thin_out
 from service.store.trend.points import Span, TrendPoint
 
 router = APIRouter(prefix="/v1", tags=["trend"])
@@ -84,6 +84,9 @@ class TrendQuery(RequestModel):
         description="so many points at most over the whole span, however long: the extremes of each stretch of it",
     )
     order: Literal["oldest-first", "newest-first"] = "oldest-first"
+    only: Only | None = Field(
+        default=None, description="refused ones, or those in doubt; a page may hold few and still have a next_cursor"
+    )
     cursor: Annotated[str, Field(max_length=200)] | None = Field(default=None, description="next_cursor of a page")
     limit: Annotated[int, Field(ge=1, le=10_000)] = 1000
 
@@ -128,7 +131,9 @@ def _trend(axis: str, query: TrendQuery, on: Services, stale: Stale | None) -> T
         page = on.trend.at_resolution(axis, span, query.resolution)
         points = page.points[::-1] if newest_first else page.points
     else:
-        page = on.trend.page(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
+        page = on.trend.page(
+            axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
+        )
         points = page.points if query.max_points is None else thin_out(page.points, query.max_points)
     points_out = [point_out(point) for point in points]
     return TrendOut(axis=axis, points=points_out, next_cursor=page.next_cursor, stale=stale_out(stale))

@@ -32,8 +32,9 @@ class FleetQuery(RequestModel):
     """Which axes."""
 
     q: Annotated[str, Field(max_length=100)] = ""
-    state: Literal["", "alarm", "alert", "unknown", "learning", "normal"] = ""
+    state: Literal["", "alarm", "alert", "unknown", "learning", "normal", "archived"] = ""
     page: Annotated[int, Field(ge=1, le=100_000)] = 1
+    done: Annotated[str, Field(max_length=40)] = ""
 
 
 class _Last(BaseModel):
@@ -78,6 +79,8 @@ def wall_page(page: PageOf, on: Annotated[Services, Depends(services)]) -> Respo
 
 
 def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Response:
+    if query.state == "archived":
+        return _archived(page, query, on)
     fleet, alarms = on.trend.fleet(), on.alarms.open_by_axis()
     needy = sum(status.state in NEEDY for status in fleet.axes) + len(fleet.damaged)
     found = sorted(
@@ -98,6 +101,17 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
         n_pages=-(-len(found) // _ON_A_PAGE),
         states=SEVERITY,
     )
+
+
+def _archived(page: PageOf, query: FleetQuery, on: Services) -> Response:
+    """Show the archived axes, which no list holds otherwise."""
+    wanted = query.q.strip().lower()
+    found = [
+        status.row
+        for status in on.trend.fleet(archived=True).axes
+        if status.row.archived_at is not None and (wanted in status.row.name.lower() or wanted in status.row.id.lower())
+    ]
+    return page.show("fleet_archived.html", axes=found, query=query)
 
 
 def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:

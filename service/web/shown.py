@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from service.clock import now
 from service.documents.measurement import shares_in_words
-from service.documents.said import Said, Value
+from service.documents.said import Said, Stated, Value
 from service.report.rounding import UNKNOWN, notation
 from service.web.words import Words
 
@@ -87,6 +87,8 @@ def say(words: Words, said: Said | None) -> Markup:
 def _said(words: Words, value: Value) -> str | Markup:
     if isinstance(value, datetime):
         return day(value)
+    if isinstance(value, Stated):
+        return decimal(words, f"{value:.10g}")
     if isinstance(value, float):
         value = number(words, value, 2)
     return escape(value)
@@ -107,6 +109,10 @@ def install(environment: Environment) -> None:
     @pass_context
     def number_filter(context: Context, value: float | None, digits: int = 3) -> str:
         return number(of(context), value, digits)
+
+    @pass_context
+    def stated_filter(context: Context, value: float) -> str:
+        return decimal(of(context), f"{value:.10g}")
 
     @pass_context
     def interval_filter(context: Context, value: float | None, interval: Sequence[float | None] | None) -> object:
@@ -130,6 +136,7 @@ def install(environment: Environment) -> None:
 
     environment.filters |= {
         "number": number_filter,
+        "stated": stated_filter,
         "with_interval": interval_filter,
         "age": age_filter,
         "say": say_filter,

@@ -33,6 +33,7 @@ shown.install(environment)
 #: The pages that every page leads to.
 NAVIGATION: Final = (
     ("/", N_("Fleet")),
+    ("/system", N_("System")),
     ("/docs", N_("API")),
 )
 #: What a page says after a form was taken: the form leads to ``…?done=KEY``. One line for each form.
@@ -40,6 +41,14 @@ DONE: Final = {
     "acknowledged": N_("Noted: you have seen the alarm."),
     "trial-begun": N_("The trial axis is being made."),
     "trial-ended": N_("The trial is put away."),
+    "logged": N_("The work is in the log, and marked on every chart."),
+    "pinned": N_("Kept: no purge removes these waveforms."),
+    "unpinned": N_("The rule decides about these waveforms again."),
+    "archived": N_("Archived: it is hidden from the fleet, and takes no windows."),
+    "taken-back": N_("Taken back: it is in the fleet again, and takes windows."),
+    "begun": N_("Begun. You may close this page: the work goes on, and is found at the axis and under System."),
+    "cancelled": N_("It was asked to stop. What was done stays done."),
+    "settings-saved": N_("The settings are saved."),
 }
 
 
@@ -84,6 +93,7 @@ def written(scope: Scope, template: str, **found: object) -> str:
         mark="" if request.url.path == "/login" else state.get("mark", ""),
         nav=NAVIGATION,
         user=None if caller is None else caller.user,
+        may=frozenset() if caller is None else caller.scopes,
         is_open=caller is not None and caller.is_anyone and request.url.path != "/login",
         path=request.url.path,
         said=DONE.get(request.query_params.get("done", "")),

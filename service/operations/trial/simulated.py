@@ -59,9 +59,7 @@ def measurements_of(readings: Sequence[Reading]) -> Iterator[list[Window]]:
         for reading in readings
     ]
     rng = np.random.default_rng(crc32(readings[0].name.encode()))
-    simulated = simulate_measurements(
-        _machine(), conditions, settings, started_at=readings[0].at, rng=rng
-    )
+    simulated = simulate_measurements(_machine(), conditions, settings, started_at=readings[0].at, rng=rng)
     for reading, windows in zip(readings, simulated, strict=True):
         yield _as_recorded(reading, windows, rng)
 
