@@ -64,6 +64,7 @@ from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
 from service.operations.monitoring.intake.renewal import renew_charts
+from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
@@ -95,6 +96,7 @@ from service.web import (
     fleet,
     job_page,
     login,
+    long_run,
     stored,
     system_page,
 )
@@ -172,7 +174,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(health.router)
     for page in (
         fleet, axis, axis_work, axis_settings, stored, axis_analyses, job_page, system_page, alarm_forms,
-        api_pages, login, trials_page,
+        api_pages, login, trials_page, long_run,
     ):  # fmt: skip
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
@@ -226,7 +228,14 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     axes, calibrations = Axes(database, lanes), Calibrations(database, waveforms, lanes)
     alarms, maintenance = Alarms(database, lanes), Maintenance(database, lanes)
     trials = Trials(
-        database, runner, ingest, axes=axes, calibrations=calibrations, alarms=alarms, maintenance=maintenance
+        database,
+        runner,
+        ingest,
+        axes=axes,
+        trend=trend,
+        calibrations=calibrations,
+        alarms=alarms,
+        maintenance=maintenance,
     )
     work |= {
         TRIAL: trials.run,
@@ -247,6 +256,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         ingest=ingest,
         trend=trend,
         history=History(database),
+        long_run=LongRun(database),
         consequences=Consequences(database),
         system=System(database, metrics, ingest),
         calibrations=calibrations,

@@ -15,10 +15,12 @@ from monitor_core.trend.intervals import (
 )
 from monitor_core.trend.line import TrendLine, trend_line
 from monitor_core.trend.observation import Observation, Session
+from monitor_core.trend.projection import FEWEST_READINGS, Projection, project
 from monitor_core.trend.sisters import prior_from
 from monitor_core.trend.state import Chart, Charts, DetectorState, Evidence, Run, TrendStatus, state_at
 
 __all__ = [
+    "FEWEST_READINGS",
     "FEWEST_SESSIONS",
     "Baseline",
     "Belief",
@@ -35,6 +37,7 @@ __all__ = [
     "Observation",
     "PaperRule",
     "Prior",
+    "Projection",
     "Run",
     "Session",
     "TrendLine",
@@ -49,6 +52,7 @@ __all__ = [
     "paper_rule",
     "prediction_interval_of_next",
     "prior_from",
+    "project",
     "reset",
     "state_at",
     "step",

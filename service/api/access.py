@@ -42,7 +42,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/trials"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/trials"): Scope.CALIBRATIONS_WRITE,
-        ("POST", "/trials/{axis}/end"): Scope.CALIBRATIONS_WRITE,
+        ("POST", "/trials/end"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/consequences"): Scope.TRENDS_READ,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
@@ -80,7 +80,8 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         **{
             ("GET", path): Scope.TRENDS_READ
             for path in (
-                "/", "/wall", "/axes/{axis}", "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
+                "/", "/wall", "/axes/{axis}", "/axes/{axis}/long-run", f"{_AXIS}/projection",
+                "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
                 "/docs", "/redoc", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",

@@ -23,6 +23,7 @@ from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.consequences import Consequences
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
+from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
@@ -51,6 +52,7 @@ class Services:
     ingest: Ingest
     trend: Trend
     history: History
+    long_run: LongRun
     consequences: Consequences
     system: System
     calibrations: Calibrations

@@ -203,3 +203,30 @@ def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, De
         let_go=None if view.let_go is None else str(view.let_go),
         response=view.response,
     )  # fmt: skip
+
+
+class ProjectionOut(BaseModel):
+    """Where the preload would go if it went on as it does now, with the 95 % prediction interval of one measurement."""
+
+    axis: str
+    since: datetime | None
+    n_measurements: int
+    slope_n_per_day: float | None
+    at: list[datetime]
+    preload_n: list[float]
+    lower_n: list[float]
+    upper_n: list[float]
+
+
+@router.get("/axes/{axis}/projection", response_model=ProjectionOut)
+def get_projection(axis: AxisId, on: Annotated[Services, Depends(services)]) -> ProjectionOut:
+    """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
+    found = on.long_run.projection(axis)
+    if found is None:
+        return ProjectionOut(
+            axis=axis, since=None, n_measurements=0, slope_n_per_day=None, at=[], preload_n=[], lower_n=[], upper_n=[]
+        )
+    return ProjectionOut(
+        axis=axis, since=found.since, n_measurements=found.n_measurements, slope_n_per_day=found.slope_n_per_day,
+        at=found.at, preload_n=found.preload_n, lower_n=found.lower_n, upper_n=found.upper_n,
+    )  # fmt: skip

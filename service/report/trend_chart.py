@@ -62,6 +62,16 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
+class Wedge:
+    """Where values would lie if they went on as they do: a projection, with its interval."""
+
+    at: Sequence[datetime]
+    values: Sequence[float]
+    lower: Sequence[float]
+    upper: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
 class Frame:
     """Size of a chart, and how many labels it has room for; all lengths in pixels."""
 
@@ -102,6 +112,7 @@ class TrendPicture:
     events: Sequence[LaneEvent] = ()
     band: Band | None = None
     line: Line | None = None
+    wedge: Wedge | None = None
 
 
 def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], *, linked: bool = False) -> Markup:
@@ -116,6 +127,7 @@ def trend_chart(shown: TrendPicture, frame: Frame, write: Callable[[str], str], 
         _grid(scale, frame, write, shown.unit),
         _times(time, frame),
         _line(shown.line, time, scale, frame),
+        _wedge(shown.wedge, time, scale),
         _lane(shown.events, time, frame),
         _marks(shown.marks, time, scale, frame, linked),
     ]
@@ -173,7 +185,8 @@ def _scale(shown: TrendPicture, frame: Frame) -> Axis:
     values = np.array([mark.value for mark in shown.marks], dtype=np.float64)
     ends = np.array([end for mark in shown.marks for end in (mark.lower, mark.upper)], dtype=np.float64)
     levels = [] if shown.band is None else [shown.band.lower, shown.band.upper]
-    known = np.array([*values[np.isfinite(values)], *levels])
+    ahead = [] if shown.wedge is None else [*shown.wedge.lower, *shown.wedge.upper]
+    known = np.array([*values[np.isfinite(values)], *levels, *ahead])
     if known.size:
         reach = 1.5 * max(float(np.ptp(known)), 0.2 * float(np.abs(known).max()))
         ends = np.clip(ends[np.isfinite(ends)], known.min() - reach, known.max() + reach)
@@ -208,6 +221,18 @@ def _band(band: Band | None, scale: Axis, frame: Frame) -> Markup:
     return joined([
         element("rect", x=frame.left, y=upper, width=width, height=max(lower - upper, 0.0), class_="band"),
         element("line", x1=frame.left, y1=level, x2=frame.right, y2=level, class_="level"),
+    ])  # fmt: skip
+
+
+def _wedge(wedge: Wedge | None, time: _TimeAxis, scale: Axis) -> Markup:
+    if wedge is None:
+        return Markup()
+    x = np.array([time.place(moment) for moment in wedge.at])
+    lower, upper, values = (scale(np.array(ends)) for ends in (wedge.lower, wedge.upper, wedge.values))
+    around = path_through(np.concatenate([x, x[::-1]]), np.concatenate([upper, lower[::-1]]))
+    return joined([
+        element("path", d=f"{around}z", class_="wedge"),
+        element("path", d=path_through(x, values), class_="ahead"),
     ])  # fmt: skip
 
 

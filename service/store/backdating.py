@@ -16,7 +16,7 @@ def date_calibrations(session: Session, axis_id: str, at: datetime) -> None:
 
 
 def date_alarms(session: Session, axis_id: str, done_at: Mapping[str, datetime]) -> None:
-    """Let the alarms of an axis have been raised when they were measured, and people have acted at moments by status."""
+    """Let alarms of an axis have been raised when they were measured, and people have acted at moments by status."""
     for row in session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis_id)):
         row.raised_at = row.measured_at
         for event in session.scalars(select(AlarmEventRow).where(AlarmEventRow.alarm_id == row.id)):

@@ -1,5 +1,6 @@
 """Query measurements and their windows."""
 
+from collections.abc import Sequence
 from datetime import datetime
 
 from sqlalchemy import Connection, Select, bindparam, func, or_, select, text
@@ -7,9 +8,10 @@ from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
 from service.errors import UnknownResourceError
+from service.json_types import JsonObject
 from service.store.intake import JUDGED, REFUSED
 from service.store.retention import require_stored
-from service.store.tables import MeasurementRow, WindowRow
+from service.store.tables import MeasurementDocumentRow, MeasurementRow, WindowRow
 from service.store.waveforms import WaveformPlace
 
 #: Built once: to build it takes longer than to run it.
@@ -111,3 +113,10 @@ def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None
     if end is not None:
         query = query.where(MeasurementRow.started_at < end)
     return query
+
+
+def responses_of(session: Session, measurement_ids: Sequence[int]) -> dict[int, JsonObject]:
+    """Return the stored frequency responses of measurements; one without is left out."""
+    query = select(MeasurementDocumentRow.measurement_id, MeasurementDocumentRow.response)
+    found = session.execute(query.where(MeasurementDocumentRow.measurement_id.in_(measurement_ids)))
+    return {measurement_id: response for measurement_id, response in found if response is not None}

@@ -6,8 +6,6 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Response
 
 from service.api.services import Services, services
-from service.errors import ConflictError
-from service.operations.fields import AxisId
 from service.operations.monitoring.trend import AxisStatus
 from service.operations.trial.simulated import N_WINDOWS
 from service.operations.trial.story import EVERY, N_MEASUREMENTS
@@ -49,10 +47,8 @@ def begin_trial(on: Annotated[Services, Depends(services)]) -> Response:
     return done("/", "trial-begun")
 
 
-@router.post("/trials/{axis}/end")
-def end_trial(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
-    """Put a trial axis away."""
-    if not is_trial(on.trend.status(axis)):
-        raise ConflictError(f"axis '{axis}' is no trial; archive it if it is not watched any more")
-    on.axes.archive(axis, archived=True)
+@router.post("/trials/end")
+def end_trial(on: Annotated[Services, Depends(services)]) -> Response:
+    """Put the trial away."""
+    on.trials.end()
     return done("/", "trial-ended")

@@ -62,10 +62,10 @@ def test_one_click_makes_a_year_and_one_puts_it_away(empty_service: Site, visit:
     assert "being made already" in problem["detail"]
     wait_for(empty_service, job["id"])
     expect(page.locator("#trial")).to_have_count(0)
-    expect(page.locator("h1")).to_have_text("1 of 1 needs you.")
+    expect(page.locator("h1")).to_have_text("1 of 2 needs you.")
     page.get_by_role("link", name="Trial: X axis of the bundled machine").click()
     expect(page.locator("#state")).to_contain_text("alarm")
-    page.get_by_role("button", name="Put away").click()
+    page.get_by_role("button", name="Put the trial away").click()
     expect(page.locator("#said")).to_have_text("The trial is put away.")
     expect(page.get_by_role("button", name="Make the trial axis")).to_be_visible()
 
@@ -81,9 +81,8 @@ def test_its_year_is_worth_looking_at(tried: Site) -> None:
     moments = [event["at"] for event in repaired["events"] if event["who"]]
     assert repaired["evidence"]["at"] < moments[0] < moments[1] < worn["evidence"]["at"]
     assert repaired["explanation"]["sentence"].startswith("the preload fell by")
-    under_payload = [point for point in points if point["payload_kg"] and point["set_preload_n"] is None]
-    assert len(under_payload) == 15
-    assert {point["state"] for point in under_payload} == {"normal"}
+    by_name = {point["measurement"]: point for point in points}
+    assert {by_name[f"day-{day:03d}"]["state"] for day in range(90, 120, 2)} == {"normal"}  # with a workpiece
     refused = [point for point in points if point["refusal_reason"] not in (None, "not-calibrated")]
     assert len(refused) == 2
     log = tried.api.http.get("/v1/axes/trial/maintenance").json()["entries"]
@@ -96,12 +95,6 @@ def test_its_year_is_worth_looking_at(tried: Site) -> None:
 
 
 def test_it_is_there_within_20_seconds(empty_service: Site) -> None:
-    started = time.process_time(), time.monotonic()
+    started = time.monotonic()
     wait_for(empty_service, empty_service.api.http.post("/v1/trials").json()["id"])
-    assert time.monotonic() - started[1] < 20.0
-
-
-def test_only_a_trial_is_ended(served: Site) -> None:
-    answer = served.api.http.post("/trials/normal/end", headers={"accept": "text/html"})
-    assert answer.status_code == 409
-    assert "is no trial" in answer.text
+    assert time.monotonic() - started < 20.0

@@ -27,3 +27,21 @@ def prior_of_sisters(session: Session, axis: AxisRow) -> Prior | None:
         if belief is not None:
             learnt.append(belief)
     return prior_from(learnt) if learnt else None
+
+
+def sisters_of(session: Session, axis: AxisRow, most: int) -> list[AxisRow]:
+    """Return other axes of the same stated type, so many at most, in order of name."""
+    axis_type = load_configuration(axis.configuration).axis_type
+    if axis_type is None:
+        return []
+    found: list[AxisRow] = []
+    for sister in list_axes(session):
+        try:
+            same = sister.id != axis.id and load_configuration(sister.configuration).axis_type == axis_type
+        except DocumentDamagedError:  # it is told of on its own page
+            continue
+        if same:
+            found.append(sister)
+        if len(found) == most:
+            break
+    return found

@@ -5,7 +5,7 @@ The year ends when the trial is asked for. Everything else is the same each time
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from enum import StrEnum
 from itertools import count
@@ -85,6 +85,16 @@ def story(ends_at: datetime) -> tuple[Chapter, ...]:
             chapters.append(Chapter(tuple(began), deed))
             began = []
     return tuple(chapters)
+
+
+def sister_story(ends_at: datetime) -> tuple[Chapter, ...]:
+    """Return the year of the other axis of the machine, which is well: it is measured every eighth day."""
+    rng = np.random.default_rng(2019)
+    readings = [
+        replace(reading, preload=COMMISSIONED - 2.0 + float(rng.normal(0.0, 1.5)), payload=0.0, sensor_is_dead=False)
+        for reading in _year(ends_at, rng)
+    ][::4]
+    return tuple(Chapter(tuple(readings[first : first + _TOGETHER])) for first in range(0, len(readings), _TOGETHER))
 
 
 def _calibration(from_: datetime) -> list[tuple[Reading, ...]]:

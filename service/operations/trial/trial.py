@@ -20,8 +20,9 @@ from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.maintenance import Maintenance, MaintenanceIn, Work
+from service.operations.monitoring.trend import Trend
 from service.operations.trial.simulated import BAND, N_WINDOWS, SAMPLE_RATE, machine_text, measurements_of
-from service.operations.trial.story import COMMISSIONED, EVERY, Chapter, Deed, story
+from service.operations.trial.story import COMMISSIONED, EVERY, Chapter, Deed, sister_story, story
 from service.store import alarms, backdating, jobs
 from service.store.database import Database
 from service.store.tables import AxisRow, JobRow
@@ -30,6 +31,7 @@ KIND: Final = "trial"
 #: An axis is a trial as long as it is of this machine.
 TRIAL_MACHINE: Final = "Trial (simulated)"
 _NAME: Final = "Trial: X axis of the bundled machine"
+_NAME_OF_SISTER: Final = "Trial: Y axis of the bundled machine"
 #: Who did what is told of the year.
 _FITTER: Final = "Anna (trial)"
 _LATER: Final = timedelta(hours=1)
@@ -42,12 +44,13 @@ class Trials:
 
     def __init__(
         self, database: Database, runner: JobRunner, ingest: Ingest, *,
-        axes: Axes, calibrations: Calibrations, alarms: Alarms, maintenance: Maintenance,
+        axes: Axes, trend: Trend, calibrations: Calibrations, alarms: Alarms, maintenance: Maintenance,
     ) -> None:  # fmt: skip
         self._database = database
         self._runner = runner
         self._ingest = ingest
         self._axes = axes
+        self._trend = trend
         self._calibrations = calibrations
         self._alarms = alarms
         self._maintenance = maintenance
@@ -69,39 +72,49 @@ class Trials:
         with self._database.read() as session:
             return jobs.unfinished_of(session, KIND)
 
+    def end(self) -> None:
+        """Put all trial axes away."""
+        for status in self._trend.fleet(TRIAL_MACHINE).axes:
+            self._axes.archive(status.row.id, archived=True)
+
     def run(self, job: JobHandle) -> None:
         """Make a trial axis, from the chapter on at which the job was interrupted."""
         axis_id, ends_at = str(job.arguments["axis"]), datetime.fromisoformat(str(job.arguments["ends_at"]))
-        chapters = story(ends_at)
-        total, done = sum(len(chapter.readings) for chapter in chapters), 0
-        self._register(axis_id, commissioned_at=chapters[0].readings[0].at)
-        for chapter in chapters:
+        chapters, of_sister, sister_id = story(ends_at), sister_story(ends_at), f"{axis_id}-sister"
+        began_at = chapters[0].readings[0].at
+        self._register(axis_id, _NAME, EVERY, commissioned_at=began_at)
+        written = [(axis_id, chapter) for chapter in chapters] + [(sister_id, chapter) for chapter in of_sister]
+        total, done = sum(len(chapter.readings) for _, chapter in written), 0
+        for of_axis, chapter in written:
             done += len(chapter.readings)
             if done <= job.done:
                 continue
+            if chapter is of_sister[0]:
+                self._register(sister_id, _NAME_OF_SISTER, 4 * EVERY, commissioned_at=began_at)
+                self._lend_calibration(axis_id, sister_id, chapter.readings[0].at - _LATER)
             waiting = [
-                self._ingest.submit(axis_id, windows, complete=True) for windows in measurements_of(chapter.readings)
+                self._ingest.submit(of_axis, windows, complete=True) for windows in measurements_of(chapter.readings)
             ]
             for receipt in waiting:
                 receipt.result()
-            self._do(job, axis_id, chapter)
-            job.report(done, total, {"axis": axis_id})
+            self._do(job, of_axis, chapter)
+            job.report(done, total, {"axis": axis_id, "sister": sister_id})
         self._date_alarms(axis_id, chapters)
 
-    def _register(self, axis_id: str, *, commissioned_at: datetime) -> None:
+    def _register(self, axis_id: str, name: str, every: timedelta, *, commissioned_at: datetime) -> None:
         configuration = AxisConfiguration(
             search_band_hz=BAND,
             sample_rate_hz=SAMPLE_RATE,
             windows_per_measurement=N_WINDOWS,
-            measurements_per_year=round(timedelta(days=365) / EVERY),
+            measurements_per_year=round(timedelta(days=365) / every),
             machine=TRIAL_MACHINE,
-            axis_type="bundled machine, X",
+            axis_type="axis of the bundled machine",
             commissioned_preload_n=COMMISSIONED,
             commissioned_at=commissioned_at,
             silent_after_hours=8760.0,  # nobody goes on measuring it, and it shall still be there to look at
             drive_model=machine_text(),
         )
-        self._axes.register(axis_id, _NAME, configuration)
+        self._axes.register(axis_id, name, configuration)
 
     def _do(self, job: JobHandle, axis_id: str, chapter: Chapter) -> None:
         """Do what people did after a chapter; what is done already, before an interruption, is left."""
@@ -136,6 +149,16 @@ class Trials:
             self._calibrations.activate(axis_id, fitted.id, "first calibration", expected_active=None)
         with self._database.write(axis_id) as session:
             backdating.date_calibrations(session, axis_id, at)
+
+    def _lend_calibration(self, axis_id: str, sister_id: str, at: datetime) -> None:
+        """Give the sister the calibration of the axis: both are built alike."""
+        overview = self._calibrations.overview(axis_id)
+        fitted = next(row for row in overview.calibrations if row.id == overview.active)
+        if self._calibrations.overview(sister_id).active is None:
+            lent = self._calibrations.bring(sister_id, fitted.document, f"of {axis_id}, which is built alike")
+            self._calibrations.activate(sister_id, lent.id, "lent by its sister", expected_active=None)
+        with self._database.write(sister_id) as session:
+            backdating.date_calibrations(session, sister_id, at)
 
     def _log(self, axis_id: str, at: datetime, kind: Work, note: str, set_preload_n: float | None) -> None:
         entry = MaintenanceIn(at=at, who=_FITTER, kind=kind, note=note, set_preload_n=set_preload_n)

@@ -1,0 +1,135 @@
+"""``/axes/{axis}/long-run``: responses over a long time, axes of the same type, and where the trend would go."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Final
+
+import numpy as np
+from fastapi import APIRouter, Depends, Response
+from markupsafe import Markup
+
+from service.api.services import Services, services
+from service.documents.said import N_
+from service.operations.fields import AxisId
+from service.operations.monitoring.long_run import ProjectedPreload, Sister, Spectrum
+from service.report.sisters_chart import ShareLine, sisters_chart
+from service.report.trend_chart import LOW_NARROW, LOW_WIDE, Mark, TrendPicture, Wedge, trend_chart
+from service.report.waterfall import Response as DrawnResponse
+from service.report.waterfall import waterfall
+from service.store.trend.points import Span, TrendPoint
+from service.web.shown import decimal
+from service.web.site import PageOf
+from service.web.trend_view import Charts
+from service.web.words import Words
+
+router = APIRouter(include_in_schema=False)
+
+_WIDE, _NARROW = 1180.0, 388.0
+#: Points before a projection.
+_BEFORE: Final = 70
+
+
+@dataclass(frozen=True, slots=True)
+class ListedResponse:
+    """A response as a line of the table."""
+
+    point: TrendPoint
+    largest: float
+    largest_at_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class ListedSister:
+    """An axis of the type as a line of the table."""
+
+    number: int
+    sister: Sister
+    share: float
+    at: datetime
+
+
+@router.get("/axes/{axis}/long-run")
+def long_run_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show what an axis did over a long time."""
+    spectra, words = on.long_run.spectra(axis), page.words
+    shares = [(sister, line) for sister in on.long_run.sisters(axis) if (line := _share(sister, axis)) is not None]
+    projected = on.long_run.projection(axis)
+    return page.show(
+        "axis_long_run.html",
+        axis=on.axes.get(axis),
+        spectra=[_listed(spectrum) for spectrum in spectra],
+        spectra_chart=_waterfalls(words, spectra) if len(spectra) > 1 else None,
+        sisters=[
+            ListedSister(number, sister, line.share[-1], line.at[-1])
+            for number, (sister, line) in enumerate(shares, start=1)
+        ],
+        sisters_chart=_sisters(words, [line for _, line in shares]) if len(shares) > 1 else None,
+        projected=projected,
+        projection_chart=None if projected is None else _projection(words, axis, projected, on),
+    )
+
+
+def _listed(spectrum: Spectrum) -> ListedResponse:
+    place = int(np.nanargmax(spectrum.magnitude))
+    return ListedResponse(spectrum.point, float(spectrum.magnitude[place]), float(spectrum.frequency[place]))
+
+
+def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
+    responses = [
+        DrawnResponse(spectrum.point.at, spectrum.frequency, spectrum.magnitude, spectrum.point.frequency_hz)
+        for spectrum in spectra
+        if spectrum.point.frequency_hz is not None
+    ]
+
+    def drawn(width: float) -> Markup:
+        return waterfall(
+            words(N_("Size of the response around the mode, newest at the top")), responses, width,
+            lambda text: decimal(words, text), axis_words=words(N_("frequency, Hz")),
+        )  # fmt: skip
+
+    return Charts(drawn(_WIDE), drawn(_NARROW))
+
+
+def _share(sister: Sister, own: str) -> ShareLine | None:
+    """Return the line of an axis: what is left of the baseline that held then."""
+    known = [
+        (point.at, point.preload_n / point.baseline_preload_n)
+        for point in sister.points
+        if point.preload_n is not None and point.baseline_preload_n and point.set_preload_n is None
+    ]
+    if len(known) < 2:
+        return None
+    return ShareLine(sister.name, [at for at, _ in known], [share for _, share in known], sister.id == own)
+
+
+def _sisters(words: Words, lines: Sequence[ShareLine]) -> Charts:
+    title = words(N_("Share of the baseline preload, axes of one type"))
+
+    def write(text: str) -> str:
+        return decimal(words, text)
+
+    return Charts(sisters_chart(title, lines, LOW_WIDE, write), sisters_chart(title, lines, LOW_NARROW, write))
+
+
+def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Services) -> Charts:
+    """Draw what the projection rests on, as much time before it, and where the preload would go."""
+    last = projected.at[0]
+    start = projected.since - (last - projected.since) / 2
+    points = on.trend.at_resolution(axis, Span(start), _BEFORE).points
+    marks = [
+        Mark(point.at, point.preload_n, _or(point.interval_lower_n), _or(point.interval_upper_n), point.state, "")
+        for point in points
+        if point.preload_n is not None
+    ]
+    wedge = Wedge(projected.at, projected.preload_n, projected.lower_n, projected.upper_n)
+    picture = TrendPicture(words(N_("Projection of the preload")), "N", start, projected.at[-1], marks, wedge=wedge)
+
+    def write(text: str) -> str:
+        return decimal(words, text)
+
+    return Charts(trend_chart(picture, LOW_WIDE, write), trend_chart(picture, LOW_NARROW, write))
+
+
+def _or(value: float | None) -> float:
+    return float("nan") if value is None else value
