@@ -40,7 +40,8 @@ def waterfall(
     modes = np.array([response.mode for response in responses])
     left, right = 104.0, width - 12.0
     reach = max(float(np.ptp(modes)), 0.055 * float(np.median(modes)))
-    lowest, highest = float(modes.min()) - reach, float(modes.max()) + reach
+    lowest = max(float(modes.min()) - reach, min(float(response.frequency[0]) for response in responses))
+    highest = min(float(modes.max()) + reach, max(float(response.frequency[-1]) for response in responses))
     height = _TOP + _ROW * len(responses) + _BOTTOM
     across = Axis(lowest, highest, left, right)
     edges = np.linspace(lowest, highest, N_COLUMNS + 1)

@@ -84,13 +84,14 @@ class LongRun:
     def spectra(self, axis_id: str) -> list[Spectrum]:
         """Return responses over the time, newest first: of each stretch the one measured nearest to one position.
 
-        The position is where most were measured, without a payload where there are such: the mode depends on both.
+        The position is the usual one, and those under a payload are left out if there are others: both move the mode.
         """
         with self._database.read() as session:
             number = axes.get_axis(session, axis_id).number
             points = extremes(session.connection(), number, Span(), _CHOSEN_FROM)
             measured = [point for point in points if point.frequency_hz is not None and point.set_preload_n is None]
-            chosen = _alike(measured[::-1])
+            bare = [point for point in measured if not point.payload_kg]
+            chosen = _alike((bare if len(bare) > 1 else measured)[::-1])
             stored = measurements.responses_of(session, [point.measurement_id for point in chosen])
         return [_spectrum(point, stored[point.measurement_id]) for point in chosen if point.measurement_id in stored]
 
@@ -130,10 +131,7 @@ def _alike(points: Sequence[TrendPoint]) -> list[TrendPoint]:
     usual = float(np.median([point.position_mm for point in points]))
     edges = np.linspace(0, len(points), min(MOST_SPECTRA, len(points)) + 1).astype(int)
     stretches = [points[first:end] for first, end in itertools.pairwise(edges)]
-    return [
-        min(stretch, key=lambda point: (bool(point.payload_kg), abs(point.position_mm - usual)))
-        for stretch in stretches
-    ]
+    return [min(stretch, key=lambda point: abs(point.position_mm - usual)) for stretch in stretches]
 
 
 def _spectrum(point: TrendPoint, document: object) -> Spectrum:
