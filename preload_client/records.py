@@ -63,10 +63,13 @@ class Receipt(TypedDict):
 class AlarmEvent(TypedDict):
     """One change of an alarm."""
 
+    id: int
     at: str
+    kind: Literal["comment", "shelved"] | None
     old_status: str | None
     new_status: str
     reason: str
+    who: str | None
 
 
 class Alarm(TypedDict):
@@ -80,6 +83,7 @@ class Alarm(TypedDict):
     status: Literal["active", "acknowledged", "cleared"]
     evidence: Document
     explanation: Document
+    shelved_until: str | None
     events: Sequence[AlarmEvent]
 
 

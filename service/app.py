@@ -57,6 +57,7 @@ from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
+from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
@@ -79,7 +80,8 @@ from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web import alarm, alarm_forms, api_pages, axis, fleet, login, measurement
+from service.web import alarms as alarms_page
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
@@ -149,7 +151,7 @@ def create_app(settings: Settings) -> FastAPI:
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (fleet, axis, alarm_forms, api_pages, login):
+    for page in (fleet, alarms_page, alarm, alarm_forms, measurement, axis, api_pages, login):
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
@@ -216,6 +218,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         axes=Axes(database, lanes),
         ingest=ingest,
         trend=trend,
+        evidence=Evidence(database, waveforms),
         history=History(database),
         calibrations=Calibrations(database, waveforms, lanes),
         rejudgements=rejudgements,
