@@ -105,9 +105,7 @@ def gate_readings(
     read = [
         GateReading(RejectionReason.NO_PEAK_IN_BAND, mode.frequency.value, "Hz", *band),
         GateReading(RejectionReason.LOW_COHERENCE, coherence, "", gate.minimum_coherence),
-        GateReading(
-            RejectionReason.TOO_FEW_AVERAGES, n_averages, "", averages_needed(coherence, n_averages, gate)
-        ),
+        GateReading(RejectionReason.TOO_FEW_AVERAGES, n_averages, "", averages_needed(coherence, n_averages, gate)),
     ]
     if phase is not None:
         tolerance = math.degrees(gate.phase_tolerance)

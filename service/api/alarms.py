@@ -191,9 +191,7 @@ def shelve_alarm(
 
 
 @router.post("/alarms/{alarm}/clear", response_model=AlarmOut)
-def clear_alarm(
-    alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]
-) -> AlarmOut:
+def clear_alarm(alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
     return alarm_out(on.alarms.clear(alarm, body.comment, request.state.caller.signature, seen=body.seen_event))
 

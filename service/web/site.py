@@ -33,11 +33,15 @@ shown.install(environment)
 #: The pages that every page leads to.
 NAVIGATION: Final = (
     ("/", N_("Fleet")),
+    ("/alarms", N_("Alarms")),
     ("/docs", N_("API")),
 )
 #: What a page says after a form was taken: the form leads to ``…?done=KEY``. One line for each form.
 DONE: Final = {
     "acknowledged": N_("Noted: you have seen the alarm."),
+    "commented": N_("Your comment stands in the log."),
+    "shelved": N_("The alarm rests; until then nobody is told of it."),
+    "cleared": N_("The alarm is cleared: a new baseline is learnt from here on."),
 }
 
 

@@ -4,18 +4,17 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
+from sqlalchemy.orm import Session
+
 from service.clock import now
 from service.errors import ConflictError, InvalidRequestError
 from service.operations.monitoring.alarm_changes import change_alarm, comment_on_alarm, is_shelved, shelve_alarm
 from service.operations.monitoring.intake.epochs import begin_by_inspection
 from service.operations.monitoring.intake.known import Lanes
-from sqlalchemy.orm import Session
-
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
-
 
 #: What is shelved for longer is forgotten: it is looked at anew by then.
 LONGEST_SHELF: Final = timedelta(days=92)

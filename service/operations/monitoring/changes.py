@@ -1,4 +1,4 @@
-"""Tell whether anything that a page shows may have changed: a commit, or an axis that fell silent or an alarm that came back."""
+"""Tell whether anything that a page shows may have changed: a commit, a new silence, a shelved alarm that is back."""
 
 import uuid
 from bisect import bisect_right
