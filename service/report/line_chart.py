@@ -41,8 +41,8 @@ class LineFrame:
 
 WIDE: Final = LineFrame(1180.0, 230.0, 84.0, 8, 4)
 NARROW: Final = LineFrame(388.0, 190.0, 70.0, 4, 3)
-LOW_WIDE: Final = LineFrame(1180.0, 130.0, 84.0, 8, 2)
-LOW_NARROW: Final = LineFrame(388.0, 130.0, 70.0, 4, 2)
+LOW_WIDE: Final = LineFrame(1180.0, 130.0, 84.0, 8, 4)
+LOW_NARROW: Final = LineFrame(388.0, 130.0, 70.0, 4, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

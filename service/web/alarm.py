@@ -9,14 +9,14 @@ from service.api.alarms import ExaminedOut, alarm_out
 from service.api.services import Services, services
 from service.clock import now
 from service.documents.axis_sentence import alarm_sentence
-from service.documents.measurement import AlarmEvidence, read_evidence
+from service.documents.measurement import AlarmEvidence, interval_of, read_evidence
 from service.documents.said import N_
 from service.operations.advice.advice import Advice
 from service.operations.fields import RowId
 from service.operations.monitoring.alarms import LONGEST_SHELF, AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.report.trend_chart import Band, LaneEvent
-from service.store.trend.points import Span
+from service.store.trend.points import Span, TrendPoint
 from service.web.axis import Last
 from service.web.ranges import ShownRange
 from service.web.site import PageOf
@@ -27,6 +27,8 @@ router = APIRouter(include_in_schema=False)
 
 #: The picture begins so long before the onset as it took from there to the alarm, and so long at least.
 _LEAST_BEFORE: Final = timedelta(days=3)
+#: Refused measurements that are passed over for the present preload.
+_SEARCHED: Final = 200
 
 
 @router.get("/alarms/{alarm}")
@@ -37,6 +39,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(servi
     evidence = read_evidence(view.row.evidence)
     told = alarm_out(view)
     last = Last.model_validate(status.last_measurement or {})
+    present = _present(view.row.axis_id, on)
     tomorrow = now() + timedelta(days=1)
     return page.show(
         "alarm.html",
@@ -45,12 +48,14 @@ def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(servi
         axis=status.row,
         state=status.state,
         last=last,
+        present=present,
+        present_interval=None if present is None else interval_of(present),
         sentence=alarm_sentence(
             evidence.onset, evidence.baseline_preload_n, evidence.preload_n, evidence.at, status.row.name
         ),
         cleared=view.last_to("cleared"),
         seen=view.last_to("acknowledged"),
-        is_open=view.row.status in ("active", "acknowledged"),
+        stands=view.row.status in ("active", "acknowledged"),
         picture=_picture(view, evidence, page.words, on),
         cause=_cause_code(told.explanation),
         advice=_advice(on, _cause_code(told.explanation)),
@@ -58,6 +63,12 @@ def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(servi
         latest_shelf=(now() + LONGEST_SHELF).strftime("%Y-%m-%dT%H:%M"),
         usual_shelf=(tomorrow + timedelta(days=6)).strftime("%Y-%m-%dT%H:%M"),
     )
+
+
+def _present(axis_id: str, on: Services) -> TrendPoint | None:
+    """Return the newest measurement that has a preload, among the newest ones."""
+    newest = on.trend.page(axis_id, Span(), cursor=None, limit=_SEARCHED, newest_first=True).points
+    return next((point for point in newest if point.preload_n is not None), None)
 
 
 def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Services) -> Charts | None:
@@ -74,10 +85,8 @@ def _picture(view: AlarmView, evidence: AlarmEvidence, words: Words, on: Service
     shown = ShownRange(start - margin, end + margin, None, [], [])
     level = evidence.baseline_preload_n
     band = None if level is None else Band(level, level, level, "")
-    events = [
-        LaneEvent(evidence.onset, "learnt", words(N_("onset"))),
-        LaneEvent(evidence.at, "alarm", words(N_("alarm"))),
-    ]
+    onset, raised = words(N_("onset")), words(N_("alarm"))
+    events = [LaneEvent(evidence.onset, "learnt", onset), LaneEvent(evidence.at, "alarm", raised)]
     nothing = AxisHistory(None, None, None)
     return preload_charts(words, axis_id, points, shown, history=nothing, events=events, level=band)
 

@@ -20,7 +20,7 @@ from service.web.words import Words
 #: The picture reaches beyond the band by its width, and by so many hertz at least.
 _LEAST_REACH_HZ: Final = 40.0
 #: Windows that are drawn, and rows of the table of a response.
-MOST_WINDOWS, _ROWS = 4, 24
+MOST_WINDOWS, _ROWS = 2, 24
 _UNITS: Final = {"accelerance": "m/(s²·N)", "torque_accelerance": "m/(s²·N·m)"}
 
 
@@ -54,6 +54,7 @@ class WindowPicture:
     number: int
     excitation: Charts
     response: Charts
+    is_force: bool
 
 
 def response_pictures(words: Words, found: Responses, picked: float | None) -> ResponsePictures | None:
@@ -114,7 +115,7 @@ def window_pictures(words: Words, windows: Sequence[Window]) -> list[WindowPictu
             )
             for title, y_unit, samples in channels
         )
-        drawn.append(WindowPicture(number, excitation, response))
+        drawn.append(WindowPicture(number, excitation, response, is_force))
     return drawn
 
 

@@ -1,5 +1,6 @@
 """Alarms: raised by a measurement, acknowledged and cleared by people; every change is kept."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
@@ -69,7 +70,7 @@ class Alarms:
         with self._database.read() as session:
             return AlarmView(alarms.get_alarm(session, alarm_id), alarms.events_of(session, [alarm_id])[alarm_id])
 
-    def standing(self) -> list[AlarmView]:
+    def standing(self) -> Sequence[AlarmView]:
         """Return all open alarms, those that somebody has to look at first, newest first within each.
 
         Active ones, then those that were seen, then those that rest.
