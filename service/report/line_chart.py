@@ -15,8 +15,6 @@ from service.report.rounding import tick
 from service.report.svg import Axis, axis_over, decimated, element, joined, label, path_through
 
 _TOP: Final = 10.0
-#: Points of a curve: as many as a picture has columns to show them.
-_POINTS: Final = 320
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +35,13 @@ class LineFrame:
     left: float
     places: int
     values: int
+    points: int  # of a curve: as many as the eye can use
 
 
-WIDE: Final = LineFrame(1180.0, 230.0, 84.0, 8, 4)
-NARROW: Final = LineFrame(388.0, 190.0, 70.0, 4, 3)
-LOW_WIDE: Final = LineFrame(1180.0, 130.0, 84.0, 8, 4)
-LOW_NARROW: Final = LineFrame(388.0, 130.0, 70.0, 4, 4)
+WIDE: Final = LineFrame(1180.0, 230.0, 84.0, 8, 4, 300)
+NARROW: Final = LineFrame(388.0, 190.0, 70.0, 4, 3, 120)
+LOW_WIDE: Final = LineFrame(1180.0, 130.0, 84.0, 8, 4, 220)
+LOW_NARROW: Final = LineFrame(388.0, 130.0, 70.0, 4, 4, 110)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +73,7 @@ def line_chart(shown: LinePicture, frame: LineFrame, write: Callable[[str], str]
         else Axis(*shown.limits, bottom, _TOP)
     )
     parts = [_band(shown.band, x_axis, bottom), _grid(shown, (x_axis, y_axis), frame, bottom, write)]
-    parts += [_curve(curve, x_axis, y_axis) for curve in shown.curves]
+    parts += [_curve(curve, x_axis, y_axis, frame.points) for curve in shown.curves]
     if shown.picked is not None:
         x = float(x_axis(shown.picked))
         parts.append(element("line", x1=x, y1=_TOP, x2=x, y2=bottom, class_="picked"))
@@ -89,8 +88,8 @@ def line_chart(shown: LinePicture, frame: LineFrame, write: Callable[[str], str]
     )
 
 
-def _curve(curve: Curve, x_axis: Axis, y_axis: Axis) -> Markup:
-    kept = decimated(curve.y, _POINTS)
+def _curve(curve: Curve, x_axis: Axis, y_axis: Axis, points: int) -> Markup:
+    kept = decimated(curve.y, points)
     y = np.clip(y_axis(curve.y[kept]), min(y_axis.start, y_axis.end), max(y_axis.start, y_axis.end))
     return element("path", d=path_through(x_axis(curve.x[kept]), y), class_=f"curve {curve.style}")
 
