@@ -1,5 +1,6 @@
 """Why this value: readable by everybody, each part on the page, neighbours by keyboard, downloads, German."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -7,14 +8,15 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.states import measurement
 from tests.browser.test_axis_page import bottom
 from tests.browser.test_fleet_page import small_targets, small_texts
 
 
-def number(site: Site, axis: str = "alarm", *, refused: bool = False) -> int:
-    """Return the newest measurement of an axis that has a preload, or the newest that was refused."""
-    points = site.api.trend(axis, limit=1000, order="newest-first")
-    return next(point["measurement_id"] for point in points if (point["preload_n"] is None) is refused)
+def number(site: Site, axis: str) -> int:
+    """Return the newest measurement of an axis that has a preload."""
+    points = site.api.trend(axis, limit=100, order="newest-first")
+    return next(point["measurement_id"] for point in points if point["preload_n"] is not None)
 
 
 def path(site: Site, axis: str = "alarm") -> str:
@@ -58,7 +60,8 @@ def test_the_picked_mode_stands_where_the_response_is_largest(served: Site, visi
     page = visit(served.url, path(served))
     picked, highest = page.locator("#response .wide svg").first.evaluate(
         """svg => [Number(svg.querySelector(".picked").getAttribute("x1")),
-          svg.querySelector(".curve.measured").getAttribute("d").slice(1).split("L").map(pair => pair.split(" ").map(Number))
+          svg.querySelector(".curve.measured").getAttribute("d").slice(1).split("L")
+          .map(pair => pair.split(" ").map(Number))
           .reduce((best, point) => point[1] < best[1] ? point : best)[0]]"""
     )
     assert picked == pytest.approx(highest, abs=30)
@@ -92,12 +95,15 @@ def test_windows_are_downloaded(served: Site, visit: Visit) -> None:
     assert np.isfinite(float(lines[1].split(",")[2]))
 
 
-def test_a_refused_measurement_says_which_gate_and_what_to_check(served: Site, visit: Visit) -> None:
-    served_refused = number(served, "uncalibrated", refused=True) if served.api.trend("uncalibrated") else None
-    axis, refused = (
-        ("uncalibrated", served_refused) if served_refused else ("long", number(served, "long", refused=True))
-    )
-    page = visit(served.url, f"/axes/{axis}/measurements/{refused}", "phone")
+def test_a_refused_measurement_says_which_gate_and_what_to_check(fresh_service: Site, visit: Visit) -> None:
+    rng = np.random.default_rng(1)
+    windows = [
+        dataclasses.replace(window, response=rng.normal(0.0, 1.0, window.n_samples))
+        for window in measurement("normal", 20)
+    ]
+    fresh_service.api.accept("normal", windows)
+    refused = fresh_service.api.trend("normal")[-1]["measurement_id"]
+    page = visit(fresh_service.url, f"/axes/normal/measurements/{refused}", "phone")
     expect(page.locator("#headline")).to_contain_text("Refused:")
     assert page.locator("#gates .bad").count() >= 1
     expect(page.locator(".advice")).to_contain_text("What to check")

@@ -1,4 +1,4 @@
-"""The ladder is the estimate, step by step: its terms add up to the feature and lead to the preload of the estimator."""
+"""The ladder is the estimate step by step: terms add up to the feature and lead to the preload of the estimator."""
 
 import numpy as np
 import pytest

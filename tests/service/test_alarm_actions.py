@@ -1,4 +1,4 @@
-"""Alarms are commented, shelved and cleared; two people at once; nobody is told of what rests; it comes back by itself."""
+"""Alarms are commented, shelved and cleared; two people at once; what rests is not told, and is back by itself."""
 
 from datetime import timedelta
 
