@@ -46,7 +46,7 @@ def alarms_page(
 ) -> Response:
     """List the alarms that stand, then those that were cleared lately."""
     standing = on.alarms.standing()
-    names = {axis.row.id: axis.row.name for axis in on.trend.fleet(archived=True).axes}
+    names = on.trend.names()
     first = (query.page - 1) * _ON_A_PAGE
     closed = on.alarms.list(None, "cleared", query.before, _CLOSED)
     return page.show(
