@@ -20,6 +20,9 @@ class Axis(TypedDict):
     refused_windows: Mapping[str, int]
     uncharted: Mapping[str, int]
     open_alarms: int
+    preload_left: Document | None
+    stale: Document | None
+    archived_at: str | None
 
 
 class TrendPoint(TypedDict):
@@ -37,6 +40,7 @@ class TrendPoint(TypedDict):
     state: str | None
     refusal_reason: str | None
     uncharted: str | None
+    calibration: int | None
     doubt: str | None
 
 
@@ -80,7 +84,7 @@ class Alarm(TypedDict):
     measurement_id: int
     kind: str
     raised_at: str
-    status: Literal["active", "acknowledged", "cleared"]
+    status: Literal["active", "acknowledged", "cleared", "withdrawn"]
     evidence: Document
     explanation: Document
     shelved_until: str | None

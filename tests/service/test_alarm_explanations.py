@@ -116,7 +116,7 @@ def test_alarm_says_what_has_changed(
     assert alarm["status"] == "active"
     page = shared_api.http.get(f"/axes/{cause}").text
     assert explanation["sentence"].split(" (95 %)")[0] in page
-    assert ("Preload has been lost" in page) == (cause == "preload")
+    assert ("of preload were lost since" in page) == (cause == "preload")
 
 
 # --- or why it was not examined

@@ -133,7 +133,7 @@ REFUSED: dict[str, tuple[str, str, Any, int, str, str]] = {
     "activation of nothing": ("POST", "/v1/axes/axis/calibrations/99/activate", {"reason": "x"}, 404, "unknown-resource", "no calibration 99"),
     "activation without reason": ("POST", "/v1/axes/axis/calibrations/99/activate", {"reason": ""}, 422, "invalid-request", "/reason"),
     "unknown alarm": ("GET", "/v1/alarms/99", None, 404, "unknown-resource", "no alarm 99"),
-    "unknown alarm status": ("GET", "/v1/alarms?status=new", None, 422, "invalid-request", "'cleared'; got 'new'"),
+    "unknown alarm status": ("GET", "/v1/alarms?status=new", None, 422, "invalid-request", "'cleared' or 'withdrawn'; got 'new'"),
     "unknown session": ("POST", "/v1/axes/axis/replays", {"session": "none"}, 404, "unknown-resource", "no recorded session 'none'"),
     "session outside the folder": ("POST", "/v1/axes/axis/replays", {"session": "../../etc/passwd"}, 422, "invalid-request", "/session"),
     "endless speed": ("POST", "/v1/axes/axis/replays", {"session": "x", "speed": 0}, 422, "invalid-request", "/speed"),

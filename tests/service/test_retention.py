@@ -33,7 +33,7 @@ from tests.service.plant_history import (
     stored_names,
 )
 from tests.service.test_cli_identify import MODEL
-from tests.service.test_database import database_url, postgresql  # noqa: F401 - fixtures
+from tests.service.test_database import database_url  # noqa: F401 - the fixture
 from tests.service.test_jobs import wait_for
 
 #: Of the disk, between what is said and what `du` finds. A file takes whole blocks of 4 KiB, and one of these tests
