@@ -130,6 +130,10 @@ class ChangeIn(CommentIn):
 class ShelveIn(ChangeIn):
     """Until when an alarm rests, and why."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"until": "2026-12-01T06:00:00Z", "comment": "spare part is ordered"}]}
+    )
+
     until: Moment
 
 
