@@ -60,6 +60,7 @@ from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.consequences import Consequences
+from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
@@ -86,21 +87,7 @@ from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import (
-    alarm_forms,
-    api_pages,
-    axis,
-    axis_analyses,
-    axis_settings,
-    axis_work,
-    fleet,
-    job_page,
-    login,
-    long_run,
-    stored,
-    system_page,
-)
-from service.web import trials as trials_page
+from service.web.pages import PAGES
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
@@ -172,11 +159,8 @@ def create_app(settings: Settings) -> FastAPI:
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (
-        fleet, axis, axis_work, axis_settings, stored, axis_analyses, job_page, system_page, alarm_forms,
-        api_pages, login, trials_page, long_run,
-    ):  # fmt: skip
-        app.include_router(page.router)
+    for page in PAGES:
+        app.include_router(page)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     return app
@@ -255,6 +239,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         axes=axes,
         ingest=ingest,
         trend=trend,
+        evidence=Evidence(database, waveforms),
         history=History(database),
         long_run=LongRun(database),
         consequences=Consequences(database),

@@ -22,6 +22,7 @@ from monitor_core.preload.feature import (
 )
 from monitor_core.preload.fit import calibrate
 from monitor_core.preload.influence import InfluenceCoefficients
+from monitor_core.preload.ladder import PreloadLadder, preload_ladder
 from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
 from monitor_core.preload.places import PlaceReading, Places
 from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
@@ -38,6 +39,7 @@ __all__ = [
     "PositionError",
     "PreloadEstimate",
     "PreloadFeatureCoefficients",
+    "PreloadLadder",
     "ValidRange",
     "VarianceShares",
     "Weighting",
@@ -50,6 +52,7 @@ __all__ = [
     "place_reading",
     "preload_feature",
     "preload_from_feature",
+    "preload_ladder",
     "preload_sensitivity",
     "prior_from_calibration",
     "systematic_uncertainty_between",

@@ -55,8 +55,13 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("DELETE", f"{_AXIS}/archive"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/rejudgements"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
-        ("POST", "/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
+        ("POST", "/v1/alarms/{alarm}/shelve"): Scope.ALARMS_ACK,
+        ("POST", "/v1/alarms/{alarm}/comment"): Scope.ALARMS_ACK,
+        **{
+            ("POST", f"/alarms/{{alarm}}/{verb}"): Scope.ALARMS_ACK
+            for verb in ("acknowledge", "comment", "shelve", "clear")
+        },
         ("POST", f"{_AXIS}/maintenance"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/explanations"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/replays"): Scope.REPLAYS_RUN,
@@ -84,6 +89,8 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
                 "/docs", "/redoc", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
+                "/alarms", "/alarms/{alarm}", "/axes/{axis}/measurements/{measurement}",
+                f"{_AXIS}/measurements/{{measurement}}/evidence",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",
                 f"{_AXIS}/calibrations", f"{_AXIS}/calibrations/{{calibration}}",
                 f"{_AXIS}/recordings", f"{_AXIS}/recordings/{{recording}}",

@@ -21,6 +21,7 @@ from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
 from service.operations.monitoring.consequences import Consequences
+from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.long_run import LongRun
@@ -51,6 +52,7 @@ class Services:
     axes: Axes
     ingest: Ingest
     trend: Trend
+    evidence: Evidence
     history: History
     long_run: LongRun
     consequences: Consequences

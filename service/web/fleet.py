@@ -59,6 +59,8 @@ class FleetAxis:
     share: float | None  # of the preload that is its baseline [-]
     loss_per_day: float | None  # since the onset of the alarm that stands [N]
     open_alarms: int
+    alarm: int | None  # number of the newest open one
+    shelved_until: datetime | None
     owner: str | None  # who has the alarm
     acknowledged: bool
     spark: Markup
@@ -121,7 +123,7 @@ def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:
 
 def _is_taken(alarm: AlarmView | None) -> bool:
     """Tell whether somebody has the alarm of an axis; those that nobody has come first."""
-    return alarm is None or alarm.row.status != "active"
+    return alarm is None or alarm.row.status != "active" or alarm.shelved_until is not None
 
 
 def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, AlarmView]) -> list[FleetAxis]:
@@ -146,6 +148,8 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
                 share=share,
                 loss_per_day=per_day,
                 open_alarms=status.open_alarms,
+                alarm=None if view is None else view.row.id,
+                shelved_until=None if view is None else view.shelved_until,
                 owner=None if alarm is None else alarm.owner,
                 acknowledged=alarm is not None and alarm.acknowledged_at is not None,
                 spark=sparkline(newest[row.id], status.state, row.name),

@@ -32,6 +32,13 @@ def number(words: Words, value: float | None, digits: int = 3) -> str:
     return decimal(words, chosen.mantissa(value) + chosen.power)
 
 
+def plain(words: Words, value: float | None, digits: int = 3) -> str:
+    """Show a number with so many significant digits at most: without zeros at its end, as a limit is written."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    return decimal(words, f"{value:.{digits}g}") if 1e-4 <= abs(value) < 10**digits else number(words, value, digits)
+
+
 def with_interval(words: Words, value: float | None, interval: Sequence[float | None] | None) -> tuple[str, str]:
     """Return a value and half the width of its 95 % interval, with the digits that it warrants; "" if it is open."""
     if value is None:
@@ -115,6 +122,10 @@ def install(environment: Environment) -> None:
         return decimal(of(context), f"{value:.10g}")
 
     @pass_context
+    def plain_filter(context: Context, value: float | None, digits: int = 3) -> str:
+        return plain(of(context), value, digits)
+
+    @pass_context
     def interval_filter(context: Context, value: float | None, interval: Sequence[float | None] | None) -> object:
         return with_interval(of(context), value, interval)
 
@@ -137,6 +148,7 @@ def install(environment: Environment) -> None:
     environment.filters |= {
         "number": number_filter,
         "stated": stated_filter,
+        "plain": plain_filter,
         "with_interval": interval_filter,
         "age": age_filter,
         "say": say_filter,

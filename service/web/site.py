@@ -33,6 +33,7 @@ shown.install(environment)
 #: The pages that every page leads to.
 NAVIGATION: Final = (
     ("/", N_("Fleet")),
+    ("/alarms", N_("Alarms")),
     ("/system", N_("System")),
     ("/docs", N_("API")),
 )
@@ -49,6 +50,9 @@ DONE: Final = {
     "begun": N_("Begun. You may close this page: the work goes on, and is found at the axis and under System."),
     "cancelled": N_("It was asked to stop. What was done stays done."),
     "settings-saved": N_("The settings are saved."),
+    "commented": N_("Your comment stands in the log."),
+    "shelved": N_("The alarm rests; until then nobody is told of it."),
+    "cleared": N_("The alarm is cleared: a new baseline is learnt from here on."),
 }
 
 

@@ -69,11 +69,14 @@ class Charts:
 
 def preload_charts(
     words: Words, axis_id: str, points: Sequence[TrendPoint], shown: ShownRange, *,
-    history: AxisHistory, events: Sequence[LaneEvent],
+    history: AxisHistory, events: Sequence[LaneEvent], level: Band | None = None,
 ) -> Charts:  # fmt: skip
-    """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis."""
+    """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis.
+
+    ``level`` is drawn where the history holds no baseline of that time.
+    """
     baseline = None if history.baseline is None else _Baseline.model_validate(history.baseline)
-    band = None
+    band = level
     if baseline is not None:
         lower, upper = baseline.prediction_interval_95_n
         band = Band(baseline.preload_n, lower, upper, words(N_("baseline")))

@@ -256,6 +256,11 @@ class Trend:
         with self._database.read() as session:
             return axes.revision_of(session, axis_id), stale_axes(session, axis_id).get(axis_id)
 
+    def names(self) -> dict[str, str]:
+        """Return what each axis is called."""
+        with self._database.read() as session:
+            return axes.names(session)
+
     def revisions(self) -> dict[str, int]:
         """Return for each axis a number that changes whenever it does."""
         with self._database.read() as session:

@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from monitor_core.models import DriveConditions, DriveModel
-from monitor_core.models.generator import GuideFriction, SimulationSettings, simulate_measurements
+from monitor_core.models.generator import GuideFriction, RampMoves, SimulationSettings, simulate_measurements
 from monitor_core.recording import Window
 from monitor_core.recordings.model_file import parse_model
 from service.operations.trial.story import Reading
@@ -23,6 +23,8 @@ SAMPLE_RATE: Final = 1400.0  # [Hz]
 N_WINDOWS: Final = 8
 #: Half a second: the mode has rung down by then, and the trial is there in seconds.
 _SECONDS: Final = 0.5
+#: Long enough at one speed for the drag torque, short enough for two moves in a window. [s]
+_CRUISES: Final = (0.075, 0.085)
 #: What the maker's description does not say: the drive softens as it warms.
 _SOFTENING: Final = {"thermal-stiffness": {"relative_change_per_k": -0.00029}}
 #: Friction of the guides, and what the nut adds to it by its preload. [N], [N/N]
@@ -48,6 +50,7 @@ def measurements_of(readings: Sequence[Reading]) -> Iterator[list[Window]]:
         windows_per_measurement=N_WINDOWS,
         window_duration=_SECONDS,
         sample_rate=SAMPLE_RATE,
+        moves=RampMoves(cruise=_CRUISES),
         friction=GuideFriction(coulomb=_GUIDES + _NUT * mean, viscous=60.0),
         torque_noise=0.02,
         acceleration_noise=0.2,

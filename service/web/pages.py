@@ -1,0 +1,41 @@
+"""All pages, in the order in which their addresses are tried."""
+
+from typing import Final
+
+from service.web import (
+    alarm,
+    alarm_forms,
+    alarms,
+    api_pages,
+    axis,
+    axis_analyses,
+    axis_settings,
+    axis_work,
+    fleet,
+    job_page,
+    login,
+    long_run,
+    measurement,
+    stored,
+    system_page,
+    trials,
+)
+
+PAGES: Final = (
+    fleet.router,
+    axis.router,
+    axis_work.router,
+    axis_settings.router,
+    axis_analyses.router,
+    stored.router,
+    long_run.router,
+    trials.router,
+    measurement.router,
+    alarms.router,
+    alarm.router,
+    alarm_forms.router,
+    job_page.router,
+    system_page.router,
+    api_pages.router,
+    login.router,
+)
