@@ -76,6 +76,9 @@ replay-data: setup  ## write replay_data/ again from the independent plant
 plots: setup     ## draw docs/figures again
 	$(BIN)/python -m benchmarks.plots
 
+pictures: setup  ## take docs/pictures again, from the pages of the trial (needs chromium)
+	$(BIN)/python -m benchmarks.pictures
+
 LOCK := $(BIN)/uv pip compile --quiet --generate-hashes --no-header --python-version 3.11
 
 lock:            ## resolve the two lock files again from pyproject.toml
@@ -85,4 +88,4 @@ lock:            ## resolve the two lock files again from pyproject.toml
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) $(OTHER_VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
-.PHONY: help setup tools demo test test-fast coverage test-python check serve docs bench replay-data plots lock clean
+.PHONY: help setup tools demo test test-fast coverage test-python check serve docs bench replay-data plots pictures lock clean

@@ -13,7 +13,7 @@ from monitor_core.arrays import FloatArray
 from service.report.rounding import tick
 from service.report.svg import Axis, element, joined, label
 
-#: Shades, from the least to the largest; cells that follow each other in one shade are one piece.
+#: Shades of the square of the size, from the least to the largest; cells that follow each other in one shade are one piece.
 N_SHADES: Final = 9
 N_COLUMNS: Final = 60
 _ROW: Final = 13.0
@@ -87,6 +87,6 @@ def _runs(response: Response, edges: FloatArray) -> list[tuple[int, int, int]]:
     known = np.isfinite(response.magnitude)
     size = np.interp(middle, response.frequency[known], response.magnitude[known], left=np.nan, right=np.nan)
     largest = float(np.nanmax(size)) if np.isfinite(size).any() else 1.0
-    shade = np.where(np.isfinite(size), np.clip(N_SHADES * size / largest, 0, N_SHADES - 1), -1).astype(int)
+    shade = np.where(np.isfinite(size), np.clip(N_SHADES * (size / largest) ** 2, 0, N_SHADES - 1), -1).astype(int)
     begins = [0, *(np.flatnonzero(np.diff(shade)) + 1).tolist(), shade.size]
     return [(first, last, int(shade[first])) for first, last in itertools.pairwise(begins) if shade[first] >= 0]

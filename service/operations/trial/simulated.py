@@ -24,7 +24,7 @@ N_WINDOWS: Final = 8
 #: Half a second: the mode has rung down by then, and the trial is there in seconds.
 _SECONDS: Final = 0.5
 #: Long enough at one speed for the drag torque, short enough for two moves in a window. [s]
-_CRUISES: Final = (0.075, 0.085)
+_CRUISES: Final = (0.07, 0.085)
 #: What the maker's description does not say: the drive softens as it warms.
 _SOFTENING: Final = {"thermal-stiffness": {"relative_change_per_k": -0.00029}}
 #: Friction of the guides, and what the nut adds to it by its preload. [N], [N/N]
