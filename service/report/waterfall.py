@@ -13,7 +13,7 @@ from monitor_core.arrays import FloatArray
 from service.report.rounding import tick
 from service.report.svg import Axis, element, joined, label
 
-#: Shades of the square of the size, from the least to the largest; cells that follow each other in one shade are one piece.
+#: Shades of the square of the size, from the least to the largest; cells of one shade in a row are one piece.
 N_SHADES: Final = 9
 N_COLUMNS: Final = 60
 _ROW: Final = 13.0

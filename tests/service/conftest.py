@@ -229,6 +229,7 @@ class ForkedServer:
         self._process = self._forks.Process(target=serve_as, args=(words, environment, log))
         self._process.start()
         self.kill, self.terminate = self._process.kill, self._process.terminate
+        self.pid = self._process.pid
 
     def poll(self) -> int | None:
         return self._process.exitcode
