@@ -24,17 +24,29 @@ from monitor_core.preload.fit import calibrate
 from monitor_core.preload.influence import InfluenceCoefficients
 from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
 from monitor_core.preload.places import PlaceReading, Places
+from monitor_core.preload.plan import (
+    USUAL_SCATTER,
+    CalibrationPlan,
+    ExpectedReadings,
+    PlannedSetting,
+    plan_calibration,
+    smallest_loss,
+)
 from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
 
 __all__ = [
+    "USUAL_SCATTER",
     "Calibration",
+    "CalibrationPlan",
     "CoefficientPrior",
     "DoubtReason",
     "DragTorque",
+    "ExpectedReadings",
     "InfluenceCoefficients",
     "ModalReading",
     "PlaceReading",
     "Places",
+    "PlannedSetting",
     "PositionError",
     "PreloadEstimate",
     "PreloadFeatureCoefficients",
@@ -51,7 +63,9 @@ __all__ = [
     "preload_feature",
     "preload_from_feature",
     "preload_sensitivity",
+    "plan_calibration",
     "prior_from_calibration",
+    "smallest_loss",
     "systematic_uncertainty_between",
     "unexplained_scatter",
     "widened",
