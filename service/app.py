@@ -16,6 +16,7 @@ from service.api import (
     alarms,
     analyses,
     axes,
+    calibrating,
     calibrations,
     changes,
     health,
@@ -43,6 +44,9 @@ from service.observability import Metrics
 from service.operations.access.access import Access
 from service.operations.advice.advice import read_advice
 from service.operations.analysis_job import AnalysisJob
+from service.operations.calibrating.fit_job import KIND as CALIBRATION
+from service.operations.calibrating.fit_job import CalibrationJobs
+from service.operations.calibrating.plan import CalibrationPlans
 from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DISCREPANCY
@@ -67,8 +71,8 @@ from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.receivers import Receivers, read_receivers
+from service.operations.recordings.recordings import CHECK, Recordings
 from service.operations.recordings.recordings import KIND as IMPORT
-from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
 from service.settings import Settings
 from service.store.axes import list_axes
@@ -79,7 +83,7 @@ from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import alarm_forms, api_pages, axis, fleet, login
+from service.web import alarm_forms, api_pages, axis, calibrate_page, fleet, import_page, login, new_axis
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
@@ -144,12 +148,12 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(windows.router)
     app.include_router(recordings.router)
     resources = (
-        axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention,
+        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, access, receivers, changes, advice, retention,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (fleet, axis, alarm_forms, api_pages, login):
+    for page in (fleet, new_axis, import_page, calibrate_page, axis, alarm_forms, api_pages, login):
         app.include_router(page.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
@@ -199,7 +203,11 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
     rule = rule_of(settings)
     purges = Purges(database, runner, Purge(database, waveforms, rule, settings.data_dir), rule)
     rejudgements = Rejudgements(database, waveforms, lanes, runner)
+    calibrations = Calibrations(database, waveforms, lanes)
+    calibration_jobs = CalibrationJobs(database, waveforms, calibrations, runner)
     work |= {
+        CHECK: uploads.check,
+        CALIBRATION: calibration_jobs.run,
         REJUDGEMENT: rejudgements.run,
         "replay": replays.run,
         IMPORT: uploads.run,
@@ -217,7 +225,9 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         ingest=ingest,
         trend=trend,
         history=History(database),
-        calibrations=Calibrations(database, waveforms, lanes),
+        calibrations=calibrations,
+        calibration_jobs=calibration_jobs,
+        calibration_plans=CalibrationPlans(database),
         rejudgements=rejudgements,
         alarms=Alarms(database, lanes),
         changes=Changes(database),

@@ -21,14 +21,14 @@ from monitor_core.models.published.receptance import ReceptanceParameters
 
 #: Steel of screws.
 _YOUNG, _SHEAR, _DENSITY = 206e9, 79.23e9, 7850.0  # [Pa], [Pa], [kg/m³]; shear: Poisson's ratio 0.3
-#: Axial rigidity of the fixed bearing in its housing over the screw's diameter; Table 1 of Nguyen et al. (2018): 100 N/µm
-#: at 20 mm.
+#: Axial rigidity of the fixed bearing in its housing over the screw's diameter; Table 1 of Nguyen et al. (2018):
+#: 100 N/µm at 20 mm.
 _BEARING_PER_DIAMETER: Final = 5.0e9  # [N/m²]
-#: Rigidity of the bracket between nut and table, of the nut's at 10 % of its load rating: what is left of Table 1 once its
-#: print is corrected (``docs/reference/errata.md``) lies between a tenth and a half.
+#: Rigidity of the bracket between nut and table, of the nut's at 10 % of its load rating: what is left of Table 1 once
+#: its print is corrected (``docs/reference/errata.md``) lies between a tenth and a half.
 _BRACKET_TO_NUT: Final = 0.25
-#: Torsional rigidity of a coupling over the cube of the screw's diameter; Table 1 of Nguyen et al. (2018): 849 N·m/rad at
-#: 20 mm.
+#: Torsional rigidity of a coupling over the cube of the screw's diameter; Table 1 of Nguyen et al. (2018): 849 N·m/rad
+#: at 20 mm.
 _COUPLING_PER_CUBE: Final = 1.0e8  # [N·m/rad/m³]
 #: Inertia of a servo motor of the screw's size, of that of the screw: makers match them.
 _MOTOR_TO_SCREW: Final = 1.0

@@ -8,6 +8,7 @@ from monitor_core.preload.calibration import (
     ValidRange,
     Weighting,
     expected_band,
+    expected_frequency,
     minimum_detectable_loss,
 )
 from monitor_core.preload.doubts import DoubtReason
@@ -58,12 +59,13 @@ __all__ = [
     "calibration_from_prior",
     "estimate_preload",
     "expected_band",
+    "expected_frequency",
     "minimum_detectable_loss",
     "place_reading",
+    "plan_calibration",
     "preload_feature",
     "preload_from_feature",
     "preload_sensitivity",
-    "plan_calibration",
     "prior_from_calibration",
     "smallest_loss",
     "systematic_uncertainty_between",

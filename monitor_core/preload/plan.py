@@ -1,7 +1,7 @@
 r"""Plan a calibration: which setting to measure next, how many are left, and which loss it will be able to see.
 
-A reading at position x and preload P is a row of Eq. (8) of Nguyen et al. (2018). What rows X leave unknown of a reading
-at a healthy preload :math:`P_0` is
+A reading at position x and preload P is a row of Eq. (8) of Nguyen et al. (2018). What rows X leave unknown of a
+reading at a healthy preload :math:`P_0` is
 
 .. math:: s^2 \left(1 + a^T (X^T X)^{-1} a\right), \qquad a = (x^2, x, P_0^{-1/3}, 1)
 
@@ -9,7 +9,6 @@ and a loss is seen where it lowers the frequency by :math:`t_{.95} + t_{.90}` of
 :func:`monitor_core.preload.minimum_detectable_loss`, with what the coefficients themselves leave open.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -171,7 +170,7 @@ def _rows(settings: Sequence[PlannedSetting]) -> FloatArray:
 def _leverage(rows: FloatArray, wanted: FloatArray) -> FloatArray:
     """Return aᵀ(XᵀX)⁻¹a of each wanted row, columns scaled so that their units do not matter."""
     scale = np.linalg.norm(rows, axis=0)
-    q, r = np.linalg.qr(rows / scale)
+    _, r = np.linalg.qr(rows / scale)
     solved = np.linalg.solve(r.T, (wanted / scale).T)
     return np.asarray(np.sum(solved**2, axis=0))
 

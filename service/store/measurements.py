@@ -1,15 +1,17 @@
 """Query measurements and their windows."""
 
+from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, bindparam, or_, select
+from sqlalchemy import Connection, Select, and_, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
 from service.errors import UnknownResourceError
 from service.store.intake import JUDGED, REFUSED
 from service.store.retention import require_stored
-from service.store.tables import MeasurementRow, WindowRow
+from service.store.tables import AxisRow, MeasurementRow, WindowRow
+from service.store.trend.tables import TrendPointRow
 from service.store.waveforms import WaveformPlace
 
 #: Built once: to build it takes longer than to run it.
@@ -65,6 +67,45 @@ def calibration_measurements(
     """Return measurements that were looked at and whose preload was set on purpose, in time order."""
     query = _looked_at(axis_id, start, end).where(MeasurementRow.set_preload_n.is_not(None))
     return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id)))
+
+
+@dataclass(frozen=True, slots=True)
+class SetMeasurement:
+    """A measurement whose preload was set on purpose; its frequency is None if the mode was not found, or not yet."""
+
+    id: int
+    started_at: datetime
+    position_mm: float
+    set_preload_n: float
+    status: str  # open | judged | refused
+    n_accepted: int
+    frequency_hz: float | None
+    refusal_reason: str | None
+
+
+def set_measurements(session: Session, axis: AxisRow) -> list[SetMeasurement]:
+    """Return the measurements of an axis whose preload was set on purpose, in time order, those under way included."""
+    query = (
+        select(
+            MeasurementRow.id, MeasurementRow.started_at, MeasurementRow.position_mm, MeasurementRow.set_preload_n,
+            MeasurementRow.status, MeasurementRow.n_accepted, TrendPointRow.frequency_hz, TrendPointRow.refusal_reason,
+        )
+        .outerjoin(
+            TrendPointRow,
+            and_(
+                TrendPointRow.axis_number == axis.number,
+                TrendPointRow.at == MeasurementRow.started_at,
+                TrendPointRow.measurement_id == MeasurementRow.id,
+            ),
+        )
+        .where(MeasurementRow.axis_id == axis.id, MeasurementRow.set_preload_n.is_not(None))
+        .order_by(MeasurementRow.started_at, MeasurementRow.id)
+    )  # fmt: skip
+    return [
+        SetMeasurement(number, at, place, preload, status, n_accepted, frequency, refusal)
+        for number, at, place, preload, status, n_accepted, frequency, refusal in session.execute(query).tuples()
+        if preload is not None
+    ]
 
 
 def looked_at(

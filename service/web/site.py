@@ -38,6 +38,12 @@ NAVIGATION: Final = (
 #: What a page says after a form was taken: the form leads to ``…?done=KEY``. One line for each form.
 DONE: Final = {
     "acknowledged": N_("Noted: you have seen the alarm."),
+    "registered": N_("Registered. Now import a recording of it."),
+    "import-begun": N_("Its windows are being taken."),
+    "fit-begun": N_("The fit has begun."),
+    "fit-cancelled": N_("The fit was stopped."),
+    "activated": N_("The calibration is in force; a new baseline begins."),
+    "judged-anew": N_("What was measured is being judged by the calibration, which is then in force."),
 }
 
 

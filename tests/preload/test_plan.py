@@ -65,13 +65,15 @@ def test_from_nothing_the_proposals_soon_suffice_for_a_fit() -> None:
 def test_so_many_are_left_as_it_takes_and_then_none() -> None:
     measured: list[PlannedSetting] = []
     left = plan_calibration(measured, GRID, EXPECTED, healthy_preload=HEALTHY, wished_loss=80.0).n_left
-    assert left is not None and left > 4
+    assert left is not None
+    assert left > 4
     for remaining in range(left, 0, -1):
         plan = plan_calibration(measured, GRID, EXPECTED, healthy_preload=HEALTHY, wished_loss=80.0)
         assert plan.n_left == remaining
         measured.append(plan.proposed)
     seen = loss(measured)
-    assert seen is not None and seen <= 80.0
+    assert seen is not None
+    assert seen <= 80.0
 
 
 def test_a_loss_that_the_scatter_hides_is_not_promised() -> None:

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 from monitor_core.trend import DetectorDesign
 from service.clock import now
-from service.errors import DocumentDamagedError
+from service.errors import ConflictError, DocumentDamagedError
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
     axis_drive,
@@ -26,10 +26,12 @@ class Axes:
         self._database = database
         self._lanes = lanes
 
-    def register(self, axis_id: str, name: str, configuration: AxisConfiguration) -> tuple[AxisRow, bool]:
+    def register(
+        self, axis_id: str, name: str, configuration: AxisConfiguration, *, only_new: bool = False
+    ) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
 
-        Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
+        ``only_new``: raises ConflictError if there is one of that name. Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
         RecordingFormatError or OutsideValidityError if the drive model is none that an alarm could be explained with.
         """
         if configuration.drive_model is not None:
@@ -38,6 +40,10 @@ class Axes:
         with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             row = session.get(AxisRow, axis_id)
             created = row is None
+            if row is not None and only_new:
+                raise ConflictError(
+                    f"an axis '{axis_id}' is registered already, called {row.name!r}; choose another name"
+                )
             if row is None:
                 row = axes.new_axis(session, axis_id, now())
                 session.add(row)
