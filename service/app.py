@@ -148,7 +148,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(windows.router)
     app.include_router(recordings.router)
     resources = (
-        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, access, receivers, changes, advice, retention,
+        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, access, receivers, changes, advice,
+        retention,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])

@@ -1,4 +1,4 @@
-"""``/axes/{axis}/calibrate``: guided calibration, its fit as a job; ``…/calibrations/{n}``: review, compare, activate."""
+"""``/axes/{axis}/calibrate``: guided calibration, fitted as a job; ``…/calibrations/{n}``: review, activate."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any

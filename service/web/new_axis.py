@@ -83,7 +83,7 @@ def register_axis(
 
 
 def axis_id_of(name: str) -> str:
-    """Return the identifier of an axis of that name: its letters and digits, or raise ValidationError or ConflictError."""
+    """Return the identifier of an axis of that name; raises ValidationError or ConflictError."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     found = _NAME.validate_python(re.sub(r"[^A-Za-z0-9._]+", "-", plain).strip("-._")[:64].lower())
     if found == NEW:  # the address of this page

@@ -1,4 +1,4 @@
-"""Fit a calibration to stored measurements in the background: jobs of kind ``calibration``, found again by their axis."""
+"""Fit a calibration to stored measurements in the background: jobs of kind ``calibration``, found by their axis."""
 
 from typing import Annotated, Final
 

@@ -31,7 +31,9 @@ class Axes:
     ) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
 
-        ``only_new``: raises ConflictError if there is one of that name. Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
+        ``only_new``: raises ConflictError if there is one of that name.
+
+        Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
         RecordingFormatError or OutsideValidityError if the drive model is none that an alarm could be explained with.
         """
         if configuration.drive_model is not None:
