@@ -34,7 +34,7 @@ class ChartSize:
         return self.width - 14.0
 
 
-WIDE: Final = ChartSize(760.0, 300.0, 70.0, 8)
+WIDE: Final = ChartSize(1180.0, 300.0, 70.0, 8)
 NARROW: Final = ChartSize(372.0, 280.0, 60.0, 4)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, and_, bindparam, or_, select
+from sqlalchemy import Connection, Select, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
@@ -81,31 +81,40 @@ class SetMeasurement:
     n_accepted: int
     frequency_hz: float | None
     refusal_reason: str | None
+    payload_kg: float | None
+    temperature_c: float | None
 
 
 def set_measurements(session: Session, axis: AxisRow) -> list[SetMeasurement]:
     """Return the measurements of an axis whose preload was set on purpose, in time order, those under way included."""
     query = (
-        select(
-            MeasurementRow.id, MeasurementRow.started_at, MeasurementRow.position_mm, MeasurementRow.set_preload_n,
-            MeasurementRow.status, MeasurementRow.n_accepted, TrendPointRow.frequency_hz, TrendPointRow.refusal_reason,
-        )
-        .outerjoin(
-            TrendPointRow,
-            and_(
-                TrendPointRow.axis_number == axis.number,
-                TrendPointRow.at == MeasurementRow.started_at,
-                TrendPointRow.measurement_id == MeasurementRow.id,
-            ),
-        )
+        select(MeasurementRow)
         .where(MeasurementRow.axis_id == axis.id, MeasurementRow.set_preload_n.is_not(None))
         .order_by(MeasurementRow.started_at, MeasurementRow.id)
-    )  # fmt: skip
+    )
+    rows = list(session.scalars(query))
+    if not rows:
+        return []
+    judged = select(
+        TrendPointRow.measurement_id,
+        TrendPointRow.frequency_hz,
+        TrendPointRow.refusal_reason,
+        TrendPointRow.payload_kg,
+        TrendPointRow.temperature_c,
+    ).where(
+        TrendPointRow.axis_number == axis.number,
+        TrendPointRow.at.between(rows[0].started_at, rows[-1].started_at),
+        TrendPointRow.set_preload_n.is_not(None),
+    )
+    said = {number: rest for number, *rest in session.execute(judged).tuples()}
     return [
-        SetMeasurement(number, at, place, preload, status, n_accepted, frequency, refusal)
-        for number, at, place, preload, status, n_accepted, frequency, refusal in session.execute(query).tuples()
-        if preload is not None
-    ]
+        SetMeasurement(
+            row.id, row.started_at, row.position_mm, row.set_preload_n, row.status, row.n_accepted,
+            *said.get(row.id, (None,) * 4),
+        )
+        for row in rows
+        if row.set_preload_n is not None
+    ]  # fmt: skip
 
 
 def looked_at(

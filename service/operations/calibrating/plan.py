@@ -1,6 +1,6 @@
 """Plan the calibration of an axis by what was measured of it: where to move, which preload next, how many are left."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Final, Literal
@@ -38,6 +38,8 @@ _MARGIN: Final = 0.1
 _SHARES: Final = (1.0 / 3.0, 2.0 / 3.0, 1.0)
 #: The loss that a calibration is to see, of the highest preload, where none is wished for.
 _WISHED: Final = 0.3
+#: Settings nearer to each other than this were meant to be one [mm], [-].
+_NEAR_MM, _NEAR_SHARE = 20.0, 0.1
 #: The preload that makers set in a nut, of its dynamic load rating.
 _USUAL_SHARE: Final = NutKind.DOUBLE.usual_share
 _USUAL_TRAVEL, _USUAL_PRELOAD = (100.0, 900.0), 300.0  # where nothing is known of an axis [mm], [N]
@@ -112,8 +114,12 @@ def _grid(
     low, high = _USUAL_TRAVEL
     if (length := _screw_length(configuration)) is not None:
         low, high = _MARGIN * to_millimetres(length), (1.0 - _MARGIN) * to_millimetres(length)
-    if len({round(item.position_mm) for item in measured}) >= 3:
-        low, high = min(item.position_mm for item in measured), max(item.position_mm for item in measured)
+    own_places = _levels([item.position_mm for item in measured], lambda level: _NEAR_MM)
+    own_preloads = _levels([item.set_preload_n for item in measured], lambda level: _NEAR_SHARE * level)
+    if asked == PlanIn(wished_loss_n=asked.wished_loss_n) and len(own_places) >= 3 and len(own_preloads) >= 2:
+        return own_places, own_preloads  # whoever measures has a plan of his own
+    if len(own_places) >= 3:
+        low, high = own_places[0], own_places[-1]
     low, high = (given if given is not None else own for given, own in ((asked.from_mm, low), (asked.to_mm, high)))
     if not high - low >= 10.0:
         raise NotIdentifiableError(f"the travel of a calibration must be 10 mm or more; got {low:g} to {high:g} mm")
@@ -123,15 +129,29 @@ def _grid(
     return places, tuple(float(f"{share * highest:.3g}") for share in _SHARES)
 
 
+def _levels(values: Sequence[float], near: Callable[[float], float]) -> tuple[float, ...]:
+    """Return the levels of a quantity that was set: those nearer to each other than a setting repeats are one."""
+    levels: list[list[float]] = []
+    for value in sorted(values):
+        if levels and value - levels[-1][0] <= near(levels[-1][0]):
+            levels[-1].append(value)
+        else:
+            levels.append([value])
+    return tuple(float(f"{np.mean(level):.4g}") for level in levels)
+
+
 def _from_measured(usable: Sequence[SetMeasurement]) -> ExpectedReadings | None:
     """Return what the measurements themselves show, once they can be fitted with three to spare."""
     if len(usable) < 7:
         return None
-    readings = [
-        ModalReading(item.frequency_hz, Conditions(metres(item.position_mm), None, None, item.set_preload_n))
-        for item in usable
-        if item.frequency_hz is not None
-    ]
+    loaded = all(item.payload_kg is not None for item in usable)
+    heated = all(item.temperature_c is not None for item in usable)
+    readings = []
+    for item in usable:
+        payload, temperature = item.payload_kg if loaded else None, item.temperature_c if heated else None
+        conditions = Conditions(metres(item.position_mm), payload, temperature, item.set_preload_n)
+        if item.frequency_hz is not None:
+            readings.append(ModalReading(item.frequency_hz, conditions))
     try:
         fitted = calibrate(readings, weighting=Weighting.NONE, excitation_source=None)
     except MonitorCoreError:
