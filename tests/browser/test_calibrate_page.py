@@ -1,4 +1,4 @@
-"""Guided calibration: what to measure next, a map that fills, a fit that is found again, review, activate, roll back."""
+"""Guided calibration: what to measure next, a map that fills, a fit that is found again, review, roll back."""
 
 import itertools
 import re
