@@ -106,7 +106,7 @@ def set_measurements(session: Session, axis: AxisRow) -> list[SetMeasurement]:
         TrendPointRow.at.between(rows[0].started_at, rows[-1].started_at),
         TrendPointRow.set_preload_n.is_not(None),
     )
-    said = {number: rest for number, *rest in session.execute(judged).tuples()}
+    said = {number: rest for number, *rest in session.execute(judged)}
     return [
         SetMeasurement(
             row.id, row.started_at, row.position_mm, row.set_preload_n, row.status, row.n_accepted,
