@@ -110,7 +110,7 @@ def judged(http: httpx.Client, axis: str) -> str:
     query: dict[str, Any] = {"limit": 10_000}
     while True:
         page = http.get(f"/v1/axes/{axis}/trend", params=query).raise_for_status().json()
-        said += [{**point, "measurement_id": None} for point in page["points"]]
+        said += [{**point, "measurement_id": None, "calibration": None} for point in page["points"]]
         if page["next_cursor"] is None:
             break
         query["cursor"] = page["next_cursor"]

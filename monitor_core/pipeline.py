@@ -98,7 +98,7 @@ def search_band(settings: AxisSettings, calibration: Calibration | None, window:
     return settings.search_band or _usable_band(window)
 
 
-def _whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
+def whole_band(settings: AxisSettings, window: Window) -> tuple[float, float]:
     """Tell which lines of a window are compared with a model, in hertz: all that can be used.
 
     In the band of the mode alone friction may look like a delay, and a nearby antiresonance is not seen.
@@ -114,7 +114,7 @@ def measure_response(windows: Sequence[Window], settings: AxisSettings) -> Modal
     The windows, at least one, are those of one measurement at one position that :func:`check_window` accepts. The band
     of the settings says where the mode is looked for, which the measurement is gated by.
     """
-    band, lines = search_band(settings, None, windows[0]), _whole_band(settings, windows[0])
+    band, lines = search_band(settings, None, windows[0]), whole_band(settings, windows[0])
     return measure_mode(windows, band=band, gate=settings.mode, lines=lines)
 
 

@@ -67,7 +67,9 @@ class Receipt(TypedDict):
 class AlarmEvent(TypedDict):
     """One change of an alarm."""
 
+    id: int
     at: str
+    kind: Literal["comment", "shelved"] | None
     old_status: str | None
     new_status: str
     reason: str
@@ -85,6 +87,7 @@ class Alarm(TypedDict):
     status: Literal["active", "acknowledged", "cleared", "withdrawn"]
     evidence: Document
     explanation: Document
+    shelved_until: str | None
     events: Sequence[AlarmEvent]
 
 

@@ -25,6 +25,7 @@ from service.api import (
     receivers,
     recordings,
     retention,
+    system,
     trend,
     windows,
 )
@@ -61,6 +62,8 @@ from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
+from service.operations.monitoring.consequences import Consequences
+from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.intake.known import Lanes
@@ -74,6 +77,7 @@ from service.operations.notices.receivers import Receivers, read_receivers
 from service.operations.recordings.recordings import CHECK, Recordings
 from service.operations.recordings.recordings import KIND as IMPORT
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.system import System
 from service.settings import Settings
 from service.store.axes import list_axes
 from service.store.database import Database
@@ -83,7 +87,7 @@ from service.store.rejudged import KIND as REJUDGEMENT
 from service.store.safekeeping.database_file import require_database_of
 from service.store.waveform_files import files_at
 from service.store.waveforms import WaveformStore
-from service.web import alarm_forms, api_pages, axis, calibrate_page, fleet, import_page, login, new_axis
+from service.web.pages import PAGES
 from service.web.site import STATIC, Site
 
 if TYPE_CHECKING:
@@ -149,13 +153,13 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(recordings.router)
     resources = (
         axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, access, receivers, changes, advice,
-        retention,
+        retention, system,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
     app.include_router(health.router)
-    for page in (fleet, new_axis, import_page, calibrate_page, axis, alarm_forms, api_pages, login):
-        app.include_router(page.router)
+    for page in PAGES:
+        app.include_router(page)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
 
     return app
@@ -225,7 +229,10 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         axes=Axes(database, lanes),
         ingest=ingest,
         trend=trend,
+        evidence=Evidence(database, waveforms),
         history=History(database),
+        consequences=Consequences(database),
+        system=System(database, metrics, ingest),
         calibrations=calibrations,
         calibration_jobs=calibration_jobs,
         calibration_plans=CalibrationPlans(database),

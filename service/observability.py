@@ -41,6 +41,12 @@ class Metrics:
             registry=self.registry,
         )  # fmt: skip
 
+    def mean_judging_s(self) -> float | None:
+        """Return the mean time to judge a measurement since this process began; None before the first."""
+        found = {sample.name: sample.value for metric in self.judging.collect() for sample in metric.samples}
+        count = found.get("preload_judging_seconds_count", 0.0)
+        return found["preload_judging_seconds_sum"] / count if count else None
+
 
 @dataclass(frozen=True, slots=True)
 class AxisReading:

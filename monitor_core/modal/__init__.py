@@ -2,23 +2,35 @@
 
 from monitor_core.modal.averaging import Candidate, candidate_peaks
 from monitor_core.modal.excitation_level import COMPARABLE_FACTOR, excitation_remark, session_remarks
-from monitor_core.modal.gates import ModeGate
-from monitor_core.modal.measure import ModalMeasurement, measure_mode, measure_modes
+from monitor_core.modal.gates import GateReading, ModeGate, gate_readings
+from monitor_core.modal.measure import (
+    ModalMeasurement,
+    ModeReadings,
+    averaged_response,
+    measure_mode,
+    measure_modes,
+    read_gates,
+)
 from monitor_core.modal.phase import PhaseReference, calibrate_phase
 from monitor_core.modal.refine import ModeFit, fit_modes
 
 __all__ = [
     "COMPARABLE_FACTOR",
     "Candidate",
+    "GateReading",
     "ModalMeasurement",
     "ModeFit",
     "ModeGate",
+    "ModeReadings",
     "PhaseReference",
+    "averaged_response",
     "calibrate_phase",
     "candidate_peaks",
     "excitation_remark",
     "fit_modes",
+    "gate_readings",
     "measure_mode",
     "measure_modes",
+    "read_gates",
     "session_remarks",
 ]

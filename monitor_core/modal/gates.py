@@ -1,6 +1,7 @@
 """Judge whether a measurement is good enough to be used."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from monitor_core.errors import OutsideValidityError
@@ -70,6 +71,53 @@ def averages_needed(coherence: float, n_averages: float, gate: ModeGate) -> int:
 MOST_AVERAGES = 1000
 
 
+@dataclass(frozen=True, slots=True)
+class GateReading:
+    """What a gate read of a measurement, and within which limits it lets it pass; an open side is None."""
+
+    gate: RejectionReason  # by which it refuses
+    value: float
+    unit: str  # of value and limits; empty: a ratio
+    lower: float | None = None
+    upper: float | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value lies within the limits."""
+        return (self.lower is None or self.value >= self.lower) and (self.upper is None or self.value <= self.upper)
+
+
+def gate_readings(
+    modes: Sequence[ModalParameters],
+    coherence: float,
+    n_averages: float,
+    *,
+    band: tuple[float, float],
+    gate: ModeGate,
+    phase: PhaseReference | None,
+) -> tuple[GateReading, ...]:
+    """Return what each gate reads of fitted modes, the one that is meant first, in the order in which they refuse.
+
+    Arguments as of :func:`judge_fit`. A gate that has nothing to read is left out: the phase without a calibrated one,
+    the second mode where none overlaps with the first.
+    """
+    mode = modes[0]
+    read = [
+        GateReading(RejectionReason.NO_PEAK_IN_BAND, mode.frequency.value, "Hz", *band),
+        GateReading(RejectionReason.LOW_COHERENCE, coherence, "", gate.minimum_coherence),
+        GateReading(RejectionReason.TOO_FEW_AVERAGES, n_averages, "", averages_needed(coherence, n_averages, gate)),
+    ]
+    if phase is not None:
+        tolerance = math.degrees(gate.phase_tolerance)
+        deviation = math.degrees(phase.deviation(mode))
+        read.append(GateReading(RejectionReason.WRONG_PHASE, deviation, "°", -tolerance, tolerance))
+    uncertainty, most = mode.frequency.standard_uncertainty, gate.maximum_frequency_uncertainty
+    read.append(GateReading(RejectionReason.UNCERTAIN_FREQUENCY, uncertainty, "Hz", upper=most))
+    if len(modes) > 1 and (likeness := _likeness(modes[0], modes[1], band)) is not None:
+        read.append(GateReading(RejectionReason.AMBIGUOUS_MODES, likeness, "", upper=gate.ambiguity_ratio))
+    return tuple(read)
+
+
 def judge_fit(
     fit: ModeFit,
     coherence: float,
@@ -85,51 +133,44 @@ def judge_fit(
     Without a calibrated
     polarity and delay the phase is not judged.
     """
-    mode = fit.modes[0]
-    frequency = mode.frequency
-    if not band[0] <= frequency.value <= band[1]:
-        return Rejection(
-            RejectionReason.NO_PEAK_IN_BAND,
-            f"the mode lies at {frequency.value:.6g} Hz, outside {band[0]:g} to {band[1]:g} Hz",
-        )
-    if coherence < gate.minimum_coherence:
-        return Rejection(
-            RejectionReason.LOW_COHERENCE,
-            f"mean coherence over the half-power band must reach {gate.minimum_coherence:g}; got {coherence:.3f}",
-        )
-    if n_averages < (needed := averages_needed(coherence, n_averages, gate)):
-        return Rejection(
-            RejectionReason.TOO_FEW_AVERAGES,
-            f"at a mean coherence of {coherence:.3f} over the half-power band {needed} windows are needed for a random "
-            f"error of {100.0 * gate.maximum_random_error:.0f} %; got {n_averages:.0f}",
-        )
-    if phase is not None and abs(deviation := phase.deviation(mode)) > gate.phase_tolerance:
-        return Rejection(
-            RejectionReason.WRONG_PHASE,
-            f"phase of the residue must lie within {math.degrees(gate.phase_tolerance):.0f}° of its calibration; "
-            f"got {math.degrees(deviation):.0f}°",
-        )
-    if frequency.standard_uncertainty > gate.maximum_frequency_uncertainty:
-        return Rejection(
-            RejectionReason.UNCERTAIN_FREQUENCY,
-            f"standard uncertainty of the frequency must not exceed {gate.maximum_frequency_uncertainty:g} Hz; "
-            f"got {frequency.standard_uncertainty:.3g} Hz from {n_averages:.0f} windows",
-        )
-    return _ambiguity(fit, band, gate)
+    readings = gate_readings(fit.modes, coherence, n_averages, band=band, gate=gate, phase=phase)
+    failed = next((reading for reading in readings if not reading.passed), None)
+    return None if failed is None else Rejection(failed.gate, _detail(failed, fit, coherence, n_averages, gate))
 
 
-def _ambiguity(fit: ModeFit, band: tuple[float, float], gate: ModeGate) -> Rejection | None:
-    """Refuse two overlapping modes of like height in the band."""
-    if len(fit.modes) < 2:
-        return None
-    first, second = fit.modes
+def _detail(failed: GateReading, fit: ModeFit, coherence: float, n_averages: float, gate: ModeGate) -> str:
+    """Say in a sentence what a gate wanted and what it got."""
+    match failed.gate:
+        case RejectionReason.NO_PEAK_IN_BAND:
+            return f"the mode lies at {failed.value:.6g} Hz, outside {failed.lower:g} to {failed.upper:g} Hz"
+        case RejectionReason.LOW_COHERENCE:
+            return f"mean coherence over the half-power band must reach {failed.lower:g}; got {failed.value:.3f}"
+        case RejectionReason.TOO_FEW_AVERAGES:
+            return (
+                f"at a mean coherence of {coherence:.3f} over the half-power band {failed.lower:.0f} windows are "
+                f"needed for a random error of {100.0 * gate.maximum_random_error:.0f} %; got {n_averages:.0f}"
+            )
+        case RejectionReason.WRONG_PHASE:
+            return (
+                f"phase of the residue must lie within {failed.upper:.0f}° of its calibration; got {failed.value:.0f}°"
+            )
+        case RejectionReason.UNCERTAIN_FREQUENCY:
+            return (
+                f"standard uncertainty of the frequency must not exceed {failed.upper:g} Hz; "
+                f"got {failed.value:.3g} Hz from {n_averages:.0f} windows"
+            )
+        case _:
+            first, second = (mode.frequency.value for mode in fit.modes[:2])
+            return (
+                f"two overlapping modes of like height, at {first:.6g} and {second:.6g} Hz; narrow the band to one of "
+                "them"
+            )
+
+
+def _likeness(first: ModalParameters, second: ModalParameters, band: tuple[float, float]) -> float | None:
+    """Return the height of the lower of two peaks over that of the higher; None if they do not overlap in the band."""
     f1, f2 = first.frequency.value, second.frequency.value
     height = [abs(m.residue) / (2.0 * m.damping_ratio.value * m.frequency.value**2) for m in (first, second)]
     bandwidth = 2.0 * max(m.damping_ratio.value * m.frequency.value for m in (first, second))
     apart = abs(f1 - f2) > 2.0 * bandwidth or not band[0] <= f2 <= band[1]
-    if apart or min(height) < gate.ambiguity_ratio * max(height):
-        return None
-    return Rejection(
-        RejectionReason.AMBIGUOUS_MODES,
-        f"two overlapping modes of like height, at {f1:.6g} and {f2:.6g} Hz; narrow the band to one of them",
-    )
+    return None if apart else min(height) / max(height)

@@ -12,7 +12,7 @@ from monitor_core.arrays import SampleArray
 from monitor_core.errors import OutsideValidityError
 from monitor_core.modal.averaging import AveragedFit, average_and_fit, candidate_peaks, strongest_peaks
 from monitor_core.modal.excitation_noise import Contamination, contamination, excitation_noise
-from monitor_core.modal.gates import ModeGate, judge_fit, mode_coherence
+from monitor_core.modal.gates import GateReading, ModeGate, gate_readings, judge_fit, mode_coherence
 from monitor_core.modal.phase import PhaseReference
 from monitor_core.modal.refine import ModeFit
 from monitor_core.modal.rigid_line import LOWEST, rigid_line
@@ -146,6 +146,49 @@ def measure_modes(
     middles = [math.sqrt(low * high) for low, high in pairwise(peaks)]
     bands = pairwise([band[0], *middles, band[1]])
     return tuple(measure_mode(windows, band=around, gate=gate) for around in bands)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeReadings:
+    """What the gates read of the windows of one measurement, refused or not."""
+
+    mode: ModalParameters
+    gates: tuple[GateReading, ...]
+
+
+def read_gates(
+    windows: Sequence[Window],
+    *,
+    band: tuple[float, float],
+    gate: ModeGate,
+    phase: PhaseReference | None = None,
+    maximum_modes: int = 2,
+) -> ModeReadings | Rejection:
+    """Return what each gate reads of a mode that :func:`measure_mode` finds in the same windows, or refuses.
+
+    A refusal says that no mode could be fitted: then there is nothing that gates could read.
+    """
+    if (refusal := _check_windows(windows, gate)) is not None:
+        return refusal
+    _, spectra = _spectra_around(windows, band, band)
+    quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
+    answer = average_and_fit(spectra, band, gate, lines=band, quantity=quantity, maximum_modes=maximum_modes)
+    if isinstance(answer, Rejection):
+        return answer
+    fit, _ = _without(answer.fit, _contamination(answer, spectra, windows), windows)
+    coherence = mode_coherence(answer.frf, fit.modes[0])
+    readings = gate_readings(fit.modes, coherence, answer.frf.n_averages, band=band, gate=gate, phase=phase)
+    return ModeReadings(fit.modes[0], readings)
+
+
+def averaged_response(windows: Sequence[Window], lines: tuple[float, float]) -> FrequencyResponse | Rejection:
+    """Average the response of the windows of one measurement on all lines between two frequencies [Hz], ungated."""
+    if (refusal := _check_windows(windows, ModeGate())) is not None:
+        return refusal
+    high = min(lines[1], 0.5 * windows[0].sample_rate)
+    _, spectra = _spectra_around(windows, (lines[0], 0.999 * high), lines)
+    quantity = "accelerance" if windows[0].excitation_quantity is ExcitationQuantity.FORCE else "torque_accelerance"
+    return _within(estimate_frf(cross_spectra(spectra, taper=least_leaking_taper(spectra)), quantity=quantity), lines)
 
 
 def _check_windows(windows: Sequence[Window], gate: ModeGate) -> Rejection | None:

@@ -23,6 +23,7 @@ from monitor_core.preload.feature import (
 )
 from monitor_core.preload.fit import calibrate
 from monitor_core.preload.influence import InfluenceCoefficients
+from monitor_core.preload.ladder import PreloadLadder, preload_ladder
 from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
 from monitor_core.preload.places import PlaceReading, Places
 from monitor_core.preload.plan import (
@@ -51,6 +52,7 @@ __all__ = [
     "PositionError",
     "PreloadEstimate",
     "PreloadFeatureCoefficients",
+    "PreloadLadder",
     "ValidRange",
     "VarianceShares",
     "Weighting",
@@ -65,6 +67,7 @@ __all__ = [
     "plan_calibration",
     "preload_feature",
     "preload_from_feature",
+    "preload_ladder",
     "preload_sensitivity",
     "prior_from_calibration",
     "smallest_loss",

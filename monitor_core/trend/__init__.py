@@ -3,6 +3,7 @@
 from monitor_core.trend.baseline import Baseline, learn_baseline
 from monitor_core.trend.belief import Belief, Prior
 from monitor_core.trend.bootstrap import FEWEST_SESSIONS, FoundRate, found_rate, healthy_sessions
+from monitor_core.trend.delay import DetectionDelay, detection_delay
 from monitor_core.trend.design import DetectorDesign, DetectorSettings, LossDirection, design_detector
 from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.intervals import (
@@ -24,6 +25,7 @@ __all__ = [
     "Chart",
     "Charts",
     "ClosedSession",
+    "DetectionDelay",
     "DetectorDesign",
     "DetectorSettings",
     "DetectorState",
@@ -40,6 +42,7 @@ __all__ = [
     "closed_session",
     "confidence_interval_of_mean",
     "design_detector",
+    "detection_delay",
     "found_rate",
     "healthy_sessions",
     "learn_baseline",

@@ -48,6 +48,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("POST", "/axes/{axis}/calibrate/{job}/cancel"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/axes/{axis}/calibrations/{calibration}/activate"): Scope.CALIBRATIONS_WRITE,
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/consequences"): Scope.TRENDS_READ,
         ("POST", f"{_AXIS}/calibrations"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/calibrations/{{calibration}}/activate"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/measurements/{{measurement}}/pin"): Scope.CALIBRATIONS_WRITE,
@@ -59,28 +60,50 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         ("DELETE", f"{_AXIS}/archive"): Scope.CALIBRATIONS_WRITE,
         ("POST", f"{_AXIS}/rejudgements"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
-        ("POST", "/alarms/{alarm}/acknowledge"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/clear"): Scope.ALARMS_ACK,
+        ("POST", "/v1/alarms/{alarm}/shelve"): Scope.ALARMS_ACK,
+        ("POST", "/v1/alarms/{alarm}/comment"): Scope.ALARMS_ACK,
+        **{
+            ("POST", f"/alarms/{{alarm}}/{verb}"): Scope.ALARMS_ACK
+            for verb in ("acknowledge", "comment", "shelve", "clear")
+        },
         ("POST", f"{_AXIS}/maintenance"): Scope.ALARMS_ACK,
         ("POST", "/v1/alarms/{alarm}/explanations"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/replays"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/identifications"): Scope.REPLAYS_RUN,
         ("POST", f"{_AXIS}/discrepancies"): Scope.REPLAYS_RUN,
         ("POST", "/v1/jobs/{job}/cancel"): Scope.REPLAYS_RUN,
+        ("GET", "/axes/{axis}/work"): Scope.ALARMS_ACK,
+        ("POST", "/axes/{axis}/work"): Scope.ALARMS_ACK,
+        ("GET", "/axes/{axis}/identifications"): Scope.REPLAYS_RUN,
+        ("POST", "/axes/{axis}/identifications"): Scope.REPLAYS_RUN,
+        ("GET", "/axes/{axis}/discrepancies"): Scope.REPLAYS_RUN,
+        ("POST", "/axes/{axis}/discrepancies"): Scope.REPLAYS_RUN,
+        ("POST", "/jobs/{job}/cancel"): Scope.REPLAYS_RUN,
+        **{
+            ("POST", f"/axes/{{axis}}/{path}"): Scope.CALIBRATIONS_WRITE
+            for path in (
+                "archive", "unarchive", "settings", "settings/review", "stored/rejudgements", "stored/pins",
+                "stored/unpin",
+            )
+        },
         **{
             ("GET", path): Scope.TRENDS_READ
             for path in (
                 "/", "/wall", "/axes/new", "/axes/{axis}", "/axes/{axis}/import", "/axes/{axis}/import/{recording}",
                 "/axes/{axis}/calibrate", "/axes/{axis}/calibrations/{calibration}", "/v1/drive-model",
-                f"{_AXIS}/calibration-plan", "/docs", "/redoc", "/openapi.json", "/metrics",
+                f"{_AXIS}/calibration-plan", "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
+                "/docs", "/redoc", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
+                "/alarms", "/alarms/{alarm}", "/axes/{axis}/measurements/{measurement}",
+                f"{_AXIS}/measurements/{{measurement}}/evidence",
                 f"{_AXIS}/measurements/{{measurement}}", f"{_AXIS}/measurements/{{measurement}}/windows",
                 f"{_AXIS}/calibrations", f"{_AXIS}/calibrations/{{calibration}}",
                 f"{_AXIS}/recordings", f"{_AXIS}/recordings/{{recording}}",
                 f"{_AXIS}/recordings/{{recording}}/file", f"{_AXIS}/recordings/{{recording}}/session",
                 f"{_AXIS}/discrepancies/{{job}}/report",
                 "/v1/alarms", "/v1/alarms/{alarm}", "/v1/jobs", "/v1/jobs/{job}", "/v1/sessions", "/v1/receivers",
-                "/v1/changes", "/v1/advice", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
+                "/v1/changes", "/v1/advice", "/v1/system", "/v1/retention", f"{_AXIS}/pins", "/v1/machines",
             )
         },
     }

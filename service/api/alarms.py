@@ -10,7 +10,7 @@ from service.api.jobs import JobOut, job_out
 from service.api.services import Services, services
 from service.documents.change import NotExamined
 from service.json_types import JsonObject
-from service.operations.fields import AxisName, RequestModel, RowId, Text
+from service.operations.fields import AxisName, Moment, RequestModel, RowId, Text
 from service.operations.monitoring.alarms import AlarmView
 
 router = APIRouter(prefix="/v1", tags=["alarms"])
@@ -21,7 +21,11 @@ AlarmStatus = Literal["active", "acknowledged", "cleared", "withdrawn"]
 class AlarmEventOut(BaseModel):
     """One change of an alarm."""
 
+    id: int
     at: datetime
+    kind: Annotated[
+        Literal["comment", "shelved"] | None, Field(description="null: what the statuses say, or another evidence")
+    ]
     old_status: str | None
     new_status: str
     reason: str
@@ -87,6 +91,7 @@ class AlarmOut(BaseModel):
     status: AlarmStatus
     evidence: JsonObject
     explanation: Annotated[ExaminedOut | NotExaminedOut, Field(discriminator="examined")]
+    shelved_until: Annotated[datetime | None, Field(description="until then receivers hear nothing of it; null: no")]
     events: list[AlarmEventOut]
 
 
@@ -107,11 +112,29 @@ class AlarmsQuery(RequestModel):
 
 
 class CommentIn(RequestModel):
-    """Why the alarm's status is changed."""
+    """What somebody says of an alarm."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"comment": "nut ordered"}]})
 
     comment: Text
+
+
+class ChangeIn(CommentIn):
+    """Why the alarm's status is changed, and what of it was seen before."""
+
+    seen_event: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        default=None, description="number of its newest event that is known here: 409 if somebody changed it since"
+    )
+
+
+class ShelveIn(ChangeIn):
+    """Until when an alarm rests, and why."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"until": "2026-12-01T06:00:00Z", "comment": "spare part is ordered"}]}
+    )
+
+    until: Moment
 
 
 def alarm_out(view: AlarmView) -> AlarmOut:
@@ -120,8 +143,12 @@ def alarm_out(view: AlarmView) -> AlarmOut:
     return AlarmOut(
         id=row.id, axis=row.axis_id, measurement_id=row.measurement_id, kind=row.kind, raised_at=row.raised_at,
         status=row.status, evidence=row.evidence, explanation=row.explanation,
+        shelved_until=view.shelved_until,
         events=[
-            AlarmEventOut(at=e.at, old_status=e.old_status, new_status=e.new_status, reason=e.reason, who=e.who)
+            AlarmEventOut(
+                id=e.id, at=e.at, kind=e.kind, old_status=e.old_status, new_status=e.new_status, reason=e.reason,
+                who=e.who,
+            )
             for e in view.events
         ],
     )  # fmt: skip
@@ -143,18 +170,34 @@ def get_alarm(alarm: RowId, on: Annotated[Services, Depends(services)]) -> Alarm
 
 @router.post("/alarms/{alarm}/acknowledge", response_model=AlarmOut)
 def acknowledge_alarm(
-    alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
+    alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]
 ) -> AlarmOut:
     """Say that somebody has seen the alarm. The state of the axis does not change by that."""
-    return alarm_out(on.alarms.acknowledge(alarm, body.comment, request.state.caller.signature))
+    who = request.state.caller.signature
+    return alarm_out(on.alarms.acknowledge(alarm, body.comment, who, seen=body.seen_event))
+
+
+@router.post("/alarms/{alarm}/comment", response_model=AlarmOut)
+def comment_on_alarm(
+    alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
+) -> AlarmOut:
+    """Write something into the history of the alarm; nothing else changes."""
+    return alarm_out(on.alarms.comment(alarm, body.comment, request.state.caller.signature))
+
+
+@router.post("/alarms/{alarm}/shelve", response_model=AlarmOut)
+def shelve_alarm(
+    alarm: RowId, body: ShelveIn, request: Request, on: Annotated[Services, Depends(services)]
+) -> AlarmOut:
+    """Let an open alarm rest: receivers hear nothing of it until then, and then it is back by itself."""
+    who = request.state.caller.signature
+    return alarm_out(on.alarms.shelve(alarm, body.until, body.comment, who, seen=body.seen_event))
 
 
 @router.post("/alarms/{alarm}/clear", response_model=AlarmOut)
-def clear_alarm(
-    alarm: RowId, body: CommentIn, request: Request, on: Annotated[Services, Depends(services)]
-) -> AlarmOut:
+def clear_alarm(alarm: RowId, body: ChangeIn, request: Request, on: Annotated[Services, Depends(services)]) -> AlarmOut:
     """Close the alarm after inspection: a new baseline is learnt from here on."""
-    return alarm_out(on.alarms.clear(alarm, body.comment, request.state.caller.signature))
+    return alarm_out(on.alarms.clear(alarm, body.comment, request.state.caller.signature, seen=body.seen_event))
 
 
 @router.post("/alarms/{alarm}/explanations", response_model=JobOut, status_code=202)

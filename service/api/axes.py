@@ -3,13 +3,16 @@
 from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from fastapi import APIRouter, Depends, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.api.http.body import JSON_TYPE
 from service.api.services import Services, services
+from service.documents.consequences import Kind
+from service.documents.said import in_english
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Label, RequestModel
+from service.operations.monitoring.axes import settings_tag
 from service.operations.monitoring.axis_configuration import AxisConfiguration
 from service.operations.monitoring.machines import machines_of
 from service.operations.monitoring.rejudging.stale import Stale
@@ -152,11 +155,57 @@ def axes_out(on: Services, query: AxesQuery = _ALL) -> AxesOut:
 
 
 @router.put("/axes/{axis}", responses={201: {"model": AxisOut, "description": "registered"}})
-def put_axis(axis: AxisId, body: AxisIn, response: Response, on: Annotated[Services, Depends(services)]) -> AxisOut:
-    """Register an axis, or change its name and configuration."""
-    _, created = on.axes.register(axis, body.name, body.configuration)
+def put_axis(
+    axis: AxisId, body: AxisIn, request: Request, response: Response, on: Annotated[Services, Depends(services)]
+) -> AxisOut:
+    """Register an axis, or change its name and configuration; `If-Match` guards against a change in between."""
+    _, created = on.axes.register(axis, body.name, body.configuration, if_match=request.headers.get("if-match"))
     response.status_code = 201 if created else 200
-    return axis_out(on.trend.status(axis))
+    return _tagged(axis_out(on.trend.status(axis)), response)
+
+
+def _tagged(axis: AxisOut, response: Response) -> AxisOut:
+    """Name the settings that an answer holds, for `If-Match`."""
+    response.headers["ETag"] = f'"{settings_tag(axis.name, axis.configuration)}"'
+    return axis
+
+
+class ChangeOut(BaseModel):
+    """A setting that would be changed."""
+
+    setting: str
+    before: JsonValue
+    after: JsonValue
+
+
+class ConsequenceOut(BaseModel):
+    """What a setting would change, and what its numbers rest on."""
+
+    setting: str
+    kind: Kind
+    sentence: str
+
+
+class ConsequencesOut(BaseModel):
+    """What a name and configuration would change; nothing is stored."""
+
+    axis: str
+    changes: list[ChangeOut]
+    consequences: list[ConsequenceOut]
+
+
+@router.post("/axes/{axis}/consequences", response_model=ConsequencesOut)
+def post_consequences(axis: AxisId, body: AxisIn, on: Annotated[Services, Depends(services)]) -> ConsequencesOut:
+    """Say what a configuration would change before it is sent: false alarms against delay, silences, averages, band."""
+    outlook = on.consequences.of(axis, body.name, body.configuration)
+    return ConsequencesOut(
+        axis=axis,
+        changes=[ChangeOut(setting=it.setting, before=it.before, after=it.after) for it in outlook.changes],
+        consequences=[
+            ConsequenceOut(setting=it.setting, kind=it.kind, sentence=in_english(it.said))
+            for it in outlook.consequences
+        ],
+    )
 
 
 @router.get("/axes", response_model=AxesOut)
@@ -198,6 +247,6 @@ def take_axis_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> 
 
 
 @router.get("/axes/{axis}", response_model=AxisOut)
-def get_axis(axis: AxisId, on: Annotated[Services, Depends(services)]) -> AxisOut:
-    """Return one axis and how it stands."""
-    return axis_out(on.trend.status(axis))
+def get_axis(axis: AxisId, response: Response, on: Annotated[Services, Depends(services)]) -> AxisOut:
+    """Return one axis and how it stands; `ETag` names its settings."""
+    return _tagged(axis_out(on.trend.status(axis)), response)

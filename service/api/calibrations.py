@@ -176,13 +176,17 @@ def activate_calibration(
 
 @router.post("/axes/{axis}/rejudgements", response_model=JobOut, status_code=202)
 def start_rejudgement(
-    axis: AxisId, body: RejudgementIn, response: Response, on: Annotated[Services, Depends(services)]
+    axis: AxisId,
+    body: RejudgementIn,
+    request: Request,
+    response: Response,
+    on: Annotated[Services, Depends(services)],
 ) -> JobOut:
     """Judge the history of an axis anew under a calibration, which is in force then; `dry_run` only compares.
 
     The result of the job holds both histories side by side: states, alarms and their first date, median preload and
-    interval.
+    interval. `If-Match: "<id>"` guards against another calibration in force than was thought.
     """
-    row = on.rejudgements.start(axis, body)
+    row = on.rejudgements.start(axis, body, if_match=request.headers.get("if-match"))
     response.headers["Location"] = f"/v1/jobs/{row.id}"
     return job_out(row)

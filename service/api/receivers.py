@@ -37,9 +37,8 @@ class ReceiversOut(BaseModel):
     receivers: list[ReceiverOut]
 
 
-@router.get("/receivers", response_model=ReceiversOut)
-def list_receivers(on: Annotated[Services, Depends(services)]) -> ReceiversOut:
-    """List who is told of alarms, and how that stands."""
+def receivers_out(on: Services) -> ReceiversOut:
+    """Return on the wire how it stands with each receiver."""
     return ReceiversOut(
         receivers=[
             ReceiverOut(
@@ -57,3 +56,9 @@ def list_receivers(on: Annotated[Services, Depends(services)]) -> ReceiversOut:
             for standing in on.dispatcher.standings()
         ]
     )
+
+
+@router.get("/receivers", response_model=ReceiversOut)
+def list_receivers(on: Annotated[Services, Depends(services)]) -> ReceiversOut:
+    """List who is told of alarms, and how that stands."""
+    return receivers_out(on)

@@ -22,6 +22,8 @@ from service.operations.monitoring.alarms import Alarms
 from service.operations.monitoring.axes import Axes
 from service.operations.monitoring.calibrations import Calibrations
 from service.operations.monitoring.changes import Changes
+from service.operations.monitoring.consequences import Consequences
+from service.operations.monitoring.evidence import Evidence
 from service.operations.monitoring.history import History
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.maintenance import Maintenance
@@ -31,6 +33,7 @@ from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
+from service.operations.system import System
 from service.store.database import Database
 from service.store.waveforms import WaveformStore
 
@@ -49,7 +52,10 @@ class Services:
     axes: Axes
     ingest: Ingest
     trend: Trend
+    evidence: Evidence
     history: History
+    consequences: Consequences
+    system: System
     calibrations: Calibrations
     calibration_jobs: CalibrationJobs
     calibration_plans: CalibrationPlans

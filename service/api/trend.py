@@ -1,6 +1,7 @@
 """``GET /v1/axes/{axis}/trend`` and single measurements with the evidence behind their value."""
 
 import hashlib
+import math
 from datetime import datetime
 from importlib.metadata import version
 from typing import Annotated, Literal
@@ -8,14 +9,18 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
+from monitor_core.preload import PreloadLadder
+from monitor_core.recording import Rejection
+from monitor_core.response import FrequencyResponse
 from service.api.axes import StaleOut, stale_out
 from service.api.maintenance import MaintenanceOut, maintenance_out
 from service.api.services import Services, services
-from service.documents.measurement import interval_of
+from service.documents.measurement import interval_of, numbers
 from service.json_types import JsonObject
 from service.operations.fields import AxisId, Moment, RequestModel, RowId
+from service.operations.monitoring.evidence import OtherJudgement
 from service.operations.monitoring.rejudging.stale import Stale
-from service.operations.monitoring.trend import thin_out
+from service.operations.monitoring.trend import Only, thin_out
 from service.store.trend.points import Span, TrendPoint
 
 router = APIRouter(prefix="/v1", tags=["trend"])
@@ -58,6 +63,35 @@ class WindowEntry(BaseModel):
     let_go: Annotated[bool, Field(description="its waveform is not stored any more")]
 
 
+class GateOut(BaseModel):
+    """What a gate read of a measurement; limits are inclusive, null is open."""
+
+    gate: Annotated[str, Field(description="reason by which it refuses")]
+    value: float
+    unit: str
+    lower: float | None
+    upper: float | None
+    passed: bool
+
+
+class LadderOut(BaseModel):
+    """From a frequency to a preload: 1/f² less what each quantity adds to it is the feature, (k3/feature)³ the preload.
+
+    The shares of the variance are `variance_shares` of the outcome.
+    """
+
+    frequency_hz: float
+    inverse_square_s2: float
+    payload_s2: float
+    temperature_s2: float
+    quadratic_s2: Annotated[float, Field(description="k1·x²")]
+    linear_s2: Annotated[float, Field(description="k2·x")]
+    constant_s2: Annotated[float, Field(description="k4")]
+    friction_s2: Annotated[float, Field(description="of friction other than the usual")]
+    feature_s2: float
+    preload_n: float
+
+
 class MeasurementOut(BaseModel):
     """One measurement: the whole outcome, its windows, and the frequency response in the band."""
 
@@ -69,6 +103,38 @@ class MeasurementOut(BaseModel):
     windows: list[WindowEntry]
     let_go: Annotated[str | None, Field(description="when and by which rule waveforms of it were let go; null: none")]
     response: JsonObject | None
+    gates: Annotated[list[GateOut], Field(description="in their order; empty where no mode was found")]
+    ladder: Annotated[LadderOut | None, Field(description="null where there is no preload")]
+
+
+class ResponseOut(BaseModel):
+    """A frequency response on all lines that can be used, real and imaginary part in its unit."""
+
+    quantity: str
+    frequency_hz: list[float]
+    real: list[float | None]
+    imaginary: list[float | None]
+    coherence: list[float | None] | None
+    n_averages: float
+
+
+class JudgementOut(BaseModel):
+    """What a calibration says of the same windows."""
+
+    calibration: int
+    preload_n: float | None
+    interval_95_n: tuple[float | None, float | None] | None
+    refusal_reason: str | None
+
+
+class EvidenceOut(BaseModel):
+    """What the value of a measurement rests on, computed from its waveforms; null or empty where they were let go."""
+
+    band_hz: Annotated[tuple[float, float] | None, Field(description="where the mode is looked for")]
+    response: ResponseOut | None
+    baseline_response: Annotated[ResponseOut | None, Field(description="mean of the baseline's at the same place")]
+    n_baseline: Annotated[int, Field(description="measurements in that mean")]
+    judgements: Annotated[list[JudgementOut], Field(description="by the newest calibrations, those not in force too")]
 
 
 class TrendQuery(RequestModel):
@@ -84,6 +150,9 @@ class TrendQuery(RequestModel):
         description="so many points at most over the whole span, however long: the extremes of each stretch of it",
     )
     order: Literal["oldest-first", "newest-first"] = "oldest-first"
+    only: Only | None = Field(
+        default=None, description="refused ones, or those in doubt; a page may hold few and still have a next_cursor"
+    )
     cursor: Annotated[str, Field(max_length=200)] | None = Field(default=None, description="next_cursor of a page")
     limit: Annotated[int, Field(ge=1, le=10_000)] = 1000
 
@@ -128,7 +197,9 @@ def _trend(axis: str, query: TrendQuery, on: Services, stale: Stale | None) -> T
         page = on.trend.at_resolution(axis, span, query.resolution)
         points = page.points[::-1] if newest_first else page.points
     else:
-        page = on.trend.page(axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first)
+        page = on.trend.page(
+            axis, span, cursor=query.cursor, limit=query.limit, newest_first=newest_first, only=query.only
+        )
         points = page.points if query.max_points is None else thin_out(page.points, query.max_points)
     points_out = [point_out(point) for point in points]
     return TrendOut(axis=axis, points=points_out, next_cursor=page.next_cursor, stale=stale_out(stale))
@@ -181,7 +252,7 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
 def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
     view = on.trend.measurement(axis, measurement)
-    row = view.row
+    row, ladder = view.row, on.evidence.ladder(axis, view)
     return MeasurementOut(
         measurement_id=row.id,
         measurement=row.name,
@@ -197,4 +268,70 @@ def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, De
         ],
         let_go=None if view.let_go is None else str(view.let_go),
         response=view.response,
+        gates=[
+            GateOut(
+                gate=str(read.gate), value=read.value, unit=read.unit, lower=read.lower, upper=read.upper,
+                passed=read.passed,
+            )
+            for read in on.evidence.gates(axis, view)
+        ],
+        ladder=None if ladder is None else ladder_out(ladder),
     )  # fmt: skip
+
+
+def ladder_out(ladder: PreloadLadder) -> LadderOut:
+    """Return the terms of a preload on the wire."""
+    return LadderOut(
+        frequency_hz=ladder.frequency,
+        inverse_square_s2=ladder.inverse_square,
+        payload_s2=ladder.payload,
+        temperature_s2=ladder.temperature,
+        quadratic_s2=ladder.quadratic,
+        linear_s2=ladder.linear,
+        constant_s2=ladder.constant,
+        friction_s2=ladder.friction,
+        feature_s2=ladder.feature,
+        preload_n=ladder.preload,
+    )
+
+
+@router.get("/axes/{axis}/measurements/{measurement}/evidence", response_model=EvidenceOut)
+def get_evidence(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> EvidenceOut:
+    """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
+    view = on.trend.measurement(axis, measurement)
+    found = on.evidence.responses(axis, view)
+    return EvidenceOut(
+        band_hz=found.band,
+        response=_response_out(found.measured),
+        baseline_response=_response_out(found.baseline),
+        n_baseline=found.n_baseline,
+        judgements=[judgement_out(judgement) for judgement in on.evidence.judgements(axis, view)],
+    )
+
+
+def judgement_out(judgement: OtherJudgement) -> JudgementOut:
+    """Return what a calibration says on the wire."""
+    estimate, refusal = judgement.outcome.preload, judgement.outcome.refusal
+    if isinstance(estimate, Rejection):
+        reason = estimate.reason if refusal is None else refusal.reason
+        return JudgementOut(
+            calibration=judgement.calibration, preload_n=None, interval_95_n=None, refusal_reason=str(reason)
+        )
+    upper = estimate.interval.upper
+    interval = (estimate.interval.lower, upper if math.isfinite(upper) else None)
+    return JudgementOut(
+        calibration=judgement.calibration, preload_n=estimate.preload, interval_95_n=interval, refusal_reason=None
+    )
+
+
+def _response_out(response: FrequencyResponse | None) -> ResponseOut | None:
+    if response is None:
+        return None
+    return ResponseOut(
+        quantity=response.quantity,
+        frequency_hz=response.frequency.tolist(),
+        real=numbers(response.response.real),
+        imaginary=numbers(response.response.imag),
+        coherence=None if response.coherence is None else numbers(response.coherence),
+        n_averages=response.n_averages,
+    )

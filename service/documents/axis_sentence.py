@@ -129,6 +129,19 @@ def _alarmed(facts: AxisFacts, alarm: OpenAlarm) -> Standing:
     return Standing(sentence, Said(step))
 
 
+def alarm_sentence(onset: datetime, baseline: float | None, preload: float | None, at: datetime, axis: str) -> Said:
+    """Return what happened when an alarm was raised: loss since the onset, and what was measured [N]."""
+    values: dict[str, Value] = {"axis": axis, "onset": onset, "day": at}
+    if baseline is None or preload is None:
+        return Said("The preload of %(axis)s fell below its baseline since %(onset)s; the alarm is of %(day)s.", values)
+    values |= {"lost": round(baseline - preload), "preload": round(preload), "baseline": round(baseline)}
+    text = N_(
+        "On %(day)s %(axis)s had %(preload)s N of preload, %(lost)s N less than its baseline of %(baseline)s N; "
+        "the loss began about %(onset)s."
+    )
+    return Said(text, values)
+
+
 def _cleared(cleared: Cleared) -> Standing:
     values: dict[str, Value] = {"day": cleared.at, "comment": cleared.comment}
     text = N_("The alarm was cleared on %(day)s: “%(comment)s”. Nothing was accepted since.")

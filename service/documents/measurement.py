@@ -206,14 +206,15 @@ def response_document(outcome: MeasurementOutcome) -> JsonObject | None:
     frf = outcome.modal.frequency_response
     return {
         "quantity": frf.quantity,
-        "frequency_hz": _numbers(frf.frequency),
-        "real": _numbers(frf.response.real),
-        "imaginary": _numbers(frf.response.imag),
-        "coherence": None if frf.coherence is None else _numbers(frf.coherence),
+        "frequency_hz": numbers(frf.frequency),
+        "real": numbers(frf.response.real),
+        "imaginary": numbers(frf.response.imag),
+        "coherence": None if frf.coherence is None else numbers(frf.coherence),
     }
 
 
-def _numbers(values: FloatArray) -> list[float | None]:
+def numbers(values: FloatArray) -> list[float | None]:
+    """Return numbers as a list, null for one that is not finite."""
     finite = np.isfinite(values).tolist()
     return [value if known else None for value, known in zip(values.tolist(), finite, strict=True)]
 

@@ -7,6 +7,10 @@ from datetime import datetime
 Value = int | float | str | datetime
 
 
+class Stated(float):
+    """A number as somebody stated it, shown with all its digits."""
+
+
 @dataclass(frozen=True, slots=True)
 class Said:
     """A sentence: its text, which is the key in the catalogues of languages, and the values in it."""
@@ -18,3 +22,16 @@ class Said:
 def N_(text: str) -> str:  # noqa: N802 - the name that tools for catalogues look for
     """Mark a text for the catalogue; it is translated where it is shown."""
     return text
+
+
+def in_english(said: Said) -> str:
+    """Write a sentence as programs get it."""
+    return said.text % {name: _written(value) for name, value in said.values.items()}
+
+
+def _written(value: Value) -> str:
+    if isinstance(value, datetime):
+        return f"{value:%Y-%m-%d}"
+    if isinstance(value, Stated):
+        return f"{value:.10g}"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -226,19 +226,23 @@ def _line(line: Line | None, time: _TimeAxis, scale: Axis, frame: Frame) -> Mark
 
 
 def _lane(events: Sequence[LaneEvent], time: _TimeAxis, frame: Frame) -> Markup:
-    if not frame.lane:
-        return Markup()
-    drawn, free_from, y = [], frame.left, frame.bottom + 22.0
     held = sorted((event for event in events if time.holds(event.at)), key=lambda event: event.at)
+    if not frame.lane:
+        return joined([_event_line(time.place(event.at), frame, event.kind) for event in held])
+    drawn, free_from, y = [], frame.left, frame.bottom + 22.0
     places = [*(time.place(event.at) for event in held), frame.width + 5.0]
     for event, x, following in zip(held, places, places[1:], strict=False):
-        drawn.append(element("line", x1=x, y1=_TOP, x2=x, y2=frame.bottom, class_="event"))
+        drawn.append(_event_line(x, frame, event.kind))
         drawn.append(element("path", d=f"M{x:.1f} {y - 14.0:.1f}l5 10h-10z", class_=f"event {event.kind}"))
         width = _CHARACTER * len(event.words)
         if x + 8.0 >= free_from and x + 8.0 + width <= following - 5.0:
             drawn.append(label(event.words, x + 8.0, y - 2.0, class_="quiet"))
             free_from = x + 16.0 + width
     return joined(drawn)
+
+
+def _event_line(x: float, frame: Frame, kind: str) -> Markup:
+    return element("line", x1=x, y1=_TOP, x2=x, y2=frame.bottom, class_=f"event {kind}")
 
 
 def _marks(marks: Sequence[Mark], time: _TimeAxis, scale: Axis, frame: Frame, linked: bool) -> Markup:

@@ -13,6 +13,7 @@ ACTIVE, ACKNOWLEDGED, CLEARED = "active", "acknowledged", "cleared"
 #: Raised by charts that a late measurement changed: with it they raise no alarm. Listed where it is asked for.
 WITHDRAWN = "withdrawn"
 OPEN = (ACTIVE, ACKNOWLEDGED)
+_ARCHIVED = select(AxisRow.id).where(AxisRow.archived_at.is_not(None))
 
 
 def get_alarm(session: Session, alarm_id: int) -> AlarmRow:
@@ -31,7 +32,7 @@ def list_alarms(
     if axis_id is not None:
         query = query.where(AlarmRow.axis_id == axis_id)
     else:
-        query = query.where(AlarmRow.axis_id.not_in(select(AxisRow.id).where(AxisRow.archived_at.is_not(None))))
+        query = query.where(AlarmRow.axis_id.not_in(_ARCHIVED))
     query = query.where(AlarmRow.status != WITHDRAWN if status is None else AlarmRow.status == status)
     if before_id is not None:
         query = query.where(AlarmRow.id < before_id)
@@ -45,8 +46,15 @@ def count_open(session: Session, axis_id: str) -> int:
 
 
 def list_open(session: Session) -> list[AlarmRow]:
-    """Return the alarms that are not cleared, newest first."""
-    return list(session.scalars(select(AlarmRow).where(AlarmRow.status.in_(OPEN)).order_by(AlarmRow.id.desc())))
+    """Return the alarms of axes at work that are not cleared, newest first."""
+    query = select(AlarmRow).where(AlarmRow.status.in_(OPEN), AlarmRow.axis_id.not_in(_ARCHIVED))
+    return list(session.scalars(query.order_by(AlarmRow.id.desc())))
+
+
+def ends_of_shelves(session: Session) -> list[datetime]:
+    """Return until when open alarms are shelved, or were."""
+    query = select(AlarmRow.shelved_until).where(AlarmRow.status.in_(OPEN), AlarmRow.shelved_until.is_not(None))
+    return [until for until in session.scalars(query) if until is not None]
 
 
 def open_by_axis(session: Session) -> dict[str, int]:

@@ -75,6 +75,11 @@ def revision_of(session: Session, axis_id: str) -> int:
     return revision
 
 
+def names(session: Session) -> dict[str, str]:
+    """Return what each axis is called."""
+    return {row.id: row.name for row in session.execute(select(AxisRow.id, AxisRow.name))}
+
+
 def revisions(session: Session) -> dict[str, int]:
     """Return how often the row of each axis was changed."""
     return {row.id: row.revision for row in session.execute(select(AxisRow.id, AxisRow.revision))}

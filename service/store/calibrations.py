@@ -5,7 +5,7 @@ from sqlalchemy.orm import Session
 
 from monitor_core.preload import Calibration
 from monitor_core.recordings.calibration_file import calibration_from_document
-from service.errors import UnknownResourceError
+from service.errors import PreconditionError, UnknownResourceError
 from service.store.intake import AxisRecord
 from service.store.tables import ActivationRow, AxisRow, CalibrationRow
 
@@ -18,6 +18,13 @@ def get_calibration(session: Session, axis_id: str, calibration_id: int) -> Cali
     if row is None or row.axis_id != axis_id:
         raise UnknownResourceError(f"axis '{axis_id}' has no calibration {calibration_id}")
     return row
+
+
+def require_in_force(axis: AxisRow, expected: str | None) -> None:
+    """Raise PreconditionError if another calibration than the expected one is in force; None expects nothing."""
+    in_force = "none" if axis.active_calibration_id is None else str(axis.active_calibration_id)
+    if expected is not None and expected.strip().strip('"') != in_force:
+        raise PreconditionError(f'If-Match must name the calibration in force, "{in_force}"; got {expected}')
 
 
 def active_calibration(session: Session, axis: AxisRow) -> Calibration | None:

@@ -98,6 +98,11 @@ class Database:
             yield session
             session.flush()
 
+    @property
+    def schema(self) -> str:
+        """Version of the schema, as this program writes it; empty before :meth:`migrate`."""
+        return self._schema or ""
+
     def revision(self) -> str:
         """Return what differs after every commit: counted here in memory, on a server asked of it, without any table.
 

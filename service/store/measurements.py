@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import Connection, Select, bindparam, or_, select
+from sqlalchemy import Connection, Select, bindparam, func, or_, select, text
 from sqlalchemy.orm import Session
 
 from monitor_core.recording import RejectionReason
@@ -138,6 +138,18 @@ def newest_monitored(
     )
     newest_first = query.order_by(MeasurementRow.started_at.desc(), MeasurementRow.id.desc()).limit(limit)
     return list(session.scalars(newest_first))[::-1]
+
+
+def count_open(session: Session) -> int:
+    """Count the measurements that wait for further windows."""
+    # as the index has it: a parameter would hide it from the database
+    query = select(func.count()).select_from(MeasurementRow).where(text("measurements.status = 'open'"))
+    return int(session.scalar(query) or 0)
+
+
+def newest_window(session: Session) -> WindowRow | None:
+    """Return the window that arrived last, of any axis."""
+    return session.scalar(select(WindowRow).order_by(WindowRow.id.desc()).limit(1))
 
 
 def _looked_at(axis_id: str, start: datetime | None = None, end: datetime | None = None) -> Select[MeasurementRow]:

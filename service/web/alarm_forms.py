@@ -1,9 +1,10 @@
 """Forms about alarms: plain POST, then 303 back to the page; the same-origin check is that of the whole service."""
 
-from typing import Annotated
+from datetime import UTC
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Form, Request, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, Field, NaiveDatetime
 
 from service.api.services import Services, services
 from service.operations.fields import RowId, Text
@@ -11,17 +12,68 @@ from service.web.site import done
 
 router = APIRouter(include_in_schema=False)
 
+_SeenEvent = Annotated[int, Field(ge=0, lt=2**63)] | None
+
 
 class SeenForm(BaseModel):
-    """What the page sends."""
+    """That somebody has seen it, and from which page."""
 
     comment: Text = "seen"
+    seen_event: _SeenEvent = None
+    back: Literal["axis", "alarm", "alarms"] = "axis"
+
+
+class CommentForm(BaseModel):
+    """What somebody says of it."""
+
+    comment: Text
+
+
+class ChangeForm(CommentForm):
+    """Why it is changed, and the newest event that the page showed."""
+
+    seen_event: _SeenEvent = None
+
+
+class ShelveForm(ChangeForm):
+    """Until when it rests, in UTC."""
+
+    until: NaiveDatetime
 
 
 @router.post("/alarms/{alarm}/acknowledge")
 def acknowledge(
     alarm: RowId, form: Annotated[SeenForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
-    """Note that somebody has seen an alarm, and go back to its axis."""
-    view = on.alarms.acknowledge(alarm, form.comment, request.state.caller.signature)
-    return done(f"/axes/{view.row.axis_id}", "acknowledged")
+    """Note that somebody has seen an alarm, and go back to where it was said."""
+    view = on.alarms.acknowledge(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
+    path = {"axis": f"/axes/{view.row.axis_id}", "alarm": f"/alarms/{alarm}", "alarms": "/alarms"}[form.back]
+    return done(path, "acknowledged")
+
+
+@router.post("/alarms/{alarm}/comment")
+def comment(
+    alarm: RowId, form: Annotated[CommentForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Keep what somebody says of an alarm."""
+    on.alarms.comment(alarm, form.comment, request.state.caller.signature)
+    return done(f"/alarms/{alarm}", "commented")
+
+
+@router.post("/alarms/{alarm}/shelve")
+def shelve(
+    alarm: RowId, form: Annotated[ShelveForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Let an alarm rest until a moment."""
+    until, who = form.until.replace(tzinfo=UTC), request.state.caller.signature
+    on.alarms.shelve(alarm, until, form.comment, who, seen=form.seen_event)
+    return done(f"/alarms/{alarm}", "shelved")
+
+
+@router.post("/alarms/{alarm}/clear")
+def clear(
+    alarm: RowId, form: Annotated[ChangeForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Close an alarm: what is now becomes normal."""
+    on.alarms.clear(alarm, form.comment, request.state.caller.signature, seen=form.seen_event)
+    return done(f"/alarms/{alarm}", "cleared")

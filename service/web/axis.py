@@ -19,8 +19,10 @@ from service.operations.fields import AxisId
 from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.calibrations import CalibrationOverview
 from service.operations.monitoring.standing import facts_of, open_alarm
+from service.operations.monitoring.trend import Only
 from service.report.trend_chart import LaneEvent
 from service.store.trend.points import Span, TrendPoint
+from service.web.axis_sections import csv_address, filter_of, sections_of
 from service.web.ranges import RangeQuery, ShownRange, shown_range
 from service.web.site import PageOf
 from service.web.trend_view import MOST_SHOWN, Charts, lane_of, low_charts, preload_charts
@@ -28,7 +30,7 @@ from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
 
-_LISTED: Final = 30
+_LISTED: Final = 20
 _MOST_ALARMS: Final = 50
 
 
@@ -96,7 +98,8 @@ def axis_page(
     alarms = on.alarms.list(axis, None, None, _MOST_ALARMS)
     last = Last.model_validate(status.last_measurement or {})
     active = next((row for row in overview.calibrations if row.id == overview.active), None)
-    listed = on.trend.page(axis, Span(), cursor=query.before, limit=_LISTED, newest_first=True)
+    only: Only | None = query.only or None
+    listed = on.trend.page(axis, query.listed, cursor=query.before, limit=_LISTED, newest_first=True, only=only)
     return page.show(
         "axis.html",
         axis=axis_out(status),
@@ -113,6 +116,9 @@ def axis_page(
         listed=[Listed(point, interval_of(point)) for point in listed.points],
         older=listed.next_cursor,
         query=query,
+        filtered=filter_of(query),
+        csv=csv_address(axis, query),
+        sections=sections_of(axis, on, history),
         discrepancies=finished_discrepancies(on.database, axis),
         pictures=_pictures(axis, page.words, query, on, (alarms, overview)),
     )
@@ -146,12 +152,25 @@ def _pictures(
         points = [*points, last[0]]
     history = on.history.of(axis)
     events = lane_of(words, *happened, history)
+    worked = [event for event in events if event.kind == "work"]
     return Pictures(
         shown,
         preload_charts(words, axis, points, shown, history=history, events=events),
         low_charts(
-            words, (words(N_("Drag torque over time")), "N·m"), points, shown, lambda point: point.drag_torque_nm
+            words,
+            (words(N_("Drag torque over time")), "N·m"),
+            points,
+            shown,
+            lambda point: point.drag_torque_nm,
+            events=worked,
         ),
-        low_charts(words, (words(N_("Frequency over time")), "Hz"), points, shown, lambda point: point.frequency_hz),
+        low_charts(
+            words,
+            (words(N_("Frequency over time")), "Hz"),
+            points,
+            shown,
+            lambda point: point.frequency_hz,
+            events=worked,
+        ),
         sorted((event for event in events if shown.start <= event.at <= shown.end), key=lambda event: event.at),
     )

@@ -31,7 +31,7 @@ class FleetQuery(RequestModel):
     """Which axes."""
 
     q: Annotated[str, Field(max_length=100)] = ""
-    state: Literal["", "alarm", "alert", "unknown", "learning", "normal"] = ""
+    state: Literal["", "alarm", "alert", "unknown", "learning", "normal", "archived"] = ""
     page: Annotated[int, Field(ge=1, le=100_000)] = 1
 
 
@@ -57,6 +57,8 @@ class FleetAxis:
     share: float | None  # of the preload that is its baseline [-]
     loss_per_day: float | None  # since the onset of the alarm that stands [N]
     open_alarms: int
+    alarm: int | None  # number of the newest open one
+    shelved_until: datetime | None
     owner: str | None  # who has the alarm
     acknowledged: bool
     spark: Markup
@@ -77,6 +79,8 @@ def wall_page(page: PageOf, on: Annotated[Services, Depends(services)]) -> Respo
 
 
 def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Response:
+    if query.state == "archived":
+        return _archived(page, query, on)
     fleet, alarms = on.trend.fleet(), on.alarms.open_by_axis()
     needy = sum(status.state in NEEDY for status in fleet.axes) + len(fleet.damaged)
     found = sorted(
@@ -98,6 +102,17 @@ def _fleet(template: str, page: PageOf, query: FleetQuery, on: Services) -> Resp
     )
 
 
+def _archived(page: PageOf, query: FleetQuery, on: Services) -> Response:
+    """Show the archived axes, which no list holds otherwise."""
+    wanted = query.q.strip().lower()
+    found = [
+        status.row
+        for status in on.trend.fleet(archived=True).axes
+        if status.row.archived_at is not None and (wanted in status.row.name.lower() or wanted in status.row.id.lower())
+    ]
+    return page.show("fleet_archived.html", axes=found, query=query)
+
+
 def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:
     wanted = query.q.strip().lower()
     return query.state in ("", status.state) and (wanted in status.row.name.lower() or wanted in status.row.id.lower())
@@ -105,7 +120,7 @@ def _is_meant(status: AxisStatus, query: FleetQuery) -> bool:
 
 def _is_taken(alarm: AlarmView | None) -> bool:
     """Tell whether somebody has the alarm of an axis; those that nobody has come first."""
-    return alarm is None or alarm.row.status != "active"
+    return alarm is None or alarm.row.status != "active" or alarm.shelved_until is not None
 
 
 def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, AlarmView]) -> list[FleetAxis]:
@@ -130,6 +145,8 @@ def _lines(on: Services, statuses: Sequence[AxisStatus], alarms: Mapping[str, Al
                 share=share,
                 loss_per_day=per_day,
                 open_alarms=status.open_alarms,
+                alarm=None if view is None else view.row.id,
+                shelved_until=None if view is None else view.shelved_until,
                 owner=None if alarm is None else alarm.owner,
                 acknowledged=alarm is not None and alarm.acknowledged_at is not None,
                 spark=sparkline(newest[row.id], status.state, row.name),

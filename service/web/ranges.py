@@ -9,6 +9,8 @@ from pydantic import Field
 
 from service.documents.said import N_
 from service.operations.fields import Moment, RequestModel
+from service.store.trend.points import Span
+from service.web.forms import MomentText, moment_of
 
 RangeName = Literal["day", "month", "year", "all"]
 _DAY: Final = timedelta(days=1)
@@ -18,13 +20,22 @@ _SHORTEST: Final = timedelta(minutes=2)
 
 
 class RangeQuery(RequestModel):
-    """Which part of the trend, and which measurements are listed."""
+    """Which part of the trend, and which measurements are listed: from ``since`` until ``until``, some of them only."""
 
     range: RangeName | None = None
     start: Moment | None = Field(default=None, alias="from")
     end: Moment | None = Field(default=None, alias="to")
     done: Annotated[str, Field(max_length=40)] = ""
     before: Annotated[str, Field(max_length=200)] | None = None
+    only: Literal["", "refused", "in-doubt"] = ""
+    since: MomentText = ""
+    until: MomentText = ""
+    zone: Annotated[str, Field(max_length=60)] = "UTC"
+
+    @property
+    def listed(self) -> Span:
+        """The span of the measurements that are listed; raises InvalidRequestError if it is none."""
+        return Span(moment_of(self.since, self.zone), moment_of(self.until, self.zone))
 
 
 @dataclass(frozen=True, slots=True)

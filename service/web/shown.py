@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from service.clock import now
 from service.documents.measurement import shares_in_words
-from service.documents.said import Said, Value
+from service.documents.said import Said, Stated, Value
 from service.report.rounding import UNKNOWN, notation
 from service.web.words import Words
 
@@ -30,6 +30,13 @@ def number(words: Words, value: float | None, digits: int = 3) -> str:
         return UNKNOWN
     chosen = notation(value, math.nan, digits)
     return decimal(words, chosen.mantissa(value) + chosen.power)
+
+
+def plain(words: Words, value: float | None, digits: int = 3) -> str:
+    """Show a number with so many significant digits at most: without zeros at its end, as a limit is written."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    return decimal(words, f"{value:.{digits}g}") if 1e-4 <= abs(value) < 10**digits else number(words, value, digits)
 
 
 def with_interval(words: Words, value: float | None, interval: Sequence[float | None] | None) -> tuple[str, str]:
@@ -87,6 +94,8 @@ def say(words: Words, said: Said | None) -> Markup:
 def _said(words: Words, value: Value) -> str | Markup:
     if isinstance(value, datetime):
         return day(value)
+    if isinstance(value, Stated):
+        return decimal(words, f"{value:.10g}")
     if isinstance(value, float):
         value = number(words, value, 2)
     return escape(value)
@@ -107,6 +116,14 @@ def install(environment: Environment) -> None:
     @pass_context
     def number_filter(context: Context, value: float | None, digits: int = 3) -> str:
         return number(of(context), value, digits)
+
+    @pass_context
+    def stated_filter(context: Context, value: float) -> str:
+        return decimal(of(context), f"{value:.10g}")
+
+    @pass_context
+    def plain_filter(context: Context, value: float | None, digits: int = 3) -> str:
+        return plain(of(context), value, digits)
 
     @pass_context
     def interval_filter(context: Context, value: float | None, interval: Sequence[float | None] | None) -> object:
@@ -130,6 +147,8 @@ def install(environment: Environment) -> None:
 
     environment.filters |= {
         "number": number_filter,
+        "stated": stated_filter,
+        "plain": plain_filter,
         "with_interval": interval_filter,
         "age": age_filter,
         "say": say_filter,

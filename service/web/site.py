@@ -33,11 +33,24 @@ shown.install(environment)
 #: The pages that every page leads to.
 NAVIGATION: Final = (
     ("/", N_("Fleet")),
+    ("/alarms", N_("Alarms")),
+    ("/system", N_("System")),
     ("/docs", N_("API")),
 )
 #: What a page says after a form was taken: the form leads to ``…?done=KEY``. One line for each form.
 DONE: Final = {
     "acknowledged": N_("Noted: you have seen the alarm."),
+    "logged": N_("The work is in the log, and marked on every chart."),
+    "pinned": N_("Kept: no purge removes these waveforms."),
+    "unpinned": N_("The rule decides about these waveforms again."),
+    "archived": N_("Archived: it is hidden from the fleet, and takes no windows."),
+    "taken-back": N_("Taken back: it is in the fleet again, and takes windows."),
+    "begun": N_("Begun. You may close this page: the work goes on, and is found at the axis and under System."),
+    "cancelled": N_("It was asked to stop. What was done stays done."),
+    "settings-saved": N_("The settings are saved."),
+    "commented": N_("Your comment stands in the log."),
+    "shelved": N_("The alarm rests; until then nobody is told of it."),
+    "cleared": N_("The alarm is cleared: a new baseline is learnt from here on."),
     "registered": N_("Registered. Now import a recording of it."),
     "import-begun": N_("Its windows are being taken."),
     "fit-begun": N_("The fit has begun."),
@@ -88,6 +101,7 @@ def written(scope: Scope, template: str, **found: object) -> str:
         mark="" if request.url.path == "/login" else state.get("mark", ""),
         nav=NAVIGATION,
         user=None if caller is None else caller.user,
+        may=frozenset() if caller is None else caller.scopes,
         is_open=caller is not None and caller.is_anyone and request.url.path != "/login",
         path=request.url.path,
         said=DONE.get(request.query_params.get("done", "")),

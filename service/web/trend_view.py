@@ -33,8 +33,16 @@ from service.web.ranges import ShownRange
 from service.web.shown import decimal, with_interval
 from service.web.words import Words
 
+#: What was done to an axis, in words short enough for a lane.
+WORK: Final = {
+    "lubricated": N_("lubricated"),
+    "nut-replaced": N_("nut replaced"),
+    "screw-replaced": N_("screw replaced"),
+    "mounting": N_("mounting changed"),
+    "other": N_("other work"),
+}
 #: Points of a picture: as many as a page of 100 kB has room for, each a link to its measurement.
-MOST_SHOWN: Final = 150
+MOST_SHOWN: Final = 120
 _ON_A_PHONE: Final = 70
 
 
@@ -61,11 +69,14 @@ class Charts:
 
 def preload_charts(
     words: Words, axis_id: str, points: Sequence[TrendPoint], shown: ShownRange, *,
-    history: AxisHistory, events: Sequence[LaneEvent],
+    history: AxisHistory, events: Sequence[LaneEvent], level: Band | None = None,
 ) -> Charts:  # fmt: skip
-    """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis."""
+    """Draw the preload with its intervals, the baseline, the line through it, and what happened to the axis.
+
+    ``level`` is drawn where the history holds no baseline of that time.
+    """
     baseline = None if history.baseline is None else _Baseline.model_validate(history.baseline)
-    band = None
+    band = level
     if baseline is not None:
         lower, upper = baseline.prediction_interval_95_n
         band = Band(baseline.preload_n, lower, upper, words(N_("baseline")))
@@ -87,7 +98,7 @@ def preload_charts(
 
 def low_charts(
     words: Words, name: tuple[str, str], points: Sequence[TrendPoint], shown: ShownRange,
-    value_of: Callable[[TrendPoint], float | None],
+    value_of: Callable[[TrendPoint], float | None], *, events: Sequence[LaneEvent] = (),
 ) -> Charts:  # fmt: skip
     """Draw another quantity of the same measurements, by its title and its unit."""
 
@@ -97,7 +108,7 @@ def low_charts(
             value = value_of(point)
             kind = "refused" if point.refusal_reason else point.state
             marks.append(Mark(point.at, math.nan if value is None else value, math.nan, math.nan, kind, ""))
-        picture = TrendPicture(*name, shown.start, shown.end, marks)
+        picture = TrendPicture(*name, shown.start, shown.end, marks, events)
         return trend_chart(picture, frame, lambda text: decimal(words, text))
 
     return Charts(drawn(points, LOW_WIDE), drawn(thinned(points, _ON_A_PHONE), LOW_NARROW))
@@ -117,6 +128,7 @@ def lane_of(
         cleared = view.last_to("cleared")
         if cleared is not None:
             events.append(LaneEvent(cleared.at, "cleared", words(N_("cleared"))))
+    events += [LaneEvent(row.at, "work", words(WORK[row.kind])) for row in history.events]
     if history.baseline is not None:
         baseline = _Baseline.model_validate(history.baseline)
         events.append(LaneEvent(baseline.ended_at, "learnt", words(N_("learnt"))))

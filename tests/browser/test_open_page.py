@@ -16,10 +16,10 @@ WITHIN_S = 2.0
 AXES = (*STATES, "long", MISSING)
 PATHS = ("/", "/wall", *(f"/axes/{axis}" for axis in AXES))
 
-#: The text of a page without moments and ages, which pass by themselves.
+#: The text of a page without moments and ages, which pass by themselves, and without the zone that the script names.
 _TEXT = """document => {
   const main = document.querySelector("main").cloneNode(true);
-  main.querySelectorAll("time").forEach(time => time.replaceWith("…"));
+  main.querySelectorAll("time, [data-zone]").forEach(time => time.replaceWith("…"));
   return main.textContent.replace(/\\s+/g, " ").trim();
 }"""
 _OPEN = f"() => ({_TEXT})(document)"

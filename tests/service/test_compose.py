@@ -198,6 +198,9 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
         here = [f"http://127.0.0.1:{port}/v1/axes/mill" for port in (first, second)]
         assert httpx.get(here[0], trust_env=False).status_code == 401  # whoever reaches the proxy reaches the service
         key = key_of(environment_of("preload-1", database, tmp_path))
+        for port, name in ((first, "preload-1"), (second, "preload-2")):  # a new key holds within two seconds
+            address = f"http://127.0.0.1:{port}/v1/axes"
+            wait_until(lambda address=address: answers(address, headers=key), tmp_path / f"{name}.log")
         httpx.put(here[0], json={"name": "mill"}, headers=key, trust_env=False).raise_for_status()
         assert httpx.get(here[1], headers=key, trust_env=False).status_code == 200
         caddy = shutil.which("caddy")

@@ -55,7 +55,7 @@ def prepare(api: Api, axis: str) -> None:
 
 def judged(api: Api, axis: str) -> list[dict[str, Any]]:
     """Return what was said about the axis, without the numbers of rows."""
-    points = [{**point, "measurement_id": None} for point in api.trend(axis, limit=10_000)]
+    points = [{**point, "measurement_id": None, "calibration": None} for point in api.trend(axis, limit=10_000)]
     alarms = api.http.get("/v1/alarms", params={"axis": axis}).json()["alarms"]
     return [*points, *(alarm["evidence"] for alarm in alarms)]
 

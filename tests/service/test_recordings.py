@@ -180,7 +180,7 @@ def test_recording_gives_the_trend_that_posted_windows_give_and_twice_the_same(t
     uploaded(taking, ("s.session.h5", session_bytes(tmp_path, windows)))
 
     def told(axis: str) -> list[dict[str, Any]]:
-        return [{**point, "measurement_id": None} for point in taking.trend(axis)]
+        return [{**point, "measurement_id": None, "calibration": None} for point in taking.trend(axis)]
 
     trend = told("axis")
     assert len(trend) == N_MEASUREMENTS

@@ -34,8 +34,10 @@ SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.ses
 #: Written out: a list that is not among them is one whose description does not say that it is a list.
 LISTS = {
     "/v1/advice", "/v1/alarms", "/v1/audit", "/v1/axes", "/v1/axes/{axis}/calibrations", "/v1/axes/{axis}/history",
-    "/v1/axes/{axis}/maintenance", "/v1/axes/{axis}/pins", "/v1/axes/{axis}/recordings", "/v1/axes/{axis}/trend", "/v1/jobs",
-    "/v1/machines", "/v1/receivers", "/v1/retention", "/v1/sessions",
+    "/v1/axes/{axis}/maintenance",
+    "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins",
+    "/v1/axes/{axis}/recordings", "/v1/axes/{axis}/trend",
+    "/v1/jobs", "/v1/machines", "/v1/receivers", "/v1/retention", "/v1/sessions",
 }  # fmt: skip
 
 
@@ -151,7 +153,7 @@ def test_every_list_is_offered_in_both_formats(filled: Api) -> None:
 def test_a_table_holds_what_the_json_holds(filled: Api, template: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(export, "ROWS_OF_PAGE", 2)  # several pages, and several groups of rows
     monkeypatch.setattr(writers, "ROWS_OF_GROUP", 3)
-    path, route = template.replace("{axis}", "mill"), routes(filled)[template]
+    path, route = template.replace("{axis}", "mill").replace("{measurement}", "1"), routes(filled)[template]
     for name, columns in route.lists.items():
         kinds = {column.name: column.kind for column in columns}
         answers = {

@@ -76,6 +76,11 @@ class Surveys:
         self._lock = threading.Lock()
         self._newest: tuple[float, tuple[object, ...], Survey] | None = None
 
+    @property
+    def rule(self) -> Rule:
+        """The rule by which waveforms are kept."""
+        return self._rule
+
     def newest(self) -> Survey:
         """Return a survey that is not older than a minute, nor than the newest purge or pin."""
         with self._lock:

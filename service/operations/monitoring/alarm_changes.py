@@ -7,7 +7,7 @@ from itertools import zip_longest
 from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
-from service.clock import now
+from service.clock import now, text_of
 from service.documents.change import not_examined_yet, read_cause
 from service.documents.measurement import alarm_evidence
 from service.json_types import JsonObject
@@ -72,7 +72,7 @@ def _raise(session: Session, axis: AxisRecord, epoch: int, found: Raised) -> Non
     row = AlarmRow(
         axis_id=axis.id, measurement_id=point.measurement_id, kind=PRELOAD_LOSS, raised_at=at, epoch=epoch,
         measured_at=point.at, status=alarms.ACTIVE, evidence=alarm_evidence(point, found.state, found.calibration),
-        explanation=not_examined_yet(axis.configuration),
+        explanation=not_examined_yet(axis.configuration), shelved_until=None,
     )  # fmt: skip
     session.add(row)
     session.flush()
@@ -93,10 +93,37 @@ def change_alarm(session: Session, row: AlarmRow, status: str, reason: str, who:
     """Give an alarm a status, and keep when, why, and by whom where it was somebody."""
     event = AlarmEventRow(alarm_id=row.id, at=now(), old_status=row.status, new_status=status, reason=reason, who=who)
     row.status = status
+    if status not in alarms.OPEN:
+        row.shelved_until = None  # what is over rests no more: receivers hear of its end
     _tell(session, row, event)
+
+
+def comment_on_alarm(session: Session, row: AlarmRow, comment: str, who: str) -> None:
+    """Keep what somebody says of an alarm; nothing else changes."""
+    _tell(session, row, _event(row, comment, who, "comment"))
+
+
+def shelve_alarm(session: Session, row: AlarmRow, until: datetime, comment: str, who: str) -> None:
+    """Let an alarm rest until a moment. Receivers are told of that, and of nothing else until then."""
+    row.shelved_until = None
+    _tell(session, row, _event(row, f"shelved until {text_of(until)}: {comment}"[:LONGEST_REASON], who, "shelved"))
+    row.shelved_until = until
+
+
+def is_shelved(row: AlarmRow) -> bool:
+    """Tell whether an alarm rests now."""
+    return row.shelved_until is not None and row.shelved_until > now()
+
+
+def _event(row: AlarmRow, reason: str, who: str, kind: str) -> AlarmEventRow:
+    return AlarmEventRow(
+        alarm_id=row.id, at=now(), old_status=row.status, new_status=row.status, reason=reason, who=who, kind=kind
+    )
 
 
 def _tell(session: Session, row: AlarmRow, event: AlarmEventRow) -> None:
     """Keep an event of an alarm, and with it what receivers outside are told."""
     session.add(event)
+    if is_shelved(row):
+        return
     add_notice(session, event.at, kind_of(event), f"axes/{row.axis_id}", alarm_notice(row, event))

@@ -1,15 +1,24 @@
 """Alarms: raised by a measurement, acknowledged and cleared by people; every change is kept."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Final
 
-from service.errors import ConflictError
-from service.operations.monitoring.alarm_changes import change_alarm
+from sqlalchemy.orm import Session
+
+from service.clock import now
+from service.errors import ConflictError, InvalidRequestError
+from service.operations.monitoring.alarm_changes import change_alarm, comment_on_alarm, is_shelved, shelve_alarm
 from service.operations.monitoring.intake.epochs import begin_by_inspection
 from service.operations.monitoring.intake.known import Lanes
 from service.store import alarms
 from service.store.axes import get_axis
 from service.store.database import Database
 from service.store.tables import AlarmEventRow, AlarmRow
+
+#: What is shelved for longer is forgotten: it is looked at anew by then.
+LONGEST_SHELF: Final = timedelta(days=92)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +30,18 @@ class AlarmView:
 
     def last_to(self, status: str) -> AlarmEventRow | None:
         """Return the last event that brought the alarm into a status."""
-        return next((event for event in reversed(self.events) if event.new_status == status), None)
+        came = (event for event in reversed(self.events) if event.new_status == status and event.kind is None)
+        return next((event for event in came if event.old_status != status), None)
+
+    @property
+    def shelved_until(self) -> datetime | None:
+        """Until when it rests; None if it does not."""
+        return self.row.shelved_until if is_shelved(self.row) else None
+
+    @property
+    def last_by_people(self) -> int:
+        """Number of the newest event that somebody caused; 0 if nobody did anything yet."""
+        return max((event.id for event in self.events if event.who is not None), default=0)
 
 
 class Alarms:
@@ -50,23 +70,61 @@ class Alarms:
         with self._database.read() as session:
             return AlarmView(alarms.get_alarm(session, alarm_id), alarms.events_of(session, [alarm_id])[alarm_id])
 
-    def acknowledge(self, alarm_id: int, comment: str, who: str) -> AlarmView:
-        """Note that somebody has seen the alarm."""
+    def standing(self) -> Sequence[AlarmView]:
+        """Return all open alarms, those that somebody has to look at first, newest first within each.
+
+        Active ones, then those that were seen, then those that rest.
+        """
+        with self._database.read() as session:
+            rows = alarms.list_open(session)
+            events = alarms.events_of(session, [row.id for row in rows])
+        order = {alarms.ACTIVE: 0, alarms.ACKNOWLEDGED: 1}
+        rows.sort(key=lambda row: (is_shelved(row), order[row.status]))
+        return [AlarmView(row, events[row.id]) for row in rows]
+
+    def acknowledge(self, alarm_id: int, comment: str, who: str, *, seen: int | None = None) -> AlarmView:
+        """Note that somebody has seen the alarm.
+
+        ``seen`` is the newest event of people that the caller knows of: a later one is a conflict.
+        """
         with self._database.write(self.get(alarm_id).row.axis_id) as session:
-            row = alarms.get_alarm(session, alarm_id)
+            row = self._unchanged(session, alarm_id, seen)
             if row.status != alarms.ACTIVE:
                 raise ConflictError(f"only an active alarm can be acknowledged; alarm {alarm_id} is {row.status}")
             change_alarm(session, row, alarms.ACKNOWLEDGED, comment, who)
         return self.get(alarm_id)
 
-    def clear(self, alarm_id: int, comment: str, who: str) -> AlarmView:
+    def comment(self, alarm_id: int, comment: str, who: str) -> AlarmView:
+        """Keep what somebody says of an alarm, open or not."""
+        with self._database.write(self.get(alarm_id).row.axis_id) as session:
+            comment_on_alarm(session, alarms.get_alarm(session, alarm_id), comment, who)
+        return self.get(alarm_id)
+
+    def shelve(self, alarm_id: int, until: datetime, comment: str, who: str, *, seen: int | None = None) -> AlarmView:
+        """Let an open alarm rest until a moment: receivers hear nothing of it, and then it is back by itself.
+
+        ``seen`` as of :meth:`acknowledge`. Raises InvalidRequestError if the moment is past or too far away.
+        """
+        if not timedelta(0) < until - now() <= LONGEST_SHELF:
+            raise InvalidRequestError(
+                f"an alarm is shelved until a moment within the next {LONGEST_SHELF.days} days; got {until.isoformat()}"
+            )
+        with self._database.write(self.get(alarm_id).row.axis_id) as session:
+            row = self._unchanged(session, alarm_id, seen)
+            if row.status not in alarms.OPEN:
+                raise ConflictError(f"only an open alarm can be shelved; alarm {alarm_id} is {row.status}")
+            shelve_alarm(session, row, until, comment, who)
+        return self.get(alarm_id)
+
+    def clear(self, alarm_id: int, comment: str, who: str, *, seen: int | None = None) -> AlarmView:
         """Close an alarm; its axis has been looked at, so a new baseline is learnt.
 
-        Not where one is learnt already, since the charts began anew after the alarm.
+        Not where one is learnt already, since the charts began anew after the alarm. ``seen`` as of
+        :meth:`acknowledge`.
         """
         axis_id = self.get(alarm_id).row.axis_id
         with self._lanes.of(axis_id), self._database.write(axis_id) as session:
-            row = alarms.get_alarm(session, alarm_id)
+            row = self._unchanged(session, alarm_id, seen)
             if row.status not in alarms.OPEN:
                 raise ConflictError(f"alarm {alarm_id} is {row.status} already")
             change_alarm(session, row, alarms.CLEARED, comment, who)
@@ -74,3 +132,17 @@ class Alarms:
             if row.epoch == get_axis(session, axis_id).epoch:
                 begin_by_inspection(session.connection(), axis_id)
         return self.get(alarm_id)
+
+    @staticmethod
+    def _unchanged(session: Session, alarm_id: int, seen: int | None) -> AlarmRow:
+        """Return an alarm; raises ConflictError if somebody did something that the caller has not seen yet."""
+        row = alarms.get_alarm(session, alarm_id)
+        view = AlarmView(row, alarms.events_of(session, [alarm_id])[alarm_id])
+        newer = [event for event in view.events if event.who is not None and event.kind != "comment"]
+        if seen is not None and newer and newer[-1].id > seen:
+            last = newer[-1]
+            what = last.kind or last.new_status
+            raise ConflictError(
+                f"alarm {alarm_id} was changed meanwhile: {last.who}, {what}, “{last.reason}”; look at it again first"
+            )
+        return row

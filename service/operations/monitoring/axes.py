@@ -1,22 +1,29 @@
 """Registration of axes."""
 
+import hashlib
 from contextlib import suppress
 
 from monitor_core.trend import DetectorDesign
 from service.clock import now
-from service.errors import ConflictError, DocumentDamagedError
+from service.errors import ConflictError, DocumentDamagedError, PreconditionError
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
     axis_drive,
     detector_design,
     detector_settings,
     dump_configuration,
+    load_configuration,
 )
 from service.operations.monitoring.intake.chart_state import dump_design, load_design
 from service.operations.monitoring.intake.known import Lanes
 from service.store import axes
 from service.store.database import Database
 from service.store.tables import AxisRow
+
+
+def settings_tag(name: str, configuration: AxisConfiguration) -> str:
+    """Return what differs whenever name or configuration of an axis do."""
+    return hashlib.sha256(f"{name}\n{configuration.model_dump_json()}".encode()).hexdigest()[:16]
 
 
 class Axes:
@@ -27,11 +34,18 @@ class Axes:
         self._lanes = lanes
 
     def register(
-        self, axis_id: str, name: str, configuration: AxisConfiguration, *, only_new: bool = False
+        self,
+        axis_id: str,
+        name: str,
+        configuration: AxisConfiguration,
+        *,
+        only_new: bool = False,
+        if_match: str | None = None,
     ) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
 
-        ``only_new``: raises ConflictError if there is one of that name.
+        ``only_new``: raises ConflictError if there is one of that name. ``if_match``: a :func:`settings_tag`;
+        PreconditionError if that of what is stored is another one.
 
         Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
         RecordingFormatError or OutsideValidityError if the drive model is none that an alarm could be explained with.
@@ -42,6 +56,7 @@ class Axes:
         with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             row = session.get(AxisRow, axis_id)
             created = row is None
+            _require_tag(axis_id, row, if_match)
             if row is not None and only_new:
                 raise ConflictError(
                     f"an axis '{axis_id}' is registered already, called {row.name!r}; choose another name"
@@ -80,3 +95,13 @@ class Axes:
         """Return all axes."""
         with self._database.read() as session:
             return axes.list_axes(session)
+
+
+def _require_tag(axis_id: str, row: AxisRow | None, if_match: str | None) -> None:
+    if if_match is None:
+        return
+    stored = None if row is None else settings_tag(row.name, load_configuration(row.configuration))
+    if if_match.strip().strip('"') != stored:
+        raise PreconditionError(
+            f"the settings of axis '{axis_id}' changed since they were read (If-Match {if_match}); nothing was saved"
+        )

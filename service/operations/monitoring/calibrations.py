@@ -18,7 +18,6 @@ from monitor_core.preload import (
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import calibration_document, calibration_from_document
 from service.clock import now
-from service.errors import PreconditionError
 from service.json_types import JsonObject
 from service.operations.analysis_job import measured_modes
 from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
@@ -126,11 +125,7 @@ class Calibrations:
         with self._lanes.of(axis_id), self._database.write(axis_id) as session:
             axis = get_axis(session, axis_id)
             row = calibrations.get_calibration(session, axis_id, calibration_id)
-            in_force = "none" if axis.active_calibration_id is None else str(axis.active_calibration_id)
-            if expected_active is not None and expected_active.strip().strip('"') != in_force:
-                raise PreconditionError(
-                    f'If-Match must name the calibration in force, "{in_force}"; got {expected_active}'
-                )
+            calibrations.require_in_force(axis, expected_active)
             if axis.active_calibration_id == row.id:
                 return
             axis.active_calibration_id = row.id

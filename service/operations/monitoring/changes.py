@@ -1,4 +1,4 @@
-"""Tell whether anything that a page shows may have changed: a commit, or an axis that fell silent meanwhile."""
+"""Tell whether anything that a page shows may have changed: a commit, a new silence, a shelved alarm that is back."""
 
 import uuid
 from bisect import bisect_right
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from service.clock import now
-from service.store import axes
+from service.store import alarms, axes
 from service.store.database import Database
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
     revision: str
-    silent_from: list[datetime]  # of each axis that is heard, in order
+    turns: list[datetime]  # when an axis falls silent, or an alarm comes back that was shelved, in order
 
 
 class Changes:
@@ -28,9 +28,10 @@ class Changes:
         """Return the mark of what is stored now."""
         revision, known = self._database.revision(), self._known
         if known is None or known.revision != revision:
-            known = self._known = _Known(revision, self._silences())
-        return f"{self._start}-{revision}-{bisect_right(known.silent_from, now())}".replace(":", ".").replace(",", ".")
+            known = self._known = _Known(revision, self._turns())
+        return f"{self._start}-{revision}-{bisect_right(known.turns, now())}".replace(":", ".").replace(",", ".")
 
-    def _silences(self) -> list[datetime]:
+    def _turns(self) -> list[datetime]:
         with self._database.read() as session:
-            return sorted(last_at + timedelta(hours=hours) for last_at, hours in axes.silences(session))
+            silent_from = [last_at + timedelta(hours=hours) for last_at, hours in axes.silences(session)]
+            return sorted([*silent_from, *alarms.ends_of_shelves(session)])

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
+from typing import Literal
 
 from sqlalchemy import Connection
 
@@ -36,6 +37,10 @@ from service.store.trend.points import (
 )
 from service.store.trend.rollups import DAY, HOUR, Rollup, begin_of, merge, number_held, rollups
 
+#: Which measurements a page of the trend is asked for.
+Only = Literal["refused", "in-doubt"]
+#: A page of some of the measurements looks at so many.
+LOOKED_AT = 2000
 #: So many measurements, or hours, are read for each point that is wanted at most.
 READ_PER_POINT = 4
 
@@ -251,24 +256,42 @@ class Trend:
         with self._database.read() as session:
             return axes.revision_of(session, axis_id), stale_axes(session, axis_id).get(axis_id)
 
+    def names(self) -> dict[str, str]:
+        """Return what each axis is called."""
+        with self._database.read() as session:
+            return axes.names(session)
+
     def revisions(self) -> dict[str, int]:
         """Return for each axis a number that changes whenever it does."""
         with self._database.read() as session:
             return axes.revisions(session)
 
     def page(
-        self, axis_id: str, span: Span, *, cursor: str | None, limit: int, newest_first: bool = False
+        self,
+        axis_id: str,
+        span: Span,
+        *,
+        cursor: str | None,
+        limit: int,
+        newest_first: bool = False,
+        only: Only | None = None,
     ) -> TrendPage:
-        """Return measurements in time order, or newest first, refused ones included."""
+        """Return measurements in time order, or newest first, refused ones included.
+
+        ``only`` some of them: a page then looks at so many at most, and may hold fewer, or none, and still go on.
+        """
         after = None if cursor is None else _decode_cursor(cursor)
+        most = limit if only is None else max(limit, LOOKED_AT)
         with self._database.read() as session:
             number = axes.get_axis(session, axis_id).number
             points = page_of_points(
-                session.connection(), number, span, after=after, limit=limit + 1, newest_first=newest_first
+                session.connection(), number, span, after=after, limit=most + 1, newest_first=newest_first
             )
-        more = len(points) > limit
-        points = points[:limit]
-        return TrendPage(points, _encode_cursor(points[-1]) if more else None)
+        looked = points[:most]
+        found = [point for point in looked if _is_meant(point, only)]
+        if len(found) > limit:
+            return TrendPage(found[:limit], _encode_cursor(found[limit - 1]))
+        return TrendPage(found, _encode_cursor(looked[-1]) if len(points) > most else None)
 
     def at_resolution(self, axis_id: str, span: Span, resolution: int) -> TrendPage:
         """Return so many points at most over any span of time: of each stretch of it the lowest and highest preload."""
@@ -309,6 +332,12 @@ class Trend:
         else:  # nobody waits for it
             told, since = row.state, row.state_since
         return AxisStatus(row, read[1], told, since, last_measurement, open_alarms, stale)
+
+
+def _is_meant(point: TrendPoint, only: Only | None) -> bool:
+    if only is None:
+        return True
+    return point.refusal_reason is not None if only == "refused" else bool(point.doubts)
 
 
 def _encode_cursor(point: TrendPoint) -> str:

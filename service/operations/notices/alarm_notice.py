@@ -9,7 +9,9 @@ KIND = "org.preload-monitor.alarm."
 
 
 def kind_of(event: AlarmEventRow) -> str:
-    """Return what has happened: raised, or the new status; ``updated`` where the status is as before."""
+    """Return what has happened: raised, comment, shelved, or the new status; ``updated`` where that is the old one."""
+    if event.kind is not None:
+        return KIND + event.kind
     if event.old_status is None:
         return KIND + "raised"
     return KIND + ("updated" if event.new_status == event.old_status else event.new_status)

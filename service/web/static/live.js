@@ -32,6 +32,15 @@
 
   function tell() {
     for (const time of document.querySelectorAll("time[data-age]")) time.textContent = age((Date.now() - Date.parse(time.dateTime)) / 1000);
+    for (const field of document.querySelectorAll("input[data-utc]")) {
+      if (field.value === field.defaultValue && field.dataset.utc) {
+        const moment = new Date(field.dataset.utc);
+        field.defaultValue = field.value = new Date(moment - moment.getTimezoneOffset() * 60000).toISOString().slice(0, 16);
+      }
+      field.removeAttribute("data-utc");
+    }
+    for (const zone of document.querySelectorAll("input[name=zone]")) zone.value = Intl.DateTimeFormat().resolvedOptions().timeZone;
+    for (const name of document.querySelectorAll("[data-zone]")) name.textContent = Intl.DateTimeFormat().resolvedOptions().timeZone;
     for (const time of document.querySelectorAll("time[data-local]")) {
       time.textContent = local(new Date(time.dateTime));
       time.removeAttribute("data-local");

@@ -84,6 +84,11 @@ class Ingest:
         """Do the same, and wait for it."""
         return self.submit(axis_id, windows, complete=complete).result()
 
+    @property
+    def n_waiting(self) -> int:
+        """How many requests wait for their turn at this moment."""
+        return self._waiting.qsize() + len(self._passed_over)
+
     def close(self) -> None:
         """Finish what waits, and take no more."""
         self._readers.shutdown()

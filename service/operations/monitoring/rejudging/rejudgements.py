@@ -63,8 +63,10 @@ class Rejudgements:
         self._lanes = lanes
         self._runner = runner
 
-    def start(self, axis_id: str, asked: RejudgementIn) -> JobRow:
+    def start(self, axis_id: str, asked: RejudgementIn, *, if_match: str | None = None) -> JobRow:
         """Begin in the background.
+
+        ``if_match``: the calibration that is expected to be in force; PreconditionError if it is another one.
 
         Raises UnknownResourceError if there is no such calibration; InvalidRequestError if a part would be left whose
         charts go on; ConflictError while the history is judged anew already; BusyError as for every job.
@@ -80,6 +82,7 @@ class Rejudgements:
             others = [other.id for other in rejudged.unfinished_of(session, axis_id) if other.id != row.id]
             if others:
                 raise ConflictError(f"the history of axis '{axis_id}' is being judged anew already, by job {others[0]}")
+            calibrations.require_in_force(get_axis(session, axis_id), if_match)
             return row.arguments
 
         return self._runner.submit(KIND, axis_id, asked.model_dump(mode="json", by_alias=True), store_with=alone)

@@ -1,0 +1,225 @@
+"""Say why a measurement has its value: what each gate read, the ladder to newtons, the response over the baseline's."""
+
+import cmath
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from monitor_core.errors import MonitorCoreError
+from monitor_core.modal import GateReading, ModeReadings, averaged_response, gate_readings, read_gates
+from monitor_core.pipeline import MeasurementOutcome, judge_measurement, search_band, whole_band
+from monitor_core.preload import Calibration, PreloadLadder, expected_band, preload_ladder
+from monitor_core.recording import Conditions, Rejection, Window
+from monitor_core.recordings.calibration_file import calibration_from_document
+from monitor_core.recordings.elements.units import metres
+from monitor_core.response import FrequencyResponse, ModalParameters
+from monitor_core.uncertainty import Estimate
+from service.errors import LetGoError, WaveformDamagedError
+from service.operations.monitoring.axis_configuration import AxisConfiguration, core_settings, load_configuration
+from service.operations.monitoring.intake.chart_state import load_state
+from service.operations.monitoring.trend import MeasurementView
+from service.store import axes, calibrations, measurements
+from service.store.database import Database
+from service.store.trend.points import Span, page_of_points, point_before
+from service.store.waveforms import WaveformPlace, WaveformStore
+
+#: Measurements of the baseline that are averaged, and how far from the place of the measurement they may be [mm].
+_MOST_AVERAGED, _SAME_PLACE_MM = 8, 5.0
+#: The newest calibrations are asked.
+MOST_CALIBRATIONS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Responses:
+    """The response of a measurement on all lines, and the mean of the baseline's at the same place."""
+
+    measured: FrequencyResponse | None  # None: its waveforms are not there, or could not be averaged
+    baseline: FrequencyResponse | None
+    n_baseline: int
+    band: tuple[float, float] | None  # where the mode is looked for [Hz]
+    windows: tuple[Window, ...]  # that were averaged
+
+
+@dataclass(frozen=True, slots=True)
+class OtherJudgement:
+    """What a calibration says of a measurement."""
+
+    calibration: int
+    outcome: MeasurementOutcome
+
+
+class _Said(BaseModel):
+    """What is read again of the outcome of a measurement."""
+
+    model_config = ConfigDict(frozen=True)
+
+    position_mm: float
+    payload_kg: float | None = None
+    temperature_c: float | None = None
+    frequency_hz: float | None = None
+    frequency_standard_uncertainty_hz: float | None = None
+    damping_ratio: float | None = None
+    residue_phase_rad: float | None = None
+    coherence: float | None = None
+    n_averages: float | None = None
+    n_modes: int = 1
+    preload_n: float | None = None
+    preload_feature_s2: float | None = None
+
+    @property
+    def conditions(self) -> Conditions:
+        """The conditions that the measurement states."""
+        return Conditions(metres(self.position_mm), self.payload_kg, self.temperature_c)
+
+
+class Evidence:
+    """Answers why a measurement has its value."""
+
+    def __init__(self, database: Database, waveforms: WaveformStore) -> None:
+        self._database = database
+        self._waveforms = waveforms
+
+    def gates(self, axis_id: str, view: MeasurementView) -> tuple[GateReading, ...]:
+        """Return what each gate read of a measurement; none where no mode was found, or its waveforms are needed."""
+        configuration, calibration = self._judged_by(axis_id, view)
+        said = None if view.outcome is None else _Said.model_validate(view.outcome)
+        if said is not None and calibration is not None and said.n_modes == 1:
+            stored = _stored_gates(said, configuration, calibration)
+            if stored is not None:
+                return stored
+        windows = self._windows(view.row.id)
+        if not windows:
+            return ()
+        settings = core_settings(configuration)
+        read = read_gates(
+            windows,
+            band=search_band(settings, calibration, windows[0]),
+            gate=settings.mode,
+            phase=None if calibration is None else calibration.phase_reference,
+            maximum_modes=2 if calibration is None else max(calibration.maximum_modes, said.n_modes if said else 1),
+        )
+        return read.gates if isinstance(read, ModeReadings) else ()
+
+    def ladder(self, axis_id: str, view: MeasurementView) -> PreloadLadder | None:
+        """Return the terms between the frequency and the preload of a measurement; None if it has no preload."""
+        _, calibration = self._judged_by(axis_id, view)
+        said = None if view.outcome is None else _Said.model_validate(view.outcome)
+        if said is None or calibration is None or said.frequency_hz is None or said.preload_n is None:
+            return None
+        return preload_ladder(said.frequency_hz, said.conditions, calibration, feature=said.preload_feature_s2)
+
+    def responses(self, axis_id: str, view: MeasurementView) -> Responses:
+        """Return the whole response of a measurement, and that of the baseline at the same place."""
+        configuration, calibration = self._judged_by(axis_id, view)
+        windows = self._windows(view.row.id)
+        if not windows:
+            return Responses(None, None, 0, None, ())
+        settings = core_settings(configuration)
+        lines, band = whole_band(settings, windows[0]), search_band(settings, calibration, windows[0])
+        measured = averaged_response(windows, lines)
+        if isinstance(measured, Rejection):
+            return Responses(None, None, 0, band, tuple(windows))
+        of_baseline = [
+            response
+            for response in self._baseline(axis_id, view, lines)
+            if np.array_equal(response.frequency, measured.frequency)
+        ]
+        return Responses(measured, _mean(of_baseline), len(of_baseline), band, tuple(windows))
+
+    def judgements(self, axis_id: str, view: MeasurementView) -> list[OtherJudgement]:
+        """Return what the newest calibrations say of the same windows; none where the waveforms are not there."""
+        configuration, _ = self._judged_by(axis_id, view)
+        windows = self._windows(view.row.id)
+        if not windows:
+            return []
+        with self._database.read() as session:
+            rows = calibrations.list_calibrations(session, axis_id)
+        chosen = [row for i, row in enumerate(rows) if i < MOST_CALIBRATIONS or row.id == view.row.calibration_id]
+        settings = core_settings(configuration)
+        return [
+            OtherJudgement(row.id, judge_measurement(windows, settings, calibration_from_document(row.document)))
+            for row in chosen
+        ]
+
+    def neighbours(self, axis_id: str, view: MeasurementView) -> tuple[int | None, int | None]:
+        """Return the numbers of the measurements before and after one, in order of time."""
+        with self._database.read() as session:
+            number, at = axes.get_axis(session, axis_id).number, view.row.started_at
+            before = point_before(session.connection(), number, at)
+            following = page_of_points(
+                session.connection(), number, Span(at), after=(at, view.row.id), limit=1, newest_first=False
+            )
+        return None if before is None else before.measurement_id, following[0].measurement_id if following else None
+
+    def _judged_by(self, axis_id: str, view: MeasurementView) -> tuple[AxisConfiguration, Calibration | None]:
+        with self._database.read() as session:
+            configuration = load_configuration(axes.get_axis(session, axis_id).configuration)
+            if view.row.calibration_id is None:
+                return configuration, None
+            row = calibrations.get_calibration(session, axis_id, view.row.calibration_id)
+        return configuration, calibration_from_document(row.document)
+
+    def _windows(self, measurement_id: int) -> list[Window]:
+        """Return the accepted windows of a measurement; none where they were let go or are damaged."""
+        try:
+            return self._waveforms.read_where_they_lie(partial(self._places, measurement_id))
+        except (LetGoError, WaveformDamagedError):
+            return []
+
+    def _places(self, measurement_id: int) -> list[WaveformPlace]:
+        with self._database.read() as session:
+            return measurements.accepted_places(session, measurement_id)
+
+    def _baseline(self, axis_id: str, view: MeasurementView, lines: tuple[float, float]) -> list[FrequencyResponse]:
+        with self._database.read() as session:
+            baseline = load_state(axes.get_axis(session, axis_id).monitor_state).detector.baseline
+            if baseline is None:
+                return []
+            rows = measurements.newest_monitored(session, axis_id, baseline.started_at, baseline.ended_at, 100)
+        there = [row.id for row in rows if abs(row.position_mm - view.row.position_mm) <= _SAME_PLACE_MM]
+        read = (self._windows(number) for number in there[-_MOST_AVERAGED:] if number != view.row.id)
+        responses = (averaged_response(windows, lines) for windows in read if windows)
+        return [response for response in responses if isinstance(response, FrequencyResponse)]
+
+
+def _stored_gates(
+    said: _Said, configuration: AxisConfiguration, calibration: Calibration
+) -> tuple[GateReading, ...] | None:
+    """Return what the gates read by what is stored of a judged measurement; None if that does not tell."""
+    if (
+        said.frequency_hz is None
+        or said.frequency_standard_uncertainty_hz is None
+        or said.damping_ratio is None
+        or said.residue_phase_rad is None
+        or said.coherence is None
+        or said.n_averages is None
+    ):
+        return None
+    frequency = Estimate(said.frequency_hz, said.frequency_standard_uncertainty_hz)
+    residue = cmath.rect(1.0, said.residue_phase_rad)  # of its size no gate asks, where there is one mode
+    mode = ModalParameters(frequency, Estimate(said.damping_ratio, 0.0), 0.0, residue)
+    try:
+        band = expected_band(calibration, said.conditions)
+    except MonitorCoreError:
+        return None
+    gate = core_settings(configuration).mode
+    return gate_readings(
+        [mode], said.coherence, said.n_averages, band=band, gate=gate, phase=calibration.phase_reference
+    )
+
+
+def _mean(responses: Sequence[FrequencyResponse]) -> FrequencyResponse | None:
+    """Average responses on the same lines."""
+    if not responses:
+        return None
+    first, coherences = responses[0], [r.coherence for r in responses if r.coherence is not None]
+    return FrequencyResponse(
+        first.frequency,
+        np.mean([response.response for response in responses], axis=0),
+        first.quantity,
+        np.mean(coherences, axis=0) if len(coherences) == len(responses) else None,
+        sum(response.n_averages for response in responses),
+    )

@@ -1,0 +1,119 @@
+"""Draw curves over one quantity: a response over frequency, with one for reference; samples over time.
+
+One drawing for wide pages and for phones: what differs is the frame.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from markupsafe import Markup
+
+from monitor_core.arrays import FloatArray
+from service.report.rounding import tick
+from service.report.svg import Axis, axis_over, decimated, element, joined, label, path_through
+
+_TOP: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Values over the places of a picture."""
+
+    x: FloatArray
+    y: FloatArray
+    style: str  # class of the style sheet: measured, reference
+
+
+@dataclass(frozen=True, slots=True)
+class LineFrame:
+    """Size of a picture, and how many labels it has room for; all lengths in pixels."""
+
+    width: float
+    height: float
+    left: float
+    places: int
+    values: int
+    points: int  # of a curve: as many as the eye can use
+
+
+WIDE: Final = LineFrame(1180.0, 230.0, 84.0, 8, 4, 300)
+NARROW: Final = LineFrame(388.0, 190.0, 70.0, 4, 3, 120)
+LOW_WIDE: Final = LineFrame(1180.0, 130.0, 84.0, 8, 4, 220)
+LOW_NARROW: Final = LineFrame(388.0, 130.0, 70.0, 4, 4, 110)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinePicture:
+    """All that a picture of curves shows."""
+
+    title: str
+    x_unit: str
+    y_unit: str
+    curves: Sequence[Curve]
+    band: tuple[float, float] | None = None  # that is shaded
+    picked: float | None = None  # place that is marked
+    logarithmic: bool = False
+    limits: tuple[float, float] | None = None  # of the values, where they are known beforehand
+
+
+def line_chart(shown: LinePicture, frame: LineFrame, write: Callable[[str], str]) -> Markup:
+    """Draw curves; ``write`` puts a number into the language of the page."""
+    right, bottom = frame.width - 12.0, frame.height - 28.0
+    x_axis = Axis(
+        min(float(curve.x.min()) for curve in shown.curves),
+        max(float(curve.x.max()) for curve in shown.curves),
+        frame.left,
+        right,
+    )
+    y_axis = (
+        axis_over(np.concatenate([c.y for c in shown.curves]), bottom, _TOP, logarithmic=shown.logarithmic)
+        if shown.limits is None
+        else Axis(*shown.limits, bottom, _TOP)
+    )
+    parts = [_band(shown.band, x_axis, bottom), _grid(shown, (x_axis, y_axis), frame, bottom, write)]
+    parts += [_curve(curve, x_axis, y_axis, frame.points) for curve in shown.curves]
+    if shown.picked is not None:
+        x = float(x_axis(shown.picked))
+        parts.append(element("line", x1=x, y1=_TOP, x2=x, y2=bottom, class_="picked"))
+    return element(
+        "svg",
+        *parts,
+        viewBox=f"0 0 {frame.width:g} {frame.height:g}",
+        width=frame.width,
+        height=frame.height,
+        role="img",
+        aria_label=shown.title,
+    )
+
+
+def _curve(curve: Curve, x_axis: Axis, y_axis: Axis, points: int) -> Markup:
+    kept = decimated(curve.y, points)
+    y = np.clip(y_axis(curve.y[kept]), min(y_axis.start, y_axis.end), max(y_axis.start, y_axis.end))
+    return element("path", d=path_through(x_axis(curve.x[kept]), y), class_=f"curve {curve.style}")
+
+
+def _band(band: tuple[float, float] | None, x_axis: Axis, bottom: float) -> Markup:
+    if band is None:
+        return Markup()
+    low, high = (min(max(float(x_axis(end)), x_axis.start), x_axis.end) for end in band)
+    return element("rect", x=low, y=_TOP, width=max(high - low, 0.0), height=bottom - _TOP, class_="band")
+
+
+def _grid(
+    shown: LinePicture, scales: tuple[Axis, Axis], frame: LineFrame, bottom: float, write: Callable[[str], str]
+) -> Markup:
+    (x_axis, y_axis), drawn = scales, []
+    for value in y_axis.ticks(frame.values):
+        y = float(y_axis(value))
+        drawn.append(element("line", x1=frame.left, y1=y, x2=x_axis.end, y2=y, class_="grid"))
+        drawn.append(label(write(tick(value)), frame.left - 6.0, y + 5.0, text_anchor="end", class_="quiet"))
+    for value in x_axis.ticks(frame.places):
+        x = float(x_axis(value))
+        drawn.append(element("line", x1=x, y1=bottom, x2=x, y2=bottom + 5.0, class_="grid"))
+        if x < x_axis.end - 50.0:
+            drawn.append(label(write(tick(value)), x, frame.height - 6.0, text_anchor="middle", class_="quiet"))
+    drawn.append(element("line", x1=frame.left, y1=bottom, x2=x_axis.end, y2=bottom, class_="grid"))
+    drawn.append(label(shown.x_unit, x_axis.end, frame.height - 6.0, text_anchor="end", class_="quiet"))
+    return joined(drawn)

@@ -1,0 +1,128 @@
+"""``/axes/{axis}/settings``: change settings in two steps: what they would change is shown before they are saved.
+
+The form carries the settings as they were when it was shown. If somebody else changed them meanwhile, nothing is saved,
+and the form is shown again with what was typed, and with what the other one changed.
+"""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Form, Response
+from pydantic import Field, ValidationError
+
+from service.api.services import Services, services
+from service.errors import InvalidRequestError, PreconditionError
+from service.json_types import JsonObject
+from service.operations.fields import AxisId
+from service.operations.monitoring.axes import settings_tag
+from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.operations.monitoring.consequences import Change, changes_between
+from service.web.axis_settings_form import SettingsForm, form_of
+from service.web.site import Page, PageOf, done
+
+router = APIRouter(include_in_schema=False)
+
+
+class ChangeForm(SettingsForm):
+    """What both steps send: the settings, and those that were stored when the form was shown."""
+
+    tag: Annotated[str, Field(max_length=40)]
+    was: Annotated[str, Field(max_length=40_000)]
+    was_name: Annotated[str, Field(max_length=200)] = ""
+
+
+@router.get("/axes/{axis}/settings")
+def settings_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show the settings as they are."""
+    status = on.trend.status(axis)
+    return _form(axis, page, on, form_of(status.row.name, status.configuration))
+
+
+def _form(
+    axis: str, page: Page, on: Services, form: SettingsForm, *,
+    status: int = 200, refusal: str | None = None, theirs: tuple[Change, ...] = (),
+) -> Response:  # fmt: skip
+    stored = on.trend.status(axis)
+    return page.show(
+        "axis_settings.html",
+        status=status,
+        axis=stored.row,
+        form=form,
+        tag=settings_tag(stored.row.name, stored.configuration),
+        was=stored.configuration.model_dump_json(exclude={"drive_model"}),
+        was_name=stored.row.name,
+        refusal=refusal,
+        theirs=theirs,
+    )
+
+
+@router.post("/axes/{axis}/settings/review")
+def review(
+    axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show what would be changed and what follows from it; nothing is saved."""
+    try:
+        name, wanted = _wanted(axis, form, on)
+        outlook = on.consequences.of(axis, name, wanted)
+    except (ValidationError, InvalidRequestError) as error:
+        return _form(axis, page, on, form, status=422, refusal=_sentence(error))
+    if form.tag != _tag(axis, on):
+        return _conflict(axis, page, on, form)
+    return page.show("axis_settings_review.html", axis=on.axes.get(axis), form=form, outlook=outlook)
+
+
+@router.post("/axes/{axis}/settings")
+def save(
+    axis: AxisId, form: Annotated[ChangeForm, Form()], page: PageOf, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Save, and go back to the axis; refused if somebody was faster."""
+    try:
+        name, wanted = _wanted(axis, form, on)
+        on.axes.register(axis, name, wanted, if_match=form.tag)
+    except PreconditionError:
+        return _conflict(axis, page, on, form)
+    except (ValidationError, InvalidRequestError) as error:
+        return _form(axis, page, on, form, status=422, refusal=_sentence(error))
+    return done(f"/axes/{axis}", "settings-saved")
+
+
+def _wanted(axis: str, form: SettingsForm, on: Services) -> tuple[str, AxisConfiguration]:
+    """Return name and configuration that are asked for; what the form does not hold stays as it is stored."""
+    stored, settings = on.trend.status(axis).configuration, form.settings()
+    if _minute(stored.commissioned_at) == form.moment:  # a form has no seconds
+        settings["commissioned_at"] = stored.model_dump(mode="json")["commissioned_at"]
+    return form.name, AxisConfiguration.model_validate_json(_json(stored, settings))
+
+
+def _minute(moment: datetime | None) -> datetime | None:
+    return None if moment is None else moment.replace(second=0, microsecond=0)
+
+
+def _json(stored: AxisConfiguration, settings: JsonObject) -> str:
+    return AxisConfiguration.model_construct(**{**dict(stored), **settings}).model_dump_json(warnings=False)
+
+
+def _tag(axis: str, on: Services) -> str:
+    stored = on.trend.status(axis)
+    return settings_tag(stored.row.name, stored.configuration)
+
+
+def _conflict(axis: str, page: Page, on: Services, form: ChangeForm) -> Response:
+    """Show the form again, with what was typed, and what somebody else changed since it was first shown."""
+    now = on.trend.status(axis)
+    try:
+        before = AxisConfiguration.model_validate_json(form.was).model_copy(
+            update={"drive_model": now.configuration.drive_model}
+        )
+    except ValidationError as error:
+        raise InvalidRequestError("the settings that the form was shown with cannot be read; open it again") from error
+    theirs = changes_between((form.was_name, before), (now.row.name, now.configuration))
+    return _form(axis, page, on, form, status=409, theirs=theirs)
+
+
+def _sentence(error: ValidationError | InvalidRequestError) -> str:
+    if isinstance(error, InvalidRequestError):
+        return str(error)
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where}: {first['msg']}" if where else first["msg"].removeprefix("Value error, ")

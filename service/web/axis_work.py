@@ -1,0 +1,100 @@
+"""``/axes/{axis}/work``: log what was done to an axis, and all that was logged; archive it and take it back."""
+
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Form, Query, Request, Response
+from pydantic import BaseModel, Field
+
+from service.api.services import Services, services
+from service.clock import now
+from service.errors import InvalidRequestError, UnknownResourceError
+from service.operations.fields import AxisId, RequestModel
+from service.operations.monitoring.maintenance import MaintenanceIn, Work
+from service.store.tables import MaintenanceRow
+from service.web.forms import MomentText, moment_of, number_of
+from service.web.site import PageOf, done
+
+router = APIRouter(include_in_schema=False)
+
+
+class WorkQuery(RequestModel):
+    """Which entry is to be corrected, if any."""
+
+    corrects: Annotated[int, Field(ge=1, lt=2**63)] | None = None
+    done: Annotated[str, Field(max_length=40)] = ""
+
+
+class WorkForm(BaseModel):
+    """What the page sends."""
+
+    kind: Work
+    at: MomentText = ""
+    zone: Annotated[str, Field(max_length=60)] = "UTC"
+    note: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00]*$")] = ""
+    set_preload_n: Annotated[str, Field(max_length=40)] = ""
+    corrects: Annotated[int, Field(ge=1, lt=2**63)] | None = None
+
+
+@router.get("/axes/{axis}/work")
+def work_page(
+    axis: AxisId, page: PageOf, query: Annotated[WorkQuery, Query()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show the form and the log, newest first."""
+    log = on.maintenance.log(axis)[::-1]
+    return page.show(
+        "axis_work.html",
+        axis=on.axes.get(axis),
+        log=log,
+        corrected={row.corrects for row in log},
+        meant=_entry(axis, log, query.corrects),
+        kinds=list(Work),
+        now=now(),
+    )
+
+
+def _entry(axis: str, log: list[MaintenanceRow], number: int | None) -> MaintenanceRow | None:
+    if number is None:
+        return None
+    found = next((row for row in log if row.id == number), None)
+    if found is None:
+        raise UnknownResourceError(f"axis '{axis}' has no entry {number} in its maintenance log")
+    return found
+
+
+@router.post("/axes/{axis}/work")
+def log_work(
+    axis: AxisId, form: Annotated[WorkForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Enter what was done, by who is logged in, and go back to the axis."""
+    entry = {
+        "at": _when(form),
+        "who": request.state.caller.signature[:120],
+        "kind": form.kind,
+        "note": form.note,
+        "set_preload_n": number_of(form.set_preload_n, "set_preload_n"),
+        "corrects": form.corrects,
+    }
+    on.maintenance.enter(axis, MaintenanceIn.model_validate(entry))
+    return done(f"/axes/{axis}", "logged")
+
+
+def _when(form: WorkForm) -> datetime:
+    at = moment_of(form.at, form.zone)
+    if at is None:
+        raise InvalidRequestError("expected when the work was done; got nothing")
+    return at
+
+
+@router.post("/axes/{axis}/archive")
+def archive(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
+    """Hide an axis from the fleet."""
+    on.axes.archive(axis, archived=True)
+    return done(f"/axes/{axis}", "archived")
+
+
+@router.post("/axes/{axis}/unarchive")
+def take_back(axis: AxisId, on: Annotated[Services, Depends(services)]) -> Response:
+    """Take an archived axis back."""
+    on.axes.archive(axis, archived=False)
+    return done(f"/axes/{axis}", "taken-back")

@@ -1,0 +1,89 @@
+"""``/axes/{axis}/stored``: judge a stored period again, by this calibration or another one, and keep periods."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Form, Request, Response
+from pydantic import BaseModel, Field
+
+from service.api.services import Services, services
+from service.errors import InvalidRequestError
+from service.operations.fields import AxisId, RowId, Text
+from service.operations.keeping.pins import Reason
+from service.operations.monitoring.rejudging.rejudgements import RejudgementIn
+from service.store.trend.points import Span
+from service.web.forms import SpanForm
+from service.web.site import PageOf, done
+
+router = APIRouter(include_in_schema=False)
+
+_MOST_PINS = 100
+
+
+class RejudgeForm(SpanForm):
+    """By which calibration which part is judged again; ``let_it_stand`` replaces the history, else it is compared."""
+
+    calibration: Annotated[int, Field(ge=1, lt=2**63)]
+    in_force: Annotated[str, Field(max_length=30)]
+    let_it_stand: bool = False
+    reason: Text = "the history was judged anew"
+
+
+class PinForm(SpanForm):
+    """Which part is kept, and why."""
+
+    reason: Text
+
+
+class UnpinForm(BaseModel):
+    """Which pin is removed."""
+
+    pin: RowId
+
+
+@router.get("/axes/{axis}/stored")
+def stored_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show what can be judged again and what is kept."""
+    overview = on.calibrations.overview(axis)
+    ends = [on.trend.page(axis, Span(), cursor=None, limit=1, newest_first=newest).points for newest in (False, True)]
+    return page.show(
+        "axis_stored.html",
+        axis=on.axes.get(axis),
+        calibrations=overview.calibrations,
+        in_force=overview.active,
+        measured=(ends[0][0].at, ends[1][0].at) if ends[0] else None,
+        pins=on.pins.list(axis, None, _MOST_PINS),
+        rule=on.surveys.rule,
+    )
+
+
+@router.post("/axes/{axis}/stored/rejudgements")
+def rejudge(axis: AxisId, form: Annotated[RejudgeForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
+    """Begin to judge again, and lead to the job; refused if another calibration came into force meanwhile."""
+    asked = RejudgementIn.model_validate({
+        "calibration": form.calibration,
+        "from": form.span.start,
+        "to": form.span.end,
+        "dry_run": not form.let_it_stand,
+        "reason": form.reason,
+    })  # fmt: skip
+    row = on.rejudgements.start(axis, asked, if_match=form.in_force)
+    return done(f"/jobs/{row.id}", "begun")
+
+
+@router.post("/axes/{axis}/stored/pins")
+def pin(
+    axis: AxisId, form: Annotated[PinForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Keep the waveforms of a period."""
+    span = form.span
+    if span.start is None or span.end is None:
+        raise InvalidRequestError("expected from when until when is kept; got an open end")
+    on.pins.pin_span(axis, (span.start, span.end), Reason(form.reason, request.state.caller.signature))
+    return done(f"/axes/{axis}/stored", "pinned")
+
+
+@router.post("/axes/{axis}/stored/unpin")
+def unpin(axis: AxisId, form: Annotated[UnpinForm, Form()], on: Annotated[Services, Depends(services)]) -> Response:
+    """Let the rule decide about a period again; refused if somebody has done so already."""
+    on.pins.remove(axis, form.pin)
+    return done(f"/axes/{axis}/stored", "unpinned")

@@ -1,0 +1,44 @@
+"""``/system``: storage, lag, refusals of all axes, versions, jobs, receivers, and the log of changes."""
+
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from pydantic import Field
+
+from service.api.jobs import job_out
+from service.api.receivers import receivers_out
+from service.api.retention import retention_out
+from service.api.services import Services, services
+from service.api.system import system_out
+from service.operations.access.scopes import Scope
+from service.operations.fields import RequestModel
+from service.web.site import PageOf
+
+router = APIRouter(include_in_schema=False)
+
+_MOST_JOBS: Final = 30
+_MOST_ENTRIES: Final = 30
+
+
+class SystemQuery(RequestModel):
+    """Which part of the log of changes."""
+
+    before: Annotated[int, Field(ge=1, lt=2**63)] | None = None
+    done: Annotated[str, Field(max_length=40)] = ""
+
+
+@router.get("/system")
+def system_page(
+    page: PageOf, query: Annotated[SystemQuery, Query()], request: Request, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show how the service stands; the log of changes only to those who may read it."""
+    may_read_log = Scope.ADMIN in request.state.caller.scopes
+    return page.show(
+        "system.html",
+        system=system_out(on.system.status()),
+        storage=retention_out(on.surveys.newest()),
+        jobs=[job_out(row) for row in on.jobs.list(None, _MOST_JOBS)],
+        receivers=receivers_out(on).receivers,
+        log=on.access.log(None, query.before, _MOST_ENTRIES) if may_read_log else None,
+        most_entries=_MOST_ENTRIES,
+    )

@@ -1,0 +1,104 @@
+"""Alarms are commented, shelved and cleared; two people at once; what rests is not told, and is back by itself."""
+
+from datetime import timedelta
+
+import pytest
+
+from service.clock import now, text_of
+from service.operations.monitoring import alarm_changes, alarms
+from service.operations.monitoring import changes as marks
+from service.store.database import Database
+from service.store.tables import NoticeRow
+from tests.browser.states import CONFIGURATION, WORN, measure
+from tests.service.conftest import Api, assert_problem
+
+
+@pytest.fixture
+def alarmed(api: Api) -> tuple[Api, int]:
+    """Wear an axis until it alarms."""
+    api.register("axis", **CONFIGURATION)
+    api.calibrate("axis")
+    measure(api, "axis", range(9))
+    measure(api, "axis", range(9, 13), WORN)
+    (alarm,) = api.http.get("/v1/alarms").json()["alarms"]
+    return api, alarm["id"]
+
+
+def post(api: Api, alarm: int, verb: str, **body: object) -> dict:
+    answer = api.http.post(f"/v1/alarms/{alarm}/{verb}", json={"comment": "said"} | body)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def kinds_told(api: Api) -> list[str]:
+    database = Database(f"sqlite:///{api.data_dir}/preload.db")
+    with database.read() as session:
+        found = [row.kind.removeprefix("org.preload-monitor.alarm.") for row in session.query(NoticeRow)]
+    database.close()
+    return found
+
+
+def test_a_comment_is_an_event_and_changes_nothing(alarmed: tuple[Api, int]) -> None:
+    api, alarm = alarmed
+    told = post(api, alarm, "comment", comment="heard a knock")
+    assert told["status"] == "active"
+    last = told["events"][-1]
+    assert (last["kind"], last["reason"], last["who"]) == ("comment", "heard a knock", "anyone on this machine")
+
+
+def test_shelved_it_rests_until_then_and_is_back_by_itself(
+    alarmed: tuple[Api, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api, alarm = alarmed
+    until = now() + timedelta(days=2)
+    mark = api.http.get("/v1/changes", params={"since": ""}).json()
+    told = post(api, alarm, "shelve", until=text_of(until))
+    assert told["status"] == "active"
+    assert told["shelved_until"] == text_of(until)
+    assert told["events"][-1]["kind"] == "shelved"
+    for module in (alarm_changes, alarms, marks):
+        monkeypatch.setattr(module, "now", lambda: until + timedelta(seconds=1))
+    assert api.http.get(f"/v1/alarms/{alarm}").json()["shelved_until"] is None
+    assert api.http.get("/v1/changes", params={"since": ""}).json() != mark
+
+
+def test_an_alarm_that_rests_is_told_of_when_it_ends_and_not_before(alarmed: tuple[Api, int]) -> None:
+    api, alarm = alarmed
+    post(api, alarm, "shelve", until=text_of(now() + timedelta(days=2)))
+    post(api, alarm, "comment")
+    post(api, alarm, "acknowledge")
+    post(api, alarm, "clear")
+    assert kinds_told(api) == ["raised", "shelved", "cleared"]
+
+
+@pytest.mark.parametrize("days", [-1.0, 93.0])
+def test_a_shelf_ends_within_three_months(alarmed: tuple[Api, int], days: float) -> None:
+    api, alarm = alarmed
+    body = {"comment": "x", "until": text_of(now() + timedelta(days=days))}
+    assert_problem(api.http.post(f"/v1/alarms/{alarm}/shelve", json=body), 422, "invalid-request")
+
+
+def test_a_cleared_alarm_is_not_shelved(alarmed: tuple[Api, int]) -> None:
+    api, alarm = alarmed
+    post(api, alarm, "clear")
+    body = {"comment": "x", "until": text_of(now() + timedelta(days=1))}
+    assert_problem(api.http.post(f"/v1/alarms/{alarm}/shelve", json=body), 409, "conflict")
+
+
+@pytest.mark.parametrize("verb", ["acknowledge", "shelve", "clear"])
+def test_the_second_of_two_people_is_told_what_the_first_did(alarmed: tuple[Api, int], verb: str) -> None:
+    api, alarm = alarmed
+    seen = api.http.get(f"/v1/alarms/{alarm}").json()["events"][-1]["id"]
+    post(api, alarm, "shelve", until=text_of(now() + timedelta(days=1)), comment="spare part on its way")
+    body = {"comment": "x", "seen_event": seen, "until": text_of(now() + timedelta(days=1))}
+    body = body if verb == "shelve" else {name: body[name] for name in ("comment", "seen_event")}
+    problem = assert_problem(api.http.post(f"/v1/alarms/{alarm}/{verb}", json=body), 409, "conflict")
+    assert "anyone on this machine, shelved" in problem["detail"]
+    assert "spare part on its way" in problem["detail"]
+
+
+def test_what_the_service_or_a_comment_added_is_no_conflict(alarmed: tuple[Api, int]) -> None:
+    api, alarm = alarmed
+    post(api, alarm, "comment")
+    post(api, alarm, "acknowledge", seen_event=0)
+    assert api.http.get(f"/v1/alarms/{alarm}").json()["status"] == "acknowledged"
