@@ -1,7 +1,7 @@
 """``/axes/{axis}/calibrate``: guided calibration, fitted as a job; ``…/calibrations/{n}``: review, activate."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -57,6 +57,13 @@ class ActivateForm(BaseModel):
     rejudge: bool = False
 
 
+class ValidRange(BaseModel):
+    """Where a calibration holds."""
+
+    position_mm: tuple[float, float]
+    preload_n: tuple[float, float]
+
+
 class Document(BaseModel):
     """What the page shows of a calibration."""
 
@@ -70,7 +77,7 @@ class Document(BaseModel):
     reproducibility_hz: float
     condition_number: float
     minimum_detectable_loss_n: float
-    valid_range: dict[str, Any]
+    valid_range: ValidRange
     leave_one_position_out: list[dict[str, float | None]]
     prior: str | None = None
 

@@ -1,8 +1,9 @@
 """``/axes/{axis}/import``: drop a file, see at once what is in it and what is missing, take its windows as a job."""
 
 from collections.abc import Mapping
+from datetime import datetime
 from functools import partial
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import RedirectResponse
@@ -36,6 +37,17 @@ class FoundChannel(BaseModel):
     remarks: list[str]
 
 
+class Contents(BaseModel):
+    """What is in a session; of raw files the channels say it."""
+
+    windows: int | None = None
+    measurements: int = 0
+    positions_mm: list[float] = []
+    preloads_n: list[float] = []
+    first_window_at: datetime | None = None
+    last_window_at: datetime | None = None
+
+
 class Found(BaseModel):
     """What the job that looks into files says, as far as the page shows it."""
 
@@ -43,7 +55,7 @@ class Found(BaseModel):
     valid: bool
     problems: list[str]
     doubts: list[str]
-    contents: dict[str, Any]
+    contents: Contents
     channels: list[FoundChannel]
     lacks_for_calibration: str | None
     map: str | None

@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Form, Query, Response
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
@@ -105,8 +105,8 @@ def _proposal(form: NewAxisForm) -> tuple[AxisProposal | None, str]:
 def _page(
     page: PageOf, form: NewAxisForm, on: Services, proposal: AxisProposal | None, *, refusal: str, status: int = 200
 ) -> Response:
-    shown: dict[str, Any] = {} if proposal is None else {"charts": expected_charts(page.words, proposal)}
+    charts = None if proposal is None else expected_charts(page.words, proposal)
     machines = sorted({m for axis in on.trend.fleet().axes if (m := axis.configuration.machine)})
     return page.show(
-        "new_axis.html", status=status, form=form, proposal=proposal, refusal=refusal, machines=machines, **shown
+        "new_axis.html", status=status, form=form, proposal=proposal, refusal=refusal, machines=machines, charts=charts
     )
