@@ -9,6 +9,7 @@ import scipy.io
 from playwright.sync_api import expect
 
 from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.states import measure
 from tests.browser.test_fleet_page import small_targets, small_texts
 from tests.browser.test_new_axis_page import SESSION
 from tests.service.conftest import simulated_window
@@ -102,6 +103,16 @@ def test_a_file_that_cannot_be_taken_says_what_was_expected(
     assert page.get_by_role("button", name="Import").count() == 0
     page.get_by_role("link", name="Choose another file").click()
     expect(page.locator("table")).to_contain_text(name)  # it is kept
+
+
+def test_a_chosen_file_stays_chosen_while_others_measure(fresh_service: Site, visit: Visit) -> None:
+    page = visit(fresh_service.url, "/axes/normal/import")
+    page.locator("#file").set_input_files(SESSION)
+    mark = page.evaluate("document.documentElement.dataset.mark")
+    measure(fresh_service.api, "learning", range(3, 4))
+    page.wait_for_function("before => document.documentElement.dataset.mark !== before", arg=mark)
+    page.get_by_role("button", name="Look into it").click()
+    expect(page.locator("#windows")).to_have_text("585 in 39 measurements", timeout=60_000)
 
 
 def test_two_people_at_once_the_second_is_told(fresh_service: Site, visit: Visit) -> None:
