@@ -13,7 +13,7 @@ from service.documents.measurement import AlarmEvidence, interval_of, read_evide
 from service.documents.said import N_
 from service.operations.advice.advice import Advice
 from service.operations.fields import RowId
-from service.operations.monitoring.alarms import LONGEST_SHELF, AlarmView
+from service.operations.monitoring.alarms import AlarmView
 from service.operations.monitoring.history import AxisHistory
 from service.report.trend_chart import Band, LaneEvent
 from service.store.trend.points import Span, TrendPoint
@@ -27,6 +27,8 @@ router = APIRouter(include_in_schema=False)
 
 #: The picture begins so long before the onset as it took from there to the alarm, and so long at least.
 _LEAST_BEFORE: Final = timedelta(days=3)
+#: For so long an alarm rests where nobody says otherwise.
+USUAL_SHELF: Final = timedelta(days=7)
 #: Refused measurements that are passed over for the present preload.
 _SEARCHED: Final = 200
 
@@ -40,7 +42,6 @@ def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(servi
     told = alarm_out(view)
     last = Last.model_validate(status.last_measurement or {})
     present = _present(view.row.axis_id, on)
-    tomorrow = now() + timedelta(days=1)
     return page.show(
         "alarm.html",
         alarm=told,
@@ -60,8 +61,7 @@ def alarm_page(alarm: RowId, page: PageOf, on: Annotated[Services, Depends(servi
         cause=_cause_code(told.explanation),
         advice=_advice(on, _cause_code(told.explanation)),
         newest_event=view.last_by_people,
-        latest_shelf=(now() + LONGEST_SHELF).strftime("%Y-%m-%dT%H:%M"),
-        usual_shelf=(tomorrow + timedelta(days=6)).strftime("%Y-%m-%dT%H:%M"),
+        usual_shelf=now() + USUAL_SHELF,
     )
 
 

@@ -1,13 +1,14 @@
 """Forms about alarms: plain POST, then 303 back to the page; the same-origin check is that of the whole service."""
 
-from datetime import UTC
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Form, Request, Response
-from pydantic import BaseModel, Field, NaiveDatetime
+from pydantic import BaseModel, Field
 
 from service.api.services import Services, services
+from service.errors import InvalidRequestError
 from service.operations.fields import RowId, Text
+from service.web.forms import MomentText, moment_of
 from service.web.site import done
 
 router = APIRouter(include_in_schema=False)
@@ -36,9 +37,10 @@ class ChangeForm(CommentForm):
 
 
 class ShelveForm(ChangeForm):
-    """Until when it rests, in UTC."""
+    """Until when it rests, in a zone."""
 
-    until: NaiveDatetime
+    until: MomentText
+    zone: Annotated[str, Field(max_length=60)] = "UTC"
 
 
 @router.post("/alarms/{alarm}/acknowledge")
@@ -65,8 +67,10 @@ def shelve(
     alarm: RowId, form: Annotated[ShelveForm, Form()], request: Request, on: Annotated[Services, Depends(services)]
 ) -> Response:
     """Let an alarm rest until a moment."""
-    until, who = form.until.replace(tzinfo=UTC), request.state.caller.signature
-    on.alarms.shelve(alarm, until, form.comment, who, seen=form.seen_event)
+    until = moment_of(form.until, form.zone)
+    if until is None:
+        raise InvalidRequestError("until: expected the moment until which the alarm rests; got none")
+    on.alarms.shelve(alarm, until, form.comment, request.state.caller.signature, seen=form.seen_event)
     return done(f"/alarms/{alarm}", "shelved")
 
 
