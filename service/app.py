@@ -16,6 +16,7 @@ from service.api import (
     alarms,
     analyses,
     axes,
+    calibrating,
     calibrations,
     changes,
     health,
@@ -45,6 +46,9 @@ from service.observability import Metrics
 from service.operations.access.access import Access
 from service.operations.advice.advice import read_advice
 from service.operations.analysis_job import AnalysisJob
+from service.operations.calibrating.fit_job import KIND as CALIBRATION
+from service.operations.calibrating.fit_job import CalibrationJobs
+from service.operations.calibrating.plan import CalibrationPlans
 from service.operations.discrepancy.alarm_cause import KIND as ALARM_EXPLANATION
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DISCREPANCY
@@ -72,8 +76,8 @@ from service.operations.monitoring.replay import Replays
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.receivers import Receivers, read_receivers
+from service.operations.recordings.recordings import CHECK, Recordings
 from service.operations.recordings.recordings import KIND as IMPORT
-from service.operations.recordings.recordings import Recordings
 from service.operations.recordings.stored_windows import StoredWindows
 from service.operations.system import System
 from service.operations.trial.trial import KIND as TRIAL
@@ -152,9 +156,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(windows.router)
     app.include_router(recordings.router)
     resources = (
-        axes, trend, maintenance, calibrations, analyses, alarms, jobs, access, receivers, changes, advice, retention,
-        trials,
-        system,
+        axes, trend, maintenance, calibrations, calibrating, analyses, alarms, jobs, access, receivers, changes, advice,
+        retention, system, trials,
     )  # fmt: skip
     for resource in resources:
         app.include_router(resource.router, dependencies=[Depends(require_json)])
@@ -221,7 +224,10 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         alarms=alarms,
         maintenance=maintenance,
     )
+    calibration_jobs = CalibrationJobs(database, waveforms, calibrations, runner)
     work |= {
+        CHECK: uploads.check,
+        CALIBRATION: calibration_jobs.run,
         TRIAL: trials.run,
         REJUDGEMENT: rejudgements.run,
         "replay": replays.run,
@@ -245,6 +251,8 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         consequences=Consequences(database),
         system=System(database, metrics, ingest),
         calibrations=calibrations,
+        calibration_jobs=calibration_jobs,
+        calibration_plans=CalibrationPlans(database),
         rejudgements=rejudgements,
         alarms=alarms,
         changes=Changes(database),

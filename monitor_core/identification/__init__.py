@@ -16,7 +16,7 @@ from monitor_core.identification.answer import (
 )
 from monitor_core.identification.cases import PredictionError
 from monitor_core.identification.identify_joints import identify, require_identifiable
-from monitor_core.identification.predicted_calibration import PredictionRequest
+from monitor_core.identification.predicted_calibration import PredictionRequest, readings_expected_of
 from monitor_core.identification.question import IdentifyOptions
 from monitor_core.identification.sensitivity import Detectability
 
@@ -34,5 +34,6 @@ __all__ = [
     "PredictionRequest",
     "Weighting",
     "identify",
+    "readings_expected_of",
     "require_identifiable",
 ]

@@ -16,8 +16,17 @@ import numpy as np
 
 from monitor_core.arrays import FloatArray, read_only
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
+from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
-from monitor_core.preload import Calibration, CoefficientPrior, ValidRange, calibration_from_prior
+from monitor_core.preload import (
+    USUAL_SCATTER,
+    Calibration,
+    CoefficientPrior,
+    ExpectedReadings,
+    PreloadFeatureCoefficients,
+    ValidRange,
+    calibration_from_prior,
+)
 from monitor_core.recording import ExcitationSource
 from monitor_core.uncertainty import Estimate, VectorEstimate
 
@@ -238,3 +247,25 @@ def predicted_calibration(
         excitation_source=request.excitation_source,
     )
     return calibration_from_prior(prior)
+
+
+def readings_expected_of(
+    model: DriveModel,
+    band: tuple[float, float],
+    settings: tuple[tuple[float, ...], tuple[float, ...]],
+    excitation_source: ExcitationSource = ExcitationSource.SENSOR,
+) -> ExpectedReadings:
+    """Return what a model lets expect of readings at positions [m] and preloads [N], before anything is measured.
+
+    They scatter as is usual, and by what the model is from the form of Eq. (8). ``OutsideValidityError`` or
+    ``NotIdentifiableError`` if the band [Hz] does not hold exactly one natural frequency at each setting, or Eq. (8)
+    cannot be fitted to them.
+    """
+    quick = model if isinstance(model, ExtendedModel) else ExtendedModel.of(model.parameters)
+    measured = excitation_source is ExcitationSource.SENSOR
+    mode = MonitoredMode(band, *settings, MotorEnd.PRESCRIBED if measured else MotorEnd.FREE)
+    known = VectorEstimate(np.zeros(1), np.zeros((1, 1)))
+    predicted = predict_coefficients(lambda _: quick, known, mode)
+    k1, k2, k3, k4 = predicted.coefficients.values.tolist()
+    usual = USUAL_SCATTER * float(predicted.frequencies.mean())
+    return ExpectedReadings(PreloadFeatureCoefficients(k1, k2, k3, k4), math.hypot(usual, predicted.form_misfit))

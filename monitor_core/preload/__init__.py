@@ -8,6 +8,7 @@ from monitor_core.preload.calibration import (
     ValidRange,
     Weighting,
     expected_band,
+    expected_frequency,
     minimum_detectable_loss,
 )
 from monitor_core.preload.doubts import DoubtReason
@@ -25,17 +26,29 @@ from monitor_core.preload.influence import InfluenceCoefficients
 from monitor_core.preload.ladder import PreloadLadder, preload_ladder
 from monitor_core.preload.learnt_scatter import unexplained_scatter, widened
 from monitor_core.preload.places import PlaceReading, Places
+from monitor_core.preload.plan import (
+    USUAL_SCATTER,
+    CalibrationPlan,
+    ExpectedReadings,
+    PlannedSetting,
+    plan_calibration,
+    smallest_loss,
+)
 from monitor_core.preload.prior import CoefficientPrior, calibration_from_prior, prior_from_calibration
 
 __all__ = [
+    "USUAL_SCATTER",
     "Calibration",
+    "CalibrationPlan",
     "CoefficientPrior",
     "DoubtReason",
     "DragTorque",
+    "ExpectedReadings",
     "InfluenceCoefficients",
     "ModalReading",
     "PlaceReading",
     "Places",
+    "PlannedSetting",
     "PositionError",
     "PreloadEstimate",
     "PreloadFeatureCoefficients",
@@ -48,13 +61,16 @@ __all__ = [
     "calibration_from_prior",
     "estimate_preload",
     "expected_band",
+    "expected_frequency",
     "minimum_detectable_loss",
     "place_reading",
+    "plan_calibration",
     "preload_feature",
     "preload_from_feature",
     "preload_ladder",
     "preload_sensitivity",
     "prior_from_calibration",
+    "smallest_loss",
     "systematic_uncertainty_between",
     "unexplained_scatter",
     "widened",

@@ -259,6 +259,20 @@ def expected_band(calibration: Calibration, conditions: Conditions) -> tuple[flo
     return float(low * (1.0 - BAND_MARGIN) - scatter), float(high * (1.0 + BAND_MARGIN) + scatter)
 
 
+def expected_frequency(calibration: Calibration, conditions: Conditions) -> float:
+    """Return the frequency that a calibration expects at a stated preload, by Eq. (8) of Nguyen et al. (2018) [Hz].
+
+    ``OutsideValidityError`` if no preload is stated, or it gives no frequency at that position.
+    """
+    if conditions.preload is None:
+        raise OutsideValidityError(
+            "the frequency that is expected follows from the preload; got conditions without one"
+        )
+    payload, temperature = calibration.excess(conditions)
+    at_reference = axial_frequency(conditions.position, conditions.preload, calibration.coefficients) ** -2.0
+    return float(from_reference(at_reference, payload, temperature, calibration.influence) ** -0.5)
+
+
 def minimum_detectable_loss(
     calibration: Calibration,
     preload: float | None = None,  # healthy; the highest calibrated one if not given [N]

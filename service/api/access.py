@@ -39,6 +39,14 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
     {
         ("POST", f"{_AXIS}/windows"): Scope.WINDOWS_WRITE,
         ("POST", f"{_AXIS}/recordings"): Scope.WINDOWS_WRITE,
+        ("POST", f"{_AXIS}/recordings/{{recording}}/import"): Scope.WINDOWS_WRITE,
+        ("POST", "/axes/{axis}/import"): Scope.WINDOWS_WRITE,
+        ("POST", "/axes/{axis}/import/{recording}"): Scope.WINDOWS_WRITE,
+        ("POST", "/axes/new"): Scope.CALIBRATIONS_WRITE,
+        ("POST", f"{_AXIS}/calibration-jobs"): Scope.CALIBRATIONS_WRITE,
+        ("POST", "/axes/{axis}/calibrate"): Scope.CALIBRATIONS_WRITE,
+        ("POST", "/axes/{axis}/calibrate/{job}/cancel"): Scope.CALIBRATIONS_WRITE,
+        ("POST", "/axes/{axis}/calibrations/{calibration}/activate"): Scope.CALIBRATIONS_WRITE,
         ("PUT", _AXIS): Scope.CALIBRATIONS_WRITE,
         ("POST", "/v1/trials"): Scope.CALIBRATIONS_WRITE,
         ("POST", "/trials"): Scope.CALIBRATIONS_WRITE,
@@ -85,8 +93,10 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
         **{
             ("GET", path): Scope.TRENDS_READ
             for path in (
-                "/", "/wall", "/axes/{axis}", "/axes/{axis}/long-run", f"{_AXIS}/projection",
-                "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
+                "/axes/{axis}/long-run", f"{_AXIS}/projection",
+                "/", "/wall", "/axes/new", "/axes/{axis}", "/axes/{axis}/import", "/axes/{axis}/import/{recording}",
+                "/axes/{axis}/calibrate", "/axes/{axis}/calibrations/{calibration}", "/v1/drive-model",
+                f"{_AXIS}/calibration-plan", "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
                 "/docs", "/redoc", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
                 "/alarms", "/alarms/{alarm}", "/axes/{axis}/measurements/{measurement}",

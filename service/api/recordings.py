@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.api.http.form import FORM_TYPE, FormReader, boundary_of
 from service.api.jobs import JobOut, job_out
@@ -15,6 +15,8 @@ from service.documents.recording import ChannelEntry, FileEntry, LeftOutEntry
 from service.errors import NotAcceptableError
 from service.operations.fields import AxisId, Label, RequestModel, RowId
 from service.operations.recordings.recordings import RecordingView, contents_of
+from service.operations.recordings.upload import LARGEST_MAP_BYTES
+from service.store.tables import JobRow
 
 router = APIRouter(prefix="/v1", tags=["recordings"])
 
@@ -31,7 +33,12 @@ class RecordingOut(BaseModel):
     name: Annotated[str, Field(description="of its first file")]
     sha256: Annotated[str, Field(description="of the bytes of its files, one after the other")]
     size_bytes: int
-    state: Annotated[Literal["checked", "imported"], Field(description="imported: its windows are stored")]
+    state: Annotated[
+        Literal["uploaded", "checked", "imported"],
+        Field(
+            description="uploaded: only looked into; checked: its windows are being taken; imported: they are stored"
+        ),
+    ]
     problems: Annotated[list[str], Field(description="what does not keep it from being taken")]
     map: Annotated[str | None, Field(description="channel map as it was sent; null: it is a session")]
     n_windows: int
@@ -64,6 +71,26 @@ class RemovedOut(BaseModel):
     name: str
     windows_stay: Annotated[int, Field(description="windows that were taken from it; they are stored as before")]
     detail: str
+
+
+class UploadQuery(RequestModel):
+    """What becomes of an upload."""
+
+    check_only: bool = Field(
+        default=False,
+        description="keep it and say what is in it, as the result of a job of kind check; "
+        "POST …/recordings/{recording}/import takes its windows",
+    )
+
+
+class ImportIn(RequestModel):
+    """How a recording that was kept is taken."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"map": None}]})
+
+    map: Annotated[str, Field(min_length=1, max_length=LARGEST_MAP_BYTES)] | None = Field(
+        default=None, description="channel map (TOML) of raw files; null for a session, and for the map sent with them"
+    )
 
 
 class FileQuery(RequestModel):
@@ -120,12 +147,22 @@ def recording_out(view: RecordingView) -> RecordingOut:
 
 
 @router.post("/axes/{axis}/recordings", response_model=JobOut, status_code=202, openapi_extra=_REQUEST)
-async def post_recording(axis: AxisId, request: Request, response: Response) -> JobOut:
+async def post_recording(
+    axis: AxisId, request: Request, response: Response, query: Annotated[UploadQuery, Query()]
+) -> JobOut:
     """Upload a session, or raw files with their channel map; its windows are taken as those of a replay, as a job.
 
     The form is written to the disk as it arrives. Every window is made and checked before this answers; what does not
-    fit is refused, and then nothing is kept. The job names the recording in its `arguments`.
+    fit is refused, and then nothing is kept. With `check_only` all of it is kept, and the job only says what is in it:
+    nothing has to be sent again. The job names the recording in its `arguments`.
     """
+    row = await receive(axis, request, check_only=query.check_only)
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)
+
+
+async def receive(axis: str, request: Request, *, check_only: bool) -> JobRow:
+    """Write an upload to the disk as it arrives, and begin to take it, or only to look into it."""
     on = await services(request)
     boundary = boundary_of(request.headers.get("content-type"))
     declared = request.headers.get("content-length", "")
@@ -140,9 +177,22 @@ async def post_recording(axis: AxisId, request: Request, response: Response) -> 
                 waiting.clear()
         await recordings.write(upload, partial(form.feed, bytes(waiting)))
         form.end()
-        row = await recordings.take(axis, upload)
+        return await (recordings.keep if check_only else recordings.take)(axis, upload)
     finally:
         await recordings.end(upload)
+
+
+@router.post("/axes/{axis}/recordings/{recording}/import", response_model=JobOut, status_code=202)
+def import_recording(
+    axis: AxisId, recording: RowId, body: ImportIn, response: Response, on: Annotated[Services, Depends(services)]
+) -> JobOut:
+    """Take the windows of a recording that was uploaded with `check_only`, as a job.
+
+    Every window is made and checked before this answers. What does not fit is refused, and the recording stays as it
+    was, to be tried with another map.
+    """
+    kept = on.recordings.get(axis, recording).row
+    row = on.recordings.take_kept(axis, recording, kept.channel_map if body.map is None else body.map)
     response.headers["Location"] = f"/v1/jobs/{row.id}"
     return job_out(row)
 

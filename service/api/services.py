@@ -10,6 +10,8 @@ from service.observability import Metrics
 from service.operations.access.access import Access
 from service.operations.advice.advice import AdviceTable
 from service.operations.analysis_job import AnalysisJob
+from service.operations.calibrating.fit_job import CalibrationJobs
+from service.operations.calibrating.plan import CalibrationPlans
 from service.operations.discrepancy.alarm_cause import AlarmExplanations
 from service.operations.discrepancy.discrepancy_job import DiscrepancyIn
 from service.operations.identification.identification_job import IdentificationIn
@@ -58,6 +60,8 @@ class Services:
     consequences: Consequences
     system: System
     calibrations: Calibrations
+    calibration_jobs: CalibrationJobs
+    calibration_plans: CalibrationPlans
     rejudgements: Rejudgements
     alarms: Alarms
     changes: Changes

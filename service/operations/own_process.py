@@ -34,6 +34,7 @@ READ_BEFORE = [
     "service.operations.discrepancy.alarm_cause",
     "service.operations.discrepancy.discrepancy_job",
     "service.operations.identification.identification_job",
+    "service.operations.recordings.file_check",
     "service.operations.recordings.look",
 ]
 #: How often whoever waits hears that it still goes on, and may stop it.

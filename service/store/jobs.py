@@ -76,6 +76,12 @@ def finished_jobs(session: Session, axis_id: str, kind: str, limit: int) -> list
     return list(session.scalars(query.order_by(JobRow.updated_at.desc()).limit(limit)))
 
 
+def newest_job(session: Session, axis_id: str, kind: str) -> JobRow | None:
+    """Return the job of one kind of an axis that was begun last; None if there was none."""
+    query = select(JobRow).where(JobRow.axis_id == axis_id, JobRow.kind == kind)
+    return session.scalar(query.order_by(JobRow.created_at.desc(), JobRow.id.desc()).limit(1))
+
+
 def unfinished_jobs(session: Session) -> list[JobRow]:
     """Return jobs that were waiting or at work when the service last stopped, oldest first."""
     query = select(JobRow).where(JobRow.status.in_((QUEUED, RUNNING))).order_by(JobRow.created_at)

@@ -1,6 +1,7 @@
 """Query measurements and their windows."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import Connection, Select, bindparam, func, or_, select, text
@@ -11,7 +12,8 @@ from service.errors import UnknownResourceError
 from service.json_types import JsonObject
 from service.store.intake import JUDGED, REFUSED
 from service.store.retention import require_stored
-from service.store.tables import MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.trend.tables import TrendPointRow
 from service.store.waveforms import WaveformPlace
 
 #: Built once: to build it takes longer than to run it.
@@ -67,6 +69,54 @@ def calibration_measurements(
     """Return measurements that were looked at and whose preload was set on purpose, in time order."""
     query = _looked_at(axis_id, start, end).where(MeasurementRow.set_preload_n.is_not(None))
     return list(session.scalars(query.order_by(MeasurementRow.started_at, MeasurementRow.id)))
+
+
+@dataclass(frozen=True, slots=True)
+class SetMeasurement:
+    """A measurement whose preload was set on purpose; its frequency is None if the mode was not found, or not yet."""
+
+    id: int
+    started_at: datetime
+    position_mm: float
+    set_preload_n: float
+    status: str  # open | judged | refused
+    n_accepted: int
+    frequency_hz: float | None
+    refusal_reason: str | None
+    payload_kg: float | None
+    temperature_c: float | None
+
+
+def set_measurements(session: Session, axis: AxisRow) -> list[SetMeasurement]:
+    """Return the measurements of an axis whose preload was set on purpose, in time order, those under way included."""
+    query = (
+        select(MeasurementRow)
+        .where(MeasurementRow.axis_id == axis.id, MeasurementRow.set_preload_n.is_not(None))
+        .order_by(MeasurementRow.started_at, MeasurementRow.id)
+    )
+    rows = list(session.scalars(query))
+    if not rows:
+        return []
+    judged = select(
+        TrendPointRow.measurement_id,
+        TrendPointRow.frequency_hz,
+        TrendPointRow.refusal_reason,
+        TrendPointRow.payload_kg,
+        TrendPointRow.temperature_c,
+    ).where(
+        TrendPointRow.axis_number == axis.number,
+        TrendPointRow.at.between(rows[0].started_at, rows[-1].started_at),
+        TrendPointRow.set_preload_n.is_not(None),
+    )
+    said = {number: rest for number, *rest in session.execute(judged)}
+    return [
+        SetMeasurement(
+            row.id, row.started_at, row.position_mm, row.set_preload_n, row.status, row.n_accepted,
+            *said.get(row.id, (None,) * 4),
+        )
+        for row in rows
+        if row.set_preload_n is not None
+    ]  # fmt: skip
 
 
 def looked_at(

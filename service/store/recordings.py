@@ -20,7 +20,8 @@ from service.errors import StorageError, UnknownResourceError
 from service.store.tables import RecordingRow
 from service.store.waveform_files import make_folder, sync_folder
 
-CHECKED, IMPORTED = "checked", "imported"
+#: Uploaded: it has arrived, and is only looked into. Checked: each window can be taken. Imported: they are.
+UPLOADED, CHECKED, IMPORTED = "uploaded", "checked", "imported"
 #: So much of the disk is left to the windows that come in meanwhile.
 ROOM_LEFT_BYTES = 256 * 2**20
 

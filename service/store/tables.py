@@ -310,12 +310,12 @@ class RecordingRow(Base):
     name: Mapped[str] = mapped_column(String(200))  # of its first file
     sha256: Mapped[str] = mapped_column(String(64))  # of the bytes of its files, one after the other
     size_bytes: Mapped[int] = mapped_column(BigInteger)
-    state: Mapped[str] = mapped_column(String(16))  # checked | imported
+    state: Mapped[str] = mapped_column(String(16))  # uploaded | checked | imported
     problems: Mapped[list[str]] = mapped_column(JSON)  # what does not keep it from being taken, a sentence each
     channel_map: Mapped[str | None] = mapped_column(Text)  # TOML as it was sent; None: it is a session
     contents: Mapped[JsonObject]  # files, channels, windows, what was left out
     folder: Mapped[str] = mapped_column(String(32))
-    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))  # that looks into it, then that takes its windows
     created_at: Mapped[datetime]
 
 

@@ -53,6 +53,12 @@ DONE: Final = {
     "commented": N_("Your comment stands in the log."),
     "shelved": N_("The alarm rests; until then nobody is told of it."),
     "cleared": N_("The alarm is cleared: a new baseline is learnt from here on."),
+    "registered": N_("Registered. Now import a recording of it."),
+    "import-begun": N_("Its windows are being taken."),
+    "fit-begun": N_("The fit has begun."),
+    "fit-cancelled": N_("The fit was stopped."),
+    "activated": N_("The calibration is in force; a new baseline begins."),
+    "judged-anew": N_("What was measured is being judged by the calibration, which is then in force."),
 }
 
 

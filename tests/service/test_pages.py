@@ -41,7 +41,7 @@ def test_axis_page_tells_state_baseline_alarm_and_the_papers_rule(tmp_path) -> N
     assert "What the last interval is made of" in page
     assert "95 % coverage interval of" in page
     assert "what another day changes" in page
-    assert f"None in force: number {fitted['id']} is stored. Activate it with" in stored
+    assert f"None in force: number {fitted['id']} is stored." in stored
     assert fleet.index("Axis X") < fleet.index("calibration")  # worst first
     for text in (page, fleet):
         assert "http://" not in text

@@ -33,11 +33,11 @@ from tests.service.conftest import START, Api, assert_problem, simulated_measure
 SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.session.h5"
 #: Written out: a list that is not among them is one whose description does not say that it is a list.
 LISTS = {
-    "/v1/advice", "/v1/alarms", "/v1/audit", "/v1/axes", "/v1/axes/{axis}/calibrations", "/v1/axes/{axis}/history",
-    "/v1/axes/{axis}/maintenance",
-    "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins",
-    "/v1/axes/{axis}/recordings", "/v1/axes/{axis}/trend",
-    "/v1/jobs", "/v1/machines", "/v1/receivers", "/v1/retention", "/v1/sessions",
+    "/v1/advice", "/v1/alarms", "/v1/audit", "/v1/axes", "/v1/axes/{axis}/calibration-plan",
+    "/v1/axes/{axis}/calibrations", "/v1/axes/{axis}/history", "/v1/axes/{axis}/maintenance",
+    "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins", "/v1/axes/{axis}/recordings",
+    "/v1/axes/{axis}/trend", "/v1/drive-model", "/v1/jobs", "/v1/machines", "/v1/receivers", "/v1/retention",
+    "/v1/sessions",
 }  # fmt: skip
 
 

@@ -35,7 +35,7 @@ LARGEST_AT_ONCE = 4
 SHARE = 3
 
 #: The only bodies that are not read here: their route writes them to the disk as they arrive.
-STREAMED = re.compile(r"/v1/axes/[^/]+/recordings")
+STREAMED = re.compile(r"/v1/axes/[^/]+/recordings|/axes/[^/]+/import")
 #: More of them at one time are asked to come back.
 MOST_STREAMED = 4
 #: What surrounds the files of a recording: a map, and the headers of its parts.

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from monitor_core.trend import DetectorDesign
 from service.clock import now
-from service.errors import DocumentDamagedError, PreconditionError
+from service.errors import ConflictError, DocumentDamagedError, PreconditionError
 from service.operations.monitoring.axis_configuration import (
     AxisConfiguration,
     axis_drive,
@@ -34,11 +34,18 @@ class Axes:
         self._lanes = lanes
 
     def register(
-        self, axis_id: str, name: str, configuration: AxisConfiguration, *, if_match: str | None = None
+        self,
+        axis_id: str,
+        name: str,
+        configuration: AxisConfiguration,
+        *,
+        only_new: bool = False,
+        if_match: str | None = None,
     ) -> tuple[AxisRow, bool]:
         """Register an axis or change its configuration; tell whether it is new.
 
-        ``if_match``: a :func:`settings_tag`; PreconditionError if that of what is stored is another one.
+        ``only_new``: raises ConflictError if there is one of that name. ``if_match``: a :func:`settings_tag`;
+        PreconditionError if that of what is stored is another one.
 
         Raises OutsideValidityError if no limits of the charts give the wanted rate of false alarms;
         RecordingFormatError or OutsideValidityError if the drive model is none that an alarm could be explained with.
@@ -50,6 +57,10 @@ class Axes:
             row = session.get(AxisRow, axis_id)
             created = row is None
             _require_tag(axis_id, row, if_match)
+            if row is not None and only_new:
+                raise ConflictError(
+                    f"an axis '{axis_id}' is registered already, called {row.name!r}; choose another name"
+                )
             if row is None:
                 row = axes.new_axis(session, axis_id, now())
                 session.add(row)

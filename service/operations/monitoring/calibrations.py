@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from monitor_core.errors import NotIdentifiableError
+from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import calibrate_from_measurements
 from monitor_core.preload import (
     Calibration,
@@ -66,6 +67,20 @@ class Calibrations:
             rows = measurements.calibration_measurements(session, axis_id, *span)
         settings = core_settings(_configuration(axis))
         measured = list(measured_modes(self._database, self._waveforms, settings, rows))
+        return self.fit_modes(axis_id, measured, weighting, comment, prior=prior)
+
+    def fit_modes(
+        self,
+        axis_id: str,
+        measured: Sequence[ModalMeasurement],
+        weighting: str | None,
+        comment: str,
+        *,
+        prior: JsonObject | None = None,
+    ) -> CalibrationRow:
+        """Fit to measured modes. Raises NotIdentifiableError if they do not determine the coefficients."""
+        with self._database.read() as session:
+            settings = core_settings(_configuration(get_axis(session, axis_id)))
         if not measured:
             raise NotIdentifiableError(
                 f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "

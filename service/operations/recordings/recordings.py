@@ -1,7 +1,8 @@
 """Keep the recordings of axes: take an upload, say what is in it, import its windows as a job, remove it."""
 
 import asyncio
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -19,16 +20,19 @@ from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.monitoring.intake.ingest import Ingest
 from service.operations.monitoring.replay import COUNTS, Pace, take_session
+from service.operations.own_process import ProcessEndedError, Progress, in_own_process
+from service.operations.recordings.file_check import checked, unreadable
 from service.operations.recordings.look import MOST_CHANNELS, Look, bounds_of, look_into, plain
 from service.operations.recordings.own_look import LookLimits, look_in_own_process
-from service.operations.recordings.upload import Upload
+from service.operations.recordings.upload import MAP_NAME, Upload, UploadedFile, write_map
 from service.store import jobs, recordings
 from service.store.axes import get_axis
 from service.store.database import Database
-from service.store.recordings import CHECKED, IMPORTED, RecordingFiles
+from service.store.recordings import CHECKED, IMPORTED, UPLOADED, RecordingFiles
 from service.store.tables import JobRow, RecordingRow
 
-KIND = "import"
+#: Kinds of jobs: one takes windows, the other says what is in the files.
+KIND, CHECK = "import", "check"
 #: Parts of uploads are written by so many threads; one recording is looked into at a time, since that takes memory.
 WRITERS = 2
 
@@ -68,6 +72,7 @@ class Recordings:
         self._ingest = ingest
         self._runner = runner
         self._most_bytes = most_bytes
+        self._taking = threading.Lock()  # one at a time: it takes memory, and writes into the folder
         self._writers = ThreadPoolExecutor(max_workers=WRITERS, thread_name_prefix="uploads")
         self._lookers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="recordings")
         with database.read() as session:
@@ -91,6 +96,13 @@ class Recordings:
         """
         return await self._by(self._lookers, partial(_at_work, upload, partial(self._take, axis_id, upload)))
 
+    async def keep(self, axis_id: str, upload: Upload) -> JobRow:
+        """Keep what arrived, and begin to look into it; its windows are taken when :meth:`take_kept` is asked to.
+
+        Raises as :meth:`begin`; then nothing of it is kept.
+        """
+        return await self._by(self._writers, partial(_at_work, upload, partial(self._keep, axis_id, upload)))
+
     async def end(self, upload: Upload) -> None:
         """Remove what is not kept of an upload."""
         await self._by(self._writers, upload.close)
@@ -112,18 +124,15 @@ class Recordings:
     def _take(self, axis_id: str, upload: Upload) -> JobRow:
         upload.require_whole()
         folder = upload.folder
-        map_path = None if upload.map_text is None else upload.map_path
-        bounds = bounds_of(self._most_bytes, self._files.room())
-        work = partial(look_into, upload.paths, map_path, folder.path, bounds)
-        look = look_in_own_process(work, upload.files[0].name, LookLimits())
+        look = self._look(upload.paths, None if upload.map_text is None else upload.map_path, folder.path)
         folder.sync()
 
         def store(session: Session, job: JobRow) -> JsonObject:
             row = RecordingRow(
                 axis_id=axis_id, name=upload.files[0].name, sha256=upload.sha256, size_bytes=upload.size_bytes,
                 state=CHECKED, problems=_problems(look, axis_id), channel_map=upload.map_text,
-                contents=_contents(look, upload).model_dump(mode="json"), folder=folder.name, job_id=job.id,
-                created_at=now(),
+                contents=_contents(look, upload.files, folder.path).model_dump(mode="json"), folder=folder.name,
+                job_id=job.id, created_at=now(),
             )  # fmt: skip
             session.add(row)
             session.flush()
@@ -133,6 +142,63 @@ class Recordings:
         job = self._runner.submit(KIND, axis_id, {}, store)
         self._files.folder(folder.name)
         return job
+
+    def _look(self, paths: Sequence[Path], map_path: Path | None, folder: Path) -> Look:
+        bounds = bounds_of(self._most_bytes, self._files.room())
+        return look_in_own_process(partial(look_into, paths, map_path, folder, bounds), paths[0].name, LookLimits())
+
+    def _keep(self, axis_id: str, upload: Upload) -> JobRow:
+        upload.require_whole()
+        folder = upload.folder
+        folder.sync()
+        nothing = Look(upload.paths[0], axis_id, 0, 0, [])
+
+        def store(session: Session, job: JobRow) -> JsonObject:
+            row = RecordingRow(
+                axis_id=axis_id, name=upload.files[0].name, sha256=upload.sha256, size_bytes=upload.size_bytes,
+                state=UPLOADED, problems=[], channel_map=upload.map_text,
+                contents=_contents(nothing, upload.files, folder.path).model_dump(mode="json"), folder=folder.name,
+                job_id=job.id, created_at=now(),
+            )  # fmt: skip
+            session.add(row)
+            session.flush()
+            folder.keep()
+            return ImportArguments(recording=row.id).model_dump()
+
+        job = self._runner.submit(CHECK, axis_id, {}, store)
+        self._files.folder(folder.name)
+        return job
+
+    def take_kept(self, axis_id: str, recording_id: int, map_text: str | None) -> JobRow:
+        """Look into a recording that was kept, with the map of its channels, and begin to import its windows.
+
+        Raises what :func:`look_into` raises: then it stays as it was, to be tried with another map. ConflictError if
+        somebody else has begun to, or it is being looked into.
+        """
+        row = self.get(axis_id, recording_id).row
+        self._require_kept(row)
+        folder, files = self._files.folder(row.folder), contents_of(row).files
+        map_path = folder / MAP_NAME
+        with self._taking:
+            self._require_kept(self.get(axis_id, recording_id).row)
+            if map_text is not None:
+                write_map(map_path, map_text)
+            paths = [folder / "files" / file.name for file in files]
+            look = self._look(paths, None if map_text is None else map_path, folder)
+
+            def store(session: Session, job: JobRow) -> JsonObject:
+                kept = recordings.get_recording(session, axis_id, recording_id)
+                self._require_kept(kept)
+                kept.state, kept.problems, kept.channel_map = CHECKED, _problems(look, axis_id), map_text
+                kept.contents = _contents(look, files, folder).model_dump(mode="json")
+                kept.job_id = job.id
+                return ImportArguments(recording=recording_id).model_dump()
+
+            return self._runner.submit(KIND, axis_id, {}, store)
+
+    def _require_kept(self, row: RecordingRow) -> None:
+        if row.state != UPLOADED:
+            raise ConflictError(f"the windows of recording {row.id} are taken already, by job {row.job_id}")
 
     def list(self, axis_id: str, cursor: int | None, limit: int) -> list[RecordingView]:
         """Return recordings of an axis, newest first."""
@@ -191,6 +257,22 @@ class Recordings:
         counts = COUNTS.validate_python(job.result or {})
         return Removed(row.name, counts.windows_posted + counts.windows_already_there)
 
+    def check(self, job: JobHandle) -> None:
+        """Look into the files of a recording, in a process of its own; what is in them is the result of the job."""
+        number = ImportArguments.model_validate(job.arguments).recording
+        row = self.get(job.axis_id, number).row
+        folder = self._files.folder(row.folder) / "files"
+        paths = [folder / file.name for file in contents_of(row).files]
+
+        def report(progress: Progress) -> None:
+            job.report(progress.done, progress.total, {})
+
+        try:
+            found = in_own_process(partial(checked, paths, job.axis_id), report, Progress(0, len(paths)))
+        except ProcessEndedError as error:
+            found = unreadable(paths[0].name, f"{paths[0].name}: its reader ended by itself ({error})")
+        job.report(len(paths), len(paths), found)
+
     def run(self, job: JobHandle) -> None:
         """Import the windows of a recording from where the job was interrupted, as a replay does."""
         number = ImportArguments.model_validate(job.arguments).recording
@@ -216,13 +298,13 @@ def contents_of(row: RecordingRow) -> RecordingContents:
     return RecordingContents.model_validate(row.contents)
 
 
-def _contents(look: Look, upload: Upload) -> RecordingContents:
+def _contents(look: Look, files: Sequence[UploadedFile | FileEntry], folder: Path) -> RecordingContents:
     return RecordingContents(
         axis_id=look.axis_id,
-        session=str(look.session_path.relative_to(upload.folder.path)),
+        session=str(look.session_path.relative_to(folder)),
         n_windows=look.n_windows,
         n_measurements=look.n_measurements,
-        files=[FileEntry(name=file.name, size_bytes=file.size_bytes, sha256=file.sha256) for file in upload.files],
+        files=[FileEntry(name=file.name, size_bytes=file.size_bytes, sha256=file.sha256) for file in files],
         channels=look.channels,
         left_out=[LeftOutEntry(what=plain(item.what), why=plain(item.why)) for item in look.left_out[:MOST_CHANNELS]],
     )

@@ -15,6 +15,8 @@ from service.store.waveform_files import make_folder, write_all
 
 #: Names of the parts: files of a recording, and the map of their channels.
 FILE, MAP = "file", "map"
+#: Of the map in the folder of a recording.
+MAP_NAME = "map.toml"
 MOST_FILES = 500
 LARGEST_MAP_BYTES = 2**18
 #: How often the room on the disk is looked at.
@@ -69,7 +71,7 @@ class Upload:
     @property
     def map_path(self) -> Path:
         """Where the map of the channels is, if one was sent."""
-        return self.folder.path / "map.toml"
+        return self.folder.path / MAP_NAME
 
     def begin_part(self, name: str, file_name: str | None) -> None:
         """Begin a part of the form. Raises InvalidRequestError if it is not one that belongs here, or has no name."""
@@ -203,3 +205,10 @@ class _MapPart:
         except OSError as error:
             raise not_taken(error) from error
         return text
+
+
+def write_map(path: Path, text: str) -> None:
+    """Write the map of a recording that is kept. Raises InvalidRequestError, BodyTooLargeError or StorageError."""
+    part = _MapPart()
+    part.write(text.encode(errors="replace"))
+    part.end(path)

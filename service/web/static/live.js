@@ -60,7 +60,9 @@
     const focus = old.contains(active) ? active.id || active.getAttribute("href") || keyOf(active) : null;
     const selection = focus && "selectionStart" in active ? [active.selectionStart, active.selectionEnd] : null;
     const scroll = [scrollX, scrollY];
+    const chosen = [...old.querySelectorAll("input[type=file][id]")].filter(field => field.files.length);
     old.replaceChildren(...next.childNodes);
+    for (const field of chosen) document.getElementById(field.id)?.replaceWith(field);  // no script may choose a file
     for (const element of old.querySelectorAll("details[id]")) if (opened.has(element.id)) element.open = opened.get(element.id);
     for (const field of fields(old)) {
       const typed = touched.get(`${keyOf(field)} ${field.type === "radio" ? field.value : ""}`);

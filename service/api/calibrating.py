@@ -1,0 +1,145 @@
+"""On the way to a calibration: a drive model from catalogue data, a plan of what to measure, the fit as a job."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+from pydantic import BaseModel, Field
+
+from monitor_core.preload import PlannedSetting
+from monitor_core.recordings.elements.units import to_millimetres
+from service.api.jobs import JobOut, job_out
+from service.api.services import Services, services
+from service.operations.calibrating.catalogue import CatalogueIn, axis_proposal
+from service.operations.calibrating.fit_job import CalibrationJobIn
+from service.operations.calibrating.plan import AxisPlan, PlanIn
+from service.operations.fields import AxisId
+
+router = APIRouter(prefix="/v1", tags=["calibrations"])
+
+
+class ExpectedFrequencyOut(BaseModel):
+    """The first axial natural frequency at a position: as expected, and the band that it can be in."""
+
+    position_mm: float
+    frequency_hz: float
+    lower_hz: float
+    upper_hz: float
+
+
+class DriveModelOut(BaseModel):
+    """A drive model of catalogue data, to be sent with `PUT /v1/axes/{axis}`, and what it lets expect."""
+
+    drive_model: Annotated[str, Field(description="TOML")]
+    search_band_hz: tuple[float, float]
+    usual_preload_n: Annotated[float, Field(description="that makers set in such a nut")]
+    expected: list[ExpectedFrequencyOut]
+
+
+class SettingOut(BaseModel):
+    """Where the table stands and which preload is set."""
+
+    position_mm: float
+    preload_n: float
+
+
+class SetMeasurementOut(BaseModel):
+    """A measurement whose preload was set on purpose."""
+
+    measurement: int
+    position_mm: float
+    preload_n: float
+    status: Literal["open", "judged", "refused"]
+    windows_accepted: int
+    frequency_hz: Annotated[float | None, Field(description="null: the mode was not found, or windows are awaited")]
+    refusal_reason: str | None
+
+
+class CalibrationPlanOut(BaseModel):
+    """What to measure next for a calibration."""
+
+    positions_mm: list[float]
+    preloads_n: list[float]
+    measured: list[SetMeasurementOut]
+    holes: Annotated[list[SettingOut], Field(description="settings of the grid that were not measured")]
+    next: Annotated[SettingOut, Field(description="after which the smallest loss is seen")]
+    wished_loss_n: float
+    smallest_loss_n: Annotated[float | None, Field(description="predicted; null: not enough for a fit")]
+    smallest_loss_then_n: Annotated[float | None, Field(description="with the next setting, too")]
+    measurements_left: Annotated[
+        int | None, Field(description="until the wished loss is seen; null: the scatter of readings does not let it")
+    ]
+    scatter_from: Annotated[
+        Literal["measured", "calibration", "model", "none"],
+        Field(description="how the scatter of a reading is known: none counts the holes alone"),
+    ]
+
+
+@router.get("/drive-model", response_model=DriveModelOut)
+def get_drive_model(query: Annotated[CatalogueIn, Query()]) -> DriveModelOut:
+    """Return the drive model of what a catalogue states, and the band of its first axial natural frequency."""
+    proposal = axis_proposal(query)
+    mode = proposal.mode
+    columns = zip(mode.position, mode.frequency, mode.lower, mode.upper, strict=True)
+    return DriveModelOut(
+        drive_model=proposal.drive_model,
+        search_band_hz=proposal.search_band_hz,
+        usual_preload_n=proposal.usual_preload,
+        expected=[
+            ExpectedFrequencyOut(position_mm=to_millimetres(x), frequency_hz=f, lower_hz=low, upper_hz=high)
+            for x, f, low, high in columns
+        ],
+    )
+
+
+@router.get("/axes/{axis}/calibration-plan", response_model=CalibrationPlanOut)
+def get_calibration_plan(
+    axis: AxisId, query: Annotated[PlanIn, Query()], on: Annotated[Services, Depends(services)]
+) -> CalibrationPlanOut:
+    """Say where to move and which preload to set next, how many are left, and which loss the calibration will see."""
+    return plan_out(on.calibration_plans.of(axis, query))
+
+
+def plan_out(found: AxisPlan) -> CalibrationPlanOut:
+    """Return a plan on the wire."""
+    plan = found.plan
+    return CalibrationPlanOut(
+        positions_mm=list(found.positions_mm),
+        preloads_n=list(found.preloads_n),
+        measured=[
+            SetMeasurementOut(
+                measurement=item.id,
+                position_mm=item.position_mm,
+                preload_n=item.set_preload_n,
+                status=item.status,
+                windows_accepted=item.n_accepted,
+                frequency_hz=item.frequency_hz,
+                refusal_reason=item.refusal_reason,
+            )
+            for item in found.measured
+        ],
+        holes=[_setting(item) for item in plan.holes],
+        next=_setting(plan.proposed),
+        wished_loss_n=found.wished_loss_n,
+        smallest_loss_n=plan.smallest_loss,
+        smallest_loss_then_n=plan.smallest_loss_then,
+        measurements_left=plan.n_left,
+        scatter_from=found.source,
+    )
+
+
+def _setting(item: PlannedSetting) -> SettingOut:
+    return SettingOut(position_mm=to_millimetres(item.position), preload_n=item.preload)
+
+
+@router.post("/axes/{axis}/calibration-jobs", response_model=JobOut, status_code=202)
+def start_calibration(
+    axis: AxisId, body: CalibrationJobIn, response: Response, on: Annotated[Services, Depends(services)]
+) -> JobOut:
+    """Fit a calibration to stored measurements in the background; its number and its readings are in the result.
+
+    As `POST …/calibrations` with `measurements`, which answers when it is done. Nothing is in force before it is
+    activated.
+    """
+    row = on.calibration_jobs.start(axis, body)
+    response.headers["Location"] = f"/v1/jobs/{row.id}"
+    return job_out(row)

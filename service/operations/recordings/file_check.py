@@ -1,0 +1,86 @@
+"""Say what is in the files of a recording before any window of it is taken: as ``preload check`` does."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from monitor_core.errors import MissingReaderError
+from monitor_core.recordings.check import FileReport, check_file
+from monitor_core.recordings.raw.proposal.map_proposal import proposed_map
+from monitor_core.recordings.raw.proposal.parts import Made, made_of
+from monitor_core.recordings.recognition import KINDS, SESSION, UNKNOWN
+from monitor_core.recordings.usability import Settings
+from service.documents.file_check import file_check_document
+from service.json_types import JsonObject
+from service.operations.own_process import Progress
+
+#: So many files of one recording are read; the map of their channels is proposed by the first.
+_MOST_READ: Final = 20
+
+
+def checked(paths: Sequence[Path], axis_id: str, report: Callable[[Progress], None]) -> JsonObject:
+    """Return what is in the files, what is missing, and the map that is proposed for the channels of raw ones."""
+    first: FileReport | None = None
+    problems: list[str] = []
+    read = paths[:_MOST_READ]
+    for done, path in enumerate(read):
+        report(Progress(done, len(paths)))
+        try:
+            found = check_file(path)
+        except MissingReaderError as error:
+            return unreadable(path.name, str(error))
+        problems += found.problems
+        if first is None:
+            first = found
+        elif found.format != first.format:
+            problems.append(f"{path.name}: expected {KINDS[first.format].what} as the first file; got {found.format}")
+    if first is None:
+        return unreadable("", "expected a file; got none")
+    if first.format == SESSION and len(paths) > 1:
+        problems.append(f"expected one session at once, or raw files with a map; got {len(paths)} files")
+    problems += _not_windows(paths[0].name, first)
+    needs_map = not problems and bool(first.usable_with_map)
+    text = None
+    if needs_map and first.read is not None:
+        text = _for_axis(proposed_map(first.read.channels, first.read.layout), axis_id)
+    return file_check_document(first, tuple(problems), lacks=_lacks(first), channel_map=text)
+
+
+def unreadable(name: str, problem: str) -> JsonObject:
+    """Return the answer for a file that nothing can be said of."""
+    return file_check_document(FileReport(UNKNOWN, False, (problem or name,)), (problem,), lacks="", channel_map=None)
+
+
+def _not_windows(name: str, found: FileReport) -> list[str]:
+    """Refuse files that are valid and hold no windows, in a sentence."""
+    if not found.valid or found.format == SESSION:
+        return []
+    if found.usable_with_map and found.read is not None and made_of(found.read.channels) is Made.SESSION:
+        return []
+    return [
+        f"{name}: expected a session, or a raw file with torque or force and acceleration over time; got "
+        f"{KINDS[found.format].what}, which has no windows"
+    ]
+
+
+def _lacks(found: FileReport) -> str:
+    """Say what keeps a calibration from a session by itself; empty if nothing does, or it is no session."""
+    if found.format != SESSION or not found.valid:
+        return ""
+    facts = dict(found.contents)
+    places, preloads = _numbers(facts.get("positions_mm")), _numbers(facts.get("preloads_n"))
+    n_measurements = facts.get("measurements")
+    n_readings = n_measurements if isinstance(n_measurements, int) else 0
+    return Settings(n_readings, places, preloads, n_readings if preloads else 0).lacks_for_calibration
+
+
+def _numbers(value: object) -> tuple[float, ...]:
+    return tuple(item for item in value if isinstance(item, float)) if isinstance(value, tuple) else ()
+
+
+def _for_axis(text: str, axis_id: str) -> str:
+    """Return a proposed map with the axis that it is uploaded for, in place of the name of the file."""
+    lines = text.splitlines()
+    place = next(number for number, line in enumerate(lines) if line.startswith("axis_id ="))
+    lines[place] = f'axis_id = "{axis_id}"'
+    return "\n".join(lines) + "\n"

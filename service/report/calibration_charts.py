@@ -1,0 +1,142 @@
+"""Draw what leads to a calibration: the expected frequency over the travel, the settings measured, the residuals."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from markupsafe import Markup
+
+from service.report.rounding import tick
+from service.report.svg import Axis, axis_over, element, joined, label, path_through
+
+_TOP: Final = 14.0
+_HALF_MARK: Final = 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class ChartSize:
+    """Size of a chart, in pixels, and how many labels it has room for."""
+
+    width: float
+    height: float
+    left: float
+    ticks: int
+
+    @property
+    def bottom(self) -> float:
+        """Where the axis of positions is."""
+        return self.height - 46.0
+
+    @property
+    def right(self) -> float:
+        """Where the travel ends."""
+        return self.width - 14.0
+
+
+WIDE: Final = ChartSize(1180.0, 300.0, 70.0, 8)
+NARROW: Final = ChartSize(372.0, 280.0, 60.0, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A frequency over positions, with the band that it can be in."""
+
+    position_mm: Sequence[float]
+    frequency_hz: Sequence[float]
+    lower_hz: Sequence[float]
+    upper_hz: Sequence[float]
+    search_band_hz: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """One setting or reading: where, what, and how it is drawn."""
+
+    position_mm: float
+    value: float  # preload [N], or residual [Hz]
+    kind: str  # measured | waiting | refused | hole | next
+    words: str
+
+
+def expected_chart(curve: Curve, size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
+    """Draw the expected frequency over the travel, its band, and the search band as a frame."""
+    low, high = curve.search_band_hz
+    x, y = _places(curve.position_mm, size), axis_over(np.array([low, high]), size.bottom, _TOP)
+    places = x(np.asarray(curve.position_mm))
+    upper, lower = (y(np.asarray(values)) for values in (curve.upper_hz, curve.lower_hz))
+    outline = path_through(np.append(places, places[::-1]), np.append(upper, lower[::-1])) + "Z"
+    frame = [
+        element("line", x1=size.left, y1=float(y(edge)), x2=size.right, y2=float(y(edge)), class_="through")
+        for edge in (low, high)
+    ]
+    return _picture(
+        size, title, _frame(x, y, size, write, "Hz"), element("path", d=outline, class_="band"), *frame,
+        element("path", d=path_through(places, y(np.asarray(curve.frequency_hz))), class_="curve"),
+    )  # fmt: skip
+
+
+def settings_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
+    """Draw a map of settings: full where it was measured, half where windows are awaited, empty where a hole is."""
+    x = _places([spot.position_mm for spot in spots], size)
+    y = axis_over(np.array([0.0, *(1.08 * spot.value for spot in spots)]), size.bottom, _TOP)
+    order = ("hole", "refused", "waiting", "measured", "next")
+    marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value))) for spot in sorted(
+        spots, key=lambda spot: order.index(spot.kind))]  # fmt: skip
+    return _picture(size, title, _frame(x, y, size, write, "N"), *marks)
+
+
+def residual_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
+    """Draw what is left of each reading about the fit, over the travel."""
+    x = _places([spot.position_mm for spot in spots], size)
+    reach = max((abs(spot.value) for spot in spots), default=0.0) or 1.0
+    y = axis_over(np.array([-reach, reach]), size.bottom, _TOP)
+    zero = element("line", x1=size.left, y1=float(y(0.0)), x2=size.right, y2=float(y(0.0)), class_="level")
+    marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value)), 5.0) for spot in spots]
+    return _picture(size, title, _frame(x, y, size, write, "Hz"), zero, *marks)
+
+
+def _places(positions: Sequence[float], size: ChartSize) -> Axis:
+    return axis_over(np.asarray(positions, dtype=np.float64), size.left + 4.0, size.right)
+
+
+def _spot(spot: Spot, x: float, y: float, half: float = _HALF_MARK) -> Markup:
+    """Draw a mark whose shape says what its colour says."""
+    said = element("title", spot.words)
+    match spot.kind:
+        case "measured":
+            return element("circle", said, cx=x, cy=y, r=half, class_="spot measured")
+        case "waiting":
+            half_disc = f"M{x:.1f} {y - half:.1f}A{half} {half} 0 0 0 {x:.1f} {y + half:.1f}Z"
+            ring = element("circle", said, cx=x, cy=y, r=half, class_="spot hole")
+            return joined([ring, element("path", d=half_disc, class_="spot measured")])
+        case "refused":
+            cross = f"M{x - half:.1f} {y - half:.1f}l{2 * half} {2 * half}m0 {-2 * half}l{-2 * half} {2 * half}"
+            return element("path", said, d=cross, class_="spot refused")
+        case "next":
+            reach = 1.6 * half
+            diamond = f"M{x:.1f} {y - reach:.1f}l{reach} {reach} {-reach} {reach} {-reach} {-reach}Z"
+            return element("path", said, d=diamond, class_="spot next")
+    return element("circle", said, cx=x, cy=y, r=half, class_="spot hole")
+
+
+def _frame(x: Axis, y: Axis, size: ChartSize, write: Callable[[str], str], unit: str) -> Markup:
+    drawn = []
+    for value in y.ticks(5):
+        at = float(y(value))
+        drawn.append(element("line", x1=size.left, y1=at, x2=size.right, y2=at, class_="grid"))
+        drawn.append(label(write(tick(value)), size.left - 6.0, at + 5.0, text_anchor="end", class_="quiet"))
+    for value in x.ticks(size.ticks):
+        at = float(x(value))
+        drawn.append(element("line", x1=at, y1=size.bottom, x2=at, y2=size.bottom + 5.0, class_="grid"))
+        drawn.append(label(write(tick(value)), at, size.bottom + 21.0, text_anchor="middle", class_="quiet"))
+    drawn.append(label("mm", size.right, size.height - 6.0, text_anchor="end", class_="quiet"))
+    drawn.append(label(unit, size.left - 6.0, size.bottom + 21.0, text_anchor="end", class_="quiet"))
+    return joined(drawn)
+
+
+def _picture(size: ChartSize, title: str, *content: Markup) -> Markup:
+    return element(
+        "svg", *content, viewBox=f"0 0 {size.width:g} {size.height:g}", width=size.width, height=size.height,
+        role="img", aria_label=title,
+    )  # fmt: skip

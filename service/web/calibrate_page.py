@@ -1,0 +1,210 @@
+"""``/axes/{axis}/calibrate``: guided calibration, fitted as a job; ``…/calibrations/{n}``: review, activate."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Form, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from monitor_core.errors import MonitorCoreError
+from service.api.calibrating import plan_out
+from service.api.jobs import job_out
+from service.api.services import Services, services
+from service.errors import ConflictError, InvalidRequestError, PreconditionError, status_of
+from service.json_types import JsonObject
+from service.operations.calibrating.fit_job import KIND, CalibrationJobIn
+from service.operations.calibrating.plan import PlanIn
+from service.operations.fields import AxisId, JobId, RowId, Text
+from service.operations.monitoring.rejudging.rejudgements import RejudgementIn
+from service.store.tables import CalibrationRow
+from service.web.calibration_view import Reading, kind_of, residual_charts, settings_charts
+from service.web.site import Page, PageOf, done
+
+router = APIRouter(include_in_schema=False)
+
+
+class PlanForm(BaseModel):
+    """What the page sends to plan otherwise, as it was typed."""
+
+    from_mm: Annotated[str, Field(max_length=40)] = ""
+    to_mm: Annotated[str, Field(max_length=40)] = ""
+    highest_n: Annotated[str, Field(max_length=40)] = ""
+    wished_loss_n: Annotated[str, Field(max_length=40)] = ""
+
+    def asked(self) -> PlanIn:
+        """Return what is asked for; raises InvalidRequestError where a number is none."""
+        typed = {name: text.strip().replace(",", ".") for name, text in self.model_dump().items()}
+        try:
+            return PlanIn.model_validate({name: float(text) for name, text in typed.items() if text})
+        except ValueError as error:  # pydantic's refusals are such, too
+            raise InvalidRequestError(
+                f"expected positions in mm, a preload and a loss above 0 N; got {', '.join(typed.values())}"
+            ) from error
+
+
+class FitForm(BaseModel):
+    """What the page sends to begin a fit."""
+
+    comment: Annotated[str, Field(max_length=1000)] = ""
+    use_known: bool = False
+
+
+class ActivateForm(BaseModel):
+    """What the page sends to put a calibration in force."""
+
+    reason: Text = "reviewed"
+    in_force: Annotated[str, Field(max_length=20)] = "none"  # when the page was read
+    rejudge: bool = False
+
+
+class ValidRange(BaseModel):
+    """Where a calibration holds."""
+
+    position_mm: tuple[float, float]
+    preload_n: tuple[float, float]
+
+
+class Document(BaseModel):
+    """What the page shows of a calibration."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    coefficients: dict[str, float]
+    covariance: list[list[float]]
+    n_readings: int
+    residual_rms_hz: float | None
+    residual_max_hz: float | None
+    reproducibility_hz: float
+    condition_number: float
+    minimum_detectable_loss_n: float
+    valid_range: ValidRange
+    leave_one_position_out: list[dict[str, float | None]]
+    prior: str | None = None
+
+
+@router.get("/axes/{axis}/calibrate")
+def calibrate_page(
+    axis: AxisId, page: PageOf, form: Annotated[PlanForm, Query()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show what to measure next, what is measured, how the fit stands, and the calibrations that there are."""
+    return _calibrate_page(page, axis, form, on)
+
+
+@router.post("/axes/{axis}/calibrate")
+def fit(
+    axis: AxisId, page: PageOf, form: Annotated[FitForm, Form()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Begin a fit in the background; whoever comes back to the page finds it."""
+    prior = on.axes.get(axis).active_calibration_id if form.use_known else None
+    try:
+        on.calibration_jobs.start(axis, CalibrationJobIn(prior=prior, comment=form.comment))
+    except MonitorCoreError as error:
+        return _calibrate_page(page, axis, PlanForm(), on, refusal=str(error), status=status_of(error)[0])
+    return done(f"/axes/{axis}/calibrate", "fit-begun")
+
+
+@router.post("/axes/{axis}/calibrate/{job}/cancel")
+def cancel(axis: AxisId, job: JobId, on: Annotated[Services, Depends(services)]) -> Response:
+    """Stop a fit."""
+    row = on.jobs.get(job)
+    if (row.kind, row.axis_id) != (KIND, axis):
+        raise InvalidRequestError(f"expected a fit of axis '{axis}'; got job {job} of kind {row.kind}")
+    on.jobs.cancel(job)
+    return done(f"/axes/{axis}/calibrate", "fit-cancelled")
+
+
+@router.get("/axes/{axis}/calibrations/{calibration}")
+def calibration_page(
+    axis: AxisId,
+    calibration: RowId,
+    page: PageOf,
+    on: Annotated[Services, Depends(services)],
+    other: Annotated[int | None, Query(alias="with", ge=1, lt=2**63)] = None,
+) -> Response:
+    """Show a calibration for review, against the one in force or another one."""
+    overview = on.calibrations.overview(axis)
+    chosen, active = on.calibrations.get(axis, calibration)
+    against = other or (active if active != calibration else None)
+    rival = None if against is None else on.calibrations.get(axis, against)[0]
+    readings = _readings(on.calibration_jobs.readings_of(axis, calibration))
+    return page.show(
+        "calibration.html",
+        axis=on.axes.get(axis),
+        calibration=chosen,
+        document=Document.model_validate(chosen.document),
+        uncertainties=_uncertainties(chosen),
+        rival=rival,
+        rival_document=None if rival is None else Document.model_validate(rival.document),
+        active=active,
+        others=[row for row in overview.calibrations if row.id != calibration],
+        readings=readings,
+        charts=residual_charts(page.words, readings),
+        can_rejudge=bool(on.trend.status(axis).last_measurement),
+    )
+
+
+@router.post("/axes/{axis}/calibrations/{calibration}/activate")
+def activate(
+    axis: AxisId,
+    calibration: RowId,
+    form: Annotated[ActivateForm, Form()],
+    on: Annotated[Services, Depends(services)],
+) -> Response:
+    """Put a calibration in force, or an earlier one again; what was measured before is judged by it where wanted."""
+    _, active = on.calibrations.get(axis, calibration)
+    seen = "none" if active is None else str(active)
+    refused = ConflictError(
+        f"another calibration came into force meanwhile: expected {form.in_force}, as the page said; got {seen}. "
+        "Look at it before you put another one in its place"
+    )
+    if seen != form.in_force:
+        raise refused
+    if form.rejudge:
+        on.rejudgements.start(axis, RejudgementIn(calibration=calibration, reason=form.reason))
+        return done(f"/axes/{axis}", "judged-anew")
+    try:
+        on.calibrations.activate(axis, calibration, form.reason, expected_active=form.in_force)
+    except PreconditionError as error:
+        raise refused from error
+    return done(f"/axes/{axis}", "activated")
+
+
+def _calibrate_page(
+    page: Page, axis: str, form: PlanForm, on: Services, *, refusal: str = "", status: int = 200
+) -> Response:
+    row, overview, newest = on.axes.get(axis), on.calibrations.overview(axis), on.calibration_jobs.newest(axis)
+    try:
+        plan = on.calibration_plans.of(axis, form.asked())
+    except (InvalidRequestError, MonitorCoreError) as error:
+        refusal, status, plan = refusal or str(error), 422, on.calibration_plans.of(axis, PlanIn())
+    shown = plan_out(plan)
+    return page.show(
+        "calibrate.html",
+        status=status,
+        axis=row,
+        plan=shown,
+        settings=[(item, kind_of(item.status, item.frequency_hz)) for item in shown.measured],
+        n_usable=len(plan.usable),
+        charts=settings_charts(page.words, plan),
+        form=form,
+        job=None if newest is None else job_out(newest),
+        calibrations=overview.calibrations,
+        active=overview.active,
+        activations=overview.activations,
+        documents=_documents(overview.calibrations),
+        refusal=refusal,
+    )
+
+
+def _documents(rows: Sequence[CalibrationRow]) -> dict[int, Document]:
+    return {row.id: Document.model_validate(row.document) for row in rows}
+
+
+def _uncertainties(row: CalibrationRow) -> dict[str, float]:
+    """Return the standard uncertainties of the coefficients; they come first in the covariance."""
+    document = Document.model_validate(row.document)
+    return {name: document.covariance[i][i] ** 0.5 for i, name in enumerate(document.coefficients)}
+
+
+def _readings(found: Sequence[JsonObject]) -> list[Reading]:
+    return [Reading.model_validate(item) for item in found]

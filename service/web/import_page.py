@@ -1,0 +1,150 @@
+"""``/axes/{axis}/import``: drop a file, see at once what is in it and what is missing, take its windows as a job."""
+
+from collections.abc import Mapping
+from datetime import datetime
+from functools import partial
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import RedirectResponse
+from pydantic import BaseModel
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import FormData
+
+from monitor_core.errors import MonitorCoreError
+from service.api.jobs import job_out
+from service.api.recordings import receive, recording_out
+from service.api.services import Services, services
+from service.documents.map_form import MapTable, filled_map, map_tables
+from service.errors import ConflictError, ServiceError, status_of
+from service.operations.fields import AxisId, RowId
+from service.operations.recordings.recordings import ImportArguments, RecordingView
+from service.web.site import Page, PageOf, done
+
+router = APIRouter(include_in_schema=False)
+
+_LISTED: Final = 20
+
+
+class FoundChannel(BaseModel):
+    """A channel of a file."""
+
+    name: str
+    shape: list[int]
+    unit: str | None
+    sample_rate_hz: float | None
+    looks_like: str | None
+    remarks: list[str]
+
+
+class Contents(BaseModel):
+    """What is in a session; of raw files the channels say it."""
+
+    windows: int | None = None
+    measurements: int = 0
+    positions_mm: list[float] = []
+    preloads_n: list[float] = []
+    first_window_at: datetime | None = None
+    last_window_at: datetime | None = None
+
+
+class Found(BaseModel):
+    """What the job that looks into files says, as far as the page shows it."""
+
+    kind: str
+    valid: bool
+    problems: list[str]
+    doubts: list[str]
+    contents: Contents
+    channels: list[FoundChannel]
+    lacks_for_calibration: str | None
+    map: str | None
+
+
+@router.get("/axes/{axis}/import")
+def import_page(axis: AxisId, page: PageOf, on: Annotated[Services, Depends(services)]) -> Response:
+    """Show where a file is dropped, and the recordings that the axis has."""
+    return _upload_page(page, axis, on)
+
+
+@router.post("/axes/{axis}/import")
+async def upload(axis: AxisId, page: PageOf, request: Request, on: Annotated[Services, Depends(services)]) -> Response:
+    """Take an upload as it arrives, and lead on to what is in it."""
+    try:
+        job = await receive(axis, request, check_only=True)
+    except (ServiceError, MonitorCoreError) as error:
+        if status_of(error)[0] == 404:
+            raise
+        refused = partial(_upload_page, page, axis, on, refusal=str(error), status=status_of(error)[0])
+        return await run_in_threadpool(refused)
+    return RedirectResponse(
+        f"/axes/{axis}/import/{ImportArguments.model_validate(job.arguments).recording}", status_code=303
+    )
+
+
+@router.get("/axes/{axis}/import/{recording}")
+def recording_page(
+    axis: AxisId, recording: RowId, page: PageOf, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show what is in a recording, the map of its channels to be filled in, and how far its windows are taken."""
+    return _recording_page(page, on, on.recordings.get(axis, recording))
+
+
+@router.post("/axes/{axis}/import/{recording}")
+async def take(
+    axis: AxisId, recording: RowId, request: Request, page: PageOf, on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Take the windows of a recording; what does not fit is said, and all that was typed stays."""
+    return await run_in_threadpool(_take, axis, recording, await request.form(), page, on)
+
+
+def _take(axis: str, recording: int, form: FormData, page: Page, on: Services) -> Response:
+    view = on.recordings.get(axis, recording)
+    found, typed = _found(view), {key: value for key, value in form.items() if isinstance(value, str)}
+    map_text = view.row.channel_map
+    if found is not None and found.map is not None and map_text is None:
+        map_text = filled_map(found.map, typed)
+    try:
+        on.recordings.take_kept(axis, recording, map_text)
+    except ConflictError:
+        raise
+    except (ServiceError, MonitorCoreError) as error:
+        return _recording_page(page, on, view, refusal=str(error), typed=typed, status=status_of(error)[0])
+    return done(f"/axes/{axis}/import/{recording}", "import-begun")
+
+
+def _upload_page(page: Page, axis: str, on: Services, *, refusal: str = "", status: int = 200) -> Response:
+    views = on.recordings.list(axis, None, _LISTED)
+    return page.show(
+        "import.html",
+        status=status,
+        axis=on.axes.get(axis),
+        recordings=[recording_out(view) for view in views],
+        refusal=refusal,
+    )
+
+
+def _recording_page(
+    page: Page, on: Services, view: RecordingView, *, refusal: str = "", typed: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:  # fmt: skip
+    found = _found(view)
+    needs_map = found is not None and found.map is not None and view.row.channel_map is None
+    tables: list[MapTable] = map_tables(found.map) if found is not None and found.map is not None and needs_map else []
+    return page.show(
+        "recording.html",
+        status=status,
+        axis=on.axes.get(view.row.axis_id),
+        recording=recording_out(view),
+        job=job_out(view.job),
+        found=found,
+        tables=tables,
+        typed=typed or {},
+        refusal=refusal,
+    )
+
+
+def _found(view: RecordingView) -> Found | None:
+    """Return what is in a recording whose files were looked into; None while they are, and once it is taken."""
+    is_known = view.row.state == "uploaded" and view.job.status == "done"
+    return Found.model_validate(view.job.result) if is_known else None

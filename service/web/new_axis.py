@@ -1,0 +1,112 @@
+"""``/axes/new``: name and machine, and what a catalogue says of the axis; everything else follows."""
+
+import re
+import unicodedata
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Depends, Form, Query, Response
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+
+from monitor_core.errors import MonitorCoreError
+from service.api.services import Services, services
+from service.errors import ConflictError, ServiceError, status_of
+from service.operations.calibrating.catalogue import AxisProposal, CatalogueIn, axis_proposal
+from service.operations.fields import AxisName, Label
+from service.operations.monitoring.axis_configuration import AxisConfiguration
+from service.web.calibration_view import expected_charts
+from service.web.site import PageOf, done
+
+router = APIRouter(include_in_schema=False)
+
+NEW: Final = "new"
+_NAME: Final[TypeAdapter[str]] = TypeAdapter(AxisName)
+_LABEL: Final[TypeAdapter[str]] = TypeAdapter(Label)
+
+
+class NewAxisForm(BaseModel):
+    """What the page sends, as it was typed: what does not fit is said on the page, with all that was typed."""
+
+    name: Annotated[str, Field(max_length=200)] = ""
+    machine: Annotated[str, Field(max_length=200)] = ""
+    screw_diameter_mm: Annotated[str, Field(max_length=40)] = "20"
+    screw_lead_mm: Annotated[str, Field(max_length=40)] = "6"
+    screw_length_mm: Annotated[str, Field(max_length=40)] = "971"
+    moved_mass_kg: Annotated[str, Field(max_length=40)] = "22"
+    nut_stiffness_n_per_um: Annotated[str, Field(max_length=40)] = "470"
+    dynamic_load_rating_n: Annotated[str, Field(max_length=40)] = "4000"
+    nut: Annotated[str, Field(max_length=40)] = "double"
+    bearings: Annotated[str, Field(max_length=40)] = "fixed-supported"
+    excitation_source: Annotated[str, Field(max_length=40)] = "sensor"
+
+    def catalogue(self) -> CatalogueIn:
+        """Return the catalogue data; raises ValidationError."""
+        typed = self.model_dump(exclude={"name", "machine"})
+        return CatalogueIn.model_validate({name: text.strip().replace(",", ".") for name, text in typed.items()})
+
+
+@router.get("/axes/new")
+def new_axis_page(
+    page: PageOf, form: Annotated[NewAxisForm, Query()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Show the form, and the band that its data let expect."""
+    proposal, refusal = _proposal(form)
+    return _page(page, form, on, proposal, refusal=refusal)
+
+
+@router.post("/axes/new")
+def register_axis(
+    page: PageOf, form: Annotated[NewAxisForm, Form()], on: Annotated[Services, Depends(services)]
+) -> Response:
+    """Register the axis and lead on to its first recording; what does not fit is said, and stays as it was typed."""
+    proposal, refusal = _proposal(form)
+    if proposal is None:
+        return _page(page, form, on, None, refusal=refusal, status=422)
+    name, machine = form.name.strip(), form.machine.strip()
+    try:
+        axis_id = axis_id_of(name)
+        configuration = AxisConfiguration(
+            search_band_hz=proposal.search_band_hz,
+            excitation_source="drive" if form.excitation_source == "drive" else "sensor",
+            drive_model=proposal.drive_model,
+            machine=_LABEL.validate_python(machine) if machine else None,
+        )
+        on.axes.register(axis_id, _LABEL.validate_python(name), configuration, only_new=True)
+    except ValidationError as error:
+        return _page(
+            page, form, on, proposal, refusal=f"name: {error.errors()[0]['msg']}; got {name[:50]!r}", status=422
+        )
+    except ConflictError as error:
+        return _page(page, form, on, proposal, refusal=str(error), status=409)
+    except (ServiceError, MonitorCoreError) as error:
+        return _page(page, form, on, proposal, refusal=str(error), status=status_of(error)[0])
+    return done(f"/axes/{axis_id}/import", "registered")
+
+
+def axis_id_of(name: str) -> str:
+    """Return the identifier of an axis of that name; raises ValidationError or ConflictError."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    found = _NAME.validate_python(re.sub(r"[^A-Za-z0-9._]+", "-", plain).strip("-._")[:64].lower())
+    if found == NEW:  # the address of this page
+        raise ConflictError(f"an axis cannot be called '{NEW}'; choose another name")
+    return found
+
+
+def _proposal(form: NewAxisForm) -> tuple[AxisProposal | None, str]:
+    """Return what follows from the data, or why nothing does, in a sentence."""
+    try:
+        return axis_proposal(form.catalogue()), ""
+    except ValidationError as error:
+        first = error.errors()[0]
+        return None, f"{first['loc'][0]}: {first['msg']}; got {str(first['input'])[:50]!r}"
+    except MonitorCoreError as error:
+        return None, str(error)
+
+
+def _page(
+    page: PageOf, form: NewAxisForm, on: Services, proposal: AxisProposal | None, *, refusal: str, status: int = 200
+) -> Response:
+    charts = None if proposal is None else expected_charts(page.words, proposal)
+    machines = sorted({m for axis in on.trend.fleet().axes if (m := axis.configuration.machine)})
+    return page.show(
+        "new_axis.html", status=status, form=form, proposal=proposal, refusal=refusal, machines=machines, charts=charts
+    )

@@ -1,0 +1,293 @@
+"""The way to a calibration over HTTP: a drive of catalogue data, an upload looked into, a plan, a fit."""
+
+import itertools
+import threading
+import time
+import tomllib
+from collections.abc import Iterator
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from monitor_core.recording import Session
+from monitor_core.recordings.model_file import parse_model
+from monitor_core.recordings.raw.proposal.map_proposal import map_text
+from monitor_core.recordings.session_hdf5 import write_session
+from service.documents.map_form import filled_map, map_tables
+from service.operations.calibrating import fit_job
+from service.operations.recordings import recordings
+from tests.service.conftest import CONFIGURATION, START, Api, running_service, simulated_measurement
+from tests.service.test_jobs import wait_for
+
+SETTINGS = list(itertools.product((200.0, 400.0, 600.0, 800.0), (100.0, 200.0, 300.0)))
+RATE = 1024
+
+
+@pytest.fixture
+def api(tmp_path: Path) -> Iterator[Api]:
+    with running_service(tmp_path / "var") as served:
+        served.register("axis", **CONFIGURATION | {"windows_per_measurement": 4})
+        yield served
+
+
+def measure(api: Api, settings: list[tuple[float, float]] = SETTINGS) -> None:
+    for number, (place, preload) in enumerate(settings):
+        windows = simulated_measurement(
+            np.random.default_rng(number), f"setting-{number}", preload=preload, position_mm=place, n_windows=4,
+            started_at=START + timedelta(minutes=number), set_preload=preload,
+        )  # fmt: skip
+        api.accept("axis", windows)
+
+
+def refused_with(answer: httpx.Response, status: int, *, says: str = "") -> None:
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert says in answer.text
+
+
+def start(api: Api, **body: Any) -> dict[str, Any]:
+    answer = api.http.post("/v1/axes/axis/calibration-jobs", json=body)
+    assert answer.status_code == 202, answer.text
+    assert answer.headers["location"] == f"/v1/jobs/{answer.json()['id']}"
+    job: dict[str, Any] = answer.json()
+    return job
+
+
+def upload(api: Api, *files: tuple[str, bytes]) -> tuple[int, dict[str, Any]]:
+    """Upload files to be looked into; return the number of the recording, and the job that has looked."""
+    answer = api.http.post(
+        "/v1/axes/axis/recordings", params={"check_only": True}, files=[("file", each) for each in files]
+    )
+    assert answer.status_code == 202, answer.text
+    return answer.json()["arguments"]["recording"], wait_for(api, answer.json()["id"], "done", "failed")
+
+
+def session_bytes(tmp_path: Path) -> bytes:
+    windows = simulated_measurement(np.random.default_rng(1), "m", n_windows=4, set_preload=300.0)
+    write_session(tmp_path / "made.session.h5", Session("axis", tuple(windows)))
+    return (tmp_path / "made.session.h5").read_bytes()
+
+
+def table() -> bytes:
+    torque, acceleration = _signals()
+    rows = [f"{i / RATE:.6f},{t:.6g},{a:.6g}" for i, (t, a) in enumerate(zip(torque, acceleration, strict=True))]
+    return "\n".join(["Time [s],Motor torque [Nm],Acc nut [m/s2]", *rows]).encode()
+
+
+def _signals() -> tuple[list[float], list[float]]:
+    windows = simulated_measurement(np.random.default_rng(2), "m", n_windows=4)
+    return [float(v) for w in windows for v in w.excitation], [float(v) for w in windows for v in w.response]
+
+
+def test_catalogue_data_become_a_drive_that_an_axis_is_registered_with(api: Api) -> None:
+    found = api.http.get("/v1/drive-model", params={"moved_mass_kg": 40, "bearings": "fixed-fixed"}).json()
+    low, high = found["search_band_hz"]
+    for item in found["expected"]:
+        assert low - 1 <= item["lower_hz"] < item["frequency_hz"] < item["upper_hz"] <= high + 1
+    assert parse_model(found["drive_model"], "model").parameters["table_mass_kg"] == 40.0
+    configuration = {"drive_model": found["drive_model"], "search_band_hz": found["search_band_hz"]}
+    answer = api.http.put("/v1/axes/fresh", json={"name": "Fresh", "configuration": configuration})
+    assert answer.status_code == 201, answer.text
+    plan = api.http.get("/v1/axes/fresh/calibration-plan").json()
+    assert plan["scatter_from"] == "model"
+    assert plan["positions_mm"] == [97.0, 291.0, 486.0, 680.0, 874.0]
+
+
+def test_catalogue_data_that_are_no_axis_are_refused(api: Api) -> None:
+    answer = api.http.get("/v1/drive-model", params={"screw_diameter_mm": -1})
+    refused_with(answer, 422)
+
+
+def test_a_plan_counts_down_and_says_what_it_rests_on(api: Api) -> None:
+    def plan(**asked: float) -> dict[str, Any]:
+        found: dict[str, Any] = api.http.get("/v1/axes/axis/calibration-plan", params=asked).json()
+        return found
+
+    empty = plan()
+    assert empty["scatter_from"] == "none"
+    assert empty["smallest_loss_n"] is None
+    assert empty["measurements_left"] == len(empty["holes"]) == 15
+    measure(api, SETTINGS[:2])
+    assert len(plan()["measured"]) == 2
+    measure(api, SETTINGS)
+    done = plan()
+    assert done["scatter_from"] == "measured"
+    assert done["holes"] == []
+    assert 0.0 < done["smallest_loss_then_n"] <= done["smallest_loss_n"]
+    assert plan(wished_loss_n=done["smallest_loss_n"] + 1.0)["measurements_left"] == 0
+    assert plan(wished_loss_n=0.9 * done["smallest_loss_n"])["measurements_left"] != 0
+    refused_with(api.http.get("/v1/axes/axis/calibration-plan", params={"from_mm": 5, "to_mm": 1}), 422)
+    refused_with(api.http.get("/v1/axes/nobody/calibration-plan"), 404)
+
+
+def test_a_fit_is_a_job_with_the_readings_it_rests_on(api: Api) -> None:
+    measure(api)
+    job = wait_for(api, start(api, comment="guided")["id"], "done")
+    assert (job["done"], job["total"]) == (13, 13)
+    stored = api.http.get(f"/v1/axes/axis/calibrations/{job['result']['calibration']}").json()
+    assert stored["comment"] == "guided"
+    assert not stored["active"]
+    at_once = api.http.post("/v1/axes/axis/calibrations", json={"measurements": {}}).json()
+    assert stored["document"] == at_once["document"]
+    left = [reading["residual_hz"] for reading in job["result"]["readings"]]
+    assert np.sqrt(np.mean(np.square(left))) == pytest.approx(stored["document"]["residual_rms_hz"], rel=1e-6)
+
+
+def test_a_prior_lets_fewer_measurements_do(api: Api) -> None:
+    prior = api.calibrate("axis")
+    measure(api, SETTINGS[:2])
+    assert wait_for(api, start(api)["id"], "done", "failed")["status"] == "failed"
+    job = wait_for(api, start(api, prior=prior)["id"], "done", "failed")
+    assert job["status"] == "done", job["error"]
+
+
+def test_what_cannot_be_fitted_is_refused_before_a_job_is_made(api: Api) -> None:
+    refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json={}), 422, says="preload_n set")
+    refused_with(api.http.post("/v1/axes/nobody/calibration-jobs", json={}), 404)
+    measure(api, SETTINGS[:1])
+    refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json={"prior": 99}), 404)
+
+
+def test_one_fit_at_a_time_which_can_be_cancelled(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    measure(api)
+    go_on = threading.Event()
+    measured_modes = fit_job.measured_modes
+
+    def slowly(*arguments: Any) -> Any:
+        go_on.wait(20.0)
+        return measured_modes(*arguments)
+
+    monkeypatch.setattr(fit_job, "measured_modes", slowly)
+    job = start(api)
+    wait_for(api, job["id"], "running")
+    refused_with(api.http.post("/v1/axes/axis/calibration-jobs", json={}), 409, says="already")
+    assert api.http.post(f"/v1/jobs/{job['id']}/cancel").json()["status"] == "cancelled"
+    go_on.set()
+    assert wait_for(api, start(api)["id"], "done")["result"]["calibration"] == 1  # the cancelled one stored none
+
+
+def test_a_fit_that_a_stop_interrupted_is_done_after_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started = threading.Event()
+    measured_modes = fit_job.measured_modes
+
+    def slowly(*arguments: Any) -> Any:
+        started.set()
+        time.sleep(0.3)
+        return measured_modes(*arguments)
+
+    with running_service(tmp_path / "var") as api:
+        api.register("axis", **CONFIGURATION | {"windows_per_measurement": 4})
+        measure(api)
+        monkeypatch.setattr(fit_job, "measured_modes", slowly)
+        job = start(api)
+        assert started.wait(10.0)
+    monkeypatch.setattr(fit_job, "measured_modes", measured_modes)
+    with running_service(tmp_path / "var") as api:
+        assert wait_for(api, job["id"], "done")["result"]["calibration"] == 1
+
+
+def test_an_upload_is_looked_into_and_taken_when_asked_to(api: Api, tmp_path: Path) -> None:
+    number, job = upload(api, ("made.session.h5", session_bytes(tmp_path)))
+    assert job["kind"] == "check"
+    found = job["result"]
+    assert found["valid"]
+    assert (found["contents"]["windows"], found["contents"]["preloads_n"]) == (4, [300.0])
+    assert found["lacks_for_calibration"] == "5 measurements with preload_n; it has 1"
+    assert api.http.get("/v1/axes/axis/trend").json()["points"] == []  # nothing was taken yet
+    answer = api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={})
+    assert answer.status_code == 202, answer.text
+    wait_for(api, answer.json()["id"], "done")
+    stored = api.http.get(f"/v1/axes/axis/recordings/{number}").json()
+    assert (stored["state"], stored["n_windows"]) == ("imported", 4)
+    refused_with(api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={}), 409)
+
+
+def tdms(path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    torque, acceleration = _signals()
+    channels = [
+        nptdms.ChannelObject("Run", name, np.array(values), properties={"wf_increment": 1 / RATE, "unit_string": unit})
+        for name, values, unit in (("Torque", torque, "N.m"), ("Acceleration", acceleration, "m/s^2"))
+    ]
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(channels)
+
+
+def mdf(path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    torque, acceleration = _signals()
+    stamps = np.arange(len(torque)) / RATE
+    file = asammdf.MDF(version="4.10")
+    file.append(
+        [
+            asammdf.Signal(np.array(values), stamps, name=name, unit=unit)
+            for name, values, unit in (("Torque", torque, "Nm"), ("Acceleration", acceleration, "m/s2"))
+        ]
+    )
+    file.save(path, overwrite=True)
+    file.close()
+
+
+def csv(path: Path) -> None:
+    path.write_bytes(table())
+
+
+#: What the forms of these files leave to be said, and what is to be typed there.
+TYPED = {
+    "window.sample_rate_hz": str(RATE), "window.started_at": "2026-03-01T06:00:00Z", "window.position_mm": "250",
+    "window.samples_per_window": str(RATE), "window.preload_n": "300",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "make"), [("run.csv", csv), ("run.tdms", tdms), ("run.mf4", mdf)])
+def test_a_raw_file_is_taken_with_the_form_that_is_proposed(api: Api, tmp_path: Path, name: str, make: Any) -> None:
+    make(tmp_path / name)
+    number, job = upload(api, (name, (tmp_path / name).read_bytes()))
+    found = job["result"]
+    assert found["valid"], found
+    fields = {field.key: field for part in map_tables(found["map"]) for field in part.fields}
+    assert fields[".axis_id"].value == "axis"
+    values = {key: field.value or TYPED.get(key, "") for key, field in fields.items()}
+    assert all(values[key] for key, field in fields.items() if field.required)
+    body = {"map": filled_map(found["map"], values)}
+    refused = api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={"map": body["map"].replace("N.m", "kg")})
+    refused_with(refused, 422, says="kg")
+    assert api.http.get(f"/v1/axes/axis/recordings/{number}").json()["state"] == "uploaded"  # nothing is lost
+    answer = api.http.post(f"/v1/axes/axis/recordings/{number}/import", json=body)
+    assert answer.status_code == 202, answer.text
+    assert wait_for(api, answer.json()["id"], "done")["result"]["windows_posted"] == 4
+
+
+def test_the_map_of_a_form_that_nobody_touched_is_the_proposal(tmp_path: Path) -> None:
+    csv(tmp_path / "run.csv")
+    proposed = map_text(tmp_path / "run.csv")
+    values = {field.key: field.value for part in map_tables(proposed) for field in part.fields}
+    assert tomllib.loads(filled_map(proposed, values)) == tomllib.loads(proposed)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.csv", b""), ("b.txt", b"dear diary"), ("c.session.h5", b"\x89HDF\r\n\x1a\n"), ("d.toml", b'axis_id = "x"')],
+)
+def test_a_file_that_holds_no_windows_says_what_was_expected(api: Api, name: str, content: bytes) -> None:
+    number, job = upload(api, (name, content))
+    assert job["status"] == "done"
+    assert not job["result"]["valid"]
+    (sentence,) = job["result"]["problems"]
+    assert name in sentence
+    refused_with(api.http.post(f"/v1/axes/axis/recordings/{number}/import", json={}), 422)
+    assert api.http.delete(f"/v1/axes/axis/recordings/{number}").status_code == 200
+
+
+def test_a_look_that_a_reader_ends_says_so(api: Api, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(*_: Any) -> Any:
+        raise recordings.ProcessEndedError(-11)
+
+    monkeypatch.setattr(recordings, "in_own_process", ended)
+    _, job = upload(api, ("made.session.h5", session_bytes(tmp_path)))
+    assert not job["result"]["valid"]
+    assert "ended by itself" in job["result"]["problems"][0]
