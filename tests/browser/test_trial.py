@@ -104,6 +104,21 @@ def test_it_takes_the_service_less_than_20_seconds(empty_service: Site) -> None:
     assert processor_seconds(empty_service) - before < 20.0
 
 
+def test_it_goes_on_after_a_restart(empty_service: Site) -> None:
+    job = empty_service.api.http.post("/v1/trials").json()["id"]
+    until = time.monotonic() + 60.0
+    while empty_service.api.http.get(f"/v1/jobs/{job}").json()["done"] < 40 and time.monotonic() < until:
+        time.sleep(0.05)
+    empty_service.server.process.kill()
+    empty_service.restart()
+    wait_for(empty_service, job)
+    assert len(empty_service.api.trend("trial", limit=1000)) == 213
+    assert len(empty_service.api.trend("trial-sister", limit=1000)) == 46
+    assert len(empty_service.api.http.get("/v1/axes/trial/calibrations").json()["calibrations"]) == 1
+    alarms = empty_service.api.http.get("/v1/alarms", params={"axis": "trial"}).json()["alarms"]
+    assert [alarm["status"] for alarm in alarms] == ["active", "cleared"]
+
+
 def processor_seconds(site: Site) -> float:
     """Return what the process of a service has taken so far, in all its threads."""
     words = Path(f"/proc/{site.server.process.pid}/stat").read_text().rpartition(")")[2].split()
