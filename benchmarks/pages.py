@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.pages`` prints, for an axis of 5,000 and of 1,000,000 measurements, when its first chart stands
 in Chromium (each time in a new profile, so that nothing is cached), what was sent and what that unpacks to, how long a
-poll takes on the wire and of the processor; then how long the fleet of 1000 axes takes, with and without the browser.
+poll takes on the wire and of the processor, and how soon an open page has what was measured; then how long the fleet of 1000 axes takes, with and without the browser.
 """
 
 import shutil
@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, sync_playwright
 from psutil import Process
 
 from benchmarks.hostile_connections import register, service
-from tests.service.conftest import running_service, simulated_measurement
+from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
 
 LENGTHS = (5_000, 1_000_000)
@@ -60,6 +60,20 @@ def poll(http: httpx.Client, process: Process) -> str:
     return f"{1e3 * statistics.median(waited):.2f} ms on the wire, {1e3 * spent:.2f} ms of the processor"
 
 
+def taken_over(browser: Browser, api: Api) -> str:
+    """Return how long after a measurement was accepted an open page shows it."""
+    page, rng, late = browser.new_page(), np.random.default_rng(2), []
+    page.goto(f"{api.http.base_url}/axes/axis")
+    for day in range(1, REPEATED + 1):
+        windows = simulated_measurement(rng, f"day {day}", started_at=START + timedelta(days=day), n_windows=2)
+        api.accept("axis", windows)
+        began, mark = time.perf_counter(), api.http.get("/v1/changes").json()["mark"]
+        page.wait_for_function("mark => document.documentElement.dataset.mark === mark", arg=mark)
+        late.append(time.perf_counter() - began)
+    page.close()
+    return f"{statistics.median(late):.2f} s (longest {max(late):.2f})"
+
+
 def axis_of(browser: Browser, n_measurements: int) -> None:
     """Print what the page of an axis with so many measurements takes."""
     with tempfile.TemporaryDirectory() as folder:
@@ -81,6 +95,8 @@ def axis_of(browser: Browser, n_measurements: int) -> None:
                     f"(longest {seconds[-1]:.2f}); {sent[0] / 1e3:.0f} kB sent, {unpacked[0] / 1e3:.0f} kB unpacked"
                 )
             print(f"{n_measurements:>9} measurements, poll: {poll(http, process)}")
+            soon = taken_over(browser, Api(http, data))
+            print(f"{n_measurements:>9} measurements, an open page shows a new one after {soon}")
 
 
 def fleet(browser: Browser) -> None:
