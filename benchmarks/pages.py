@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.pages`` prints, for an axis of 5,000 and of 1,000,000 measurements, when its first chart stands
 in Chromium (each time in a new profile, so that nothing is cached), what was sent and what that unpacks to, how long a
-poll takes on the wire and of the processor, and how soon an open page has what was measured; then how long the fleet of 1000 axes takes, with and without the browser.
+poll takes on the wire and of the processor, and how soon an open page has what was measured; then how long the fleet of
+1000 axes takes, with and without the browser.
 """
 
 import shutil
