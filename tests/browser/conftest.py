@@ -26,9 +26,12 @@ THEMES = ("light", "dark")
 AXE = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Start the system's Chromium, one for all tests."""
+    """Start the system's Chromium, one for the tests of a file.
+
+    Playwright keeps an event loop in this thread: it ends with the file, since other tests run loops of their own.
+    """
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if path is None:
         pytest.fail("the tests of the pages need Chromium: apt-get install chromium, or any chromium on the PATH")
