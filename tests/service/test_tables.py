@@ -36,7 +36,7 @@ LISTS = {
     "/v1/advice", "/v1/alarms", "/v1/audit", "/v1/axes", "/v1/axes/{axis}/calibration-plan",
     "/v1/axes/{axis}/calibrations", "/v1/axes/{axis}/history", "/v1/axes/{axis}/maintenance",
     "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins", "/v1/axes/{axis}/recordings",
-    "/v1/axes/{axis}/trend", "/v1/drive-model", "/v1/jobs", "/v1/machines", "/v1/receivers", "/v1/retention",
+    "/v1/axes/{axis}/projection", "/v1/axes/{axis}/trend", "/v1/drive-model", "/v1/jobs", "/v1/machines", "/v1/receivers", "/v1/retention",
     "/v1/sessions",
 }  # fmt: skip
 
