@@ -337,6 +337,14 @@ def _response_out(response: FrequencyResponse | None) -> ResponseOut | None:
     )
 
 
+class ProjectedPointOut(BaseModel):
+    """A measurement as it would be."""
+
+    at: datetime
+    preload_n: float
+    interval_95_n: tuple[float, float]
+
+
 class ProjectionOut(BaseModel):
     """Where the preload would go if it went on as it does now, with the 95 % prediction interval of one measurement."""
 
@@ -344,10 +352,7 @@ class ProjectionOut(BaseModel):
     since: datetime | None
     n_measurements: int
     slope_n_per_day: float | None
-    at: list[datetime]
-    preload_n: list[float]
-    lower_n: list[float]
-    upper_n: list[float]
+    points: list[ProjectedPointOut]
 
 
 @router.get("/axes/{axis}/projection", response_model=ProjectionOut)
@@ -355,10 +360,16 @@ def get_projection(axis: AxisId, on: Annotated[Services, Depends(services)]) -> 
     """Project the trend from the onset of the alarm that stands, or the newest measurements: empty of too few."""
     found = on.long_run.projection(axis)
     if found is None:
-        return ProjectionOut(
-            axis=axis, since=None, n_measurements=0, slope_n_per_day=None, at=[], preload_n=[], lower_n=[], upper_n=[]
-        )
+        return ProjectionOut(axis=axis, since=None, n_measurements=0, slope_n_per_day=None, points=[])
+    columns = zip(found.at, found.preload_n, found.lower_n, found.upper_n, strict=True)
+    points = [
+        ProjectedPointOut(at=at, preload_n=preload, interval_95_n=(lower, upper))
+        for at, preload, lower, upper in columns
+    ]
     return ProjectionOut(
-        axis=axis, since=found.since, n_measurements=found.n_measurements, slope_n_per_day=found.slope_n_per_day,
-        at=found.at, preload_n=found.preload_n, lower_n=found.lower_n, upper_n=found.upper_n,
-    )  # fmt: skip
+        axis=axis,
+        since=found.since,
+        n_measurements=found.n_measurements,
+        slope_n_per_day=found.slope_n_per_day,
+        points=points,
+    )

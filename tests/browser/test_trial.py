@@ -140,8 +140,9 @@ def test_the_long_run_shows_projection_mode_and_sister(tried: Site, visit: Visit
     expect(page.locator("h1")).to_contain_text("The long run")
     projected = tried.api.http.get("/v1/axes/trial/projection").json()
     assert -1.9 < projected["slope_n_per_day"] < -1.0  # 1.5 N a day are lost
-    in_truth = 300.0 - 1.5 * (364 - 322 + _days(projected["at"][0], projected["at"][-1]))
-    assert projected["lower_n"][-1] < in_truth < projected["upper_n"][-1]
+    in_truth = 300.0 - 1.5 * (364 - 322 + _days(projected["points"][0]["at"], projected["points"][-1]["at"]))
+    lower, upper = projected["points"][-1]["interval_95_n"]
+    assert lower < in_truth < upper
     expect(page.locator("#projection")).to_contain_text("Projection, if it goes on like this")
     chart = page.locator("#spectrum .wide svg")
     assert len(chart.evaluate("svg => svg.outerHTML")) < 30_000

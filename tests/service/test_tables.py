@@ -35,9 +35,15 @@ SESSION = Path(__file__).resolve().parents[2] / "replay_data" / "bad-windows.ses
 LISTS = {
     "/v1/advice", "/v1/alarms", "/v1/audit", "/v1/axes", "/v1/axes/{axis}/calibration-plan",
     "/v1/axes/{axis}/calibrations", "/v1/axes/{axis}/history", "/v1/axes/{axis}/maintenance",
-    "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins", "/v1/axes/{axis}/recordings",
-    "/v1/axes/{axis}/projection", "/v1/axes/{axis}/trend", "/v1/drive-model", "/v1/jobs", "/v1/machines", "/v1/receivers", "/v1/retention",
-    "/v1/sessions",
+    "/v1/axes/{axis}/measurements/{measurement}/evidence", "/v1/axes/{axis}/pins", "/v1/axes/{axis}/projection",
+    "/v1/axes/{axis}/recordings", "/v1/axes/{axis}/trend", "/v1/drive-model", "/v1/jobs", "/v1/machines",
+    "/v1/receivers", "/v1/retention", "/v1/sessions",
+}  # fmt: skip
+
+
+EVIDENCE = {
+    "sentence": 'a "quoted", -1.5', "at": "2026-03-08T06:00:00Z", "onset": "2026-03-07T06:00:00Z",
+    "interval": [-9.0, 9.0], "preload_loss_n": 301.5, "baseline_preload_n": 300.0,
 }  # fmt: skip
 
 
@@ -61,7 +67,7 @@ def filled(shared_api: Api) -> Api:
             alarm = AlarmRow(
                 axis_id="mill", measurement_id=measurement, kind="preload-loss", raised_at=START, status="active",
                 epoch=0, measured_at=START,
-                evidence={"sentence": 'a "quoted", -1.5', "preload_n": -1.5 + number},
+                evidence=EVIDENCE | {"preload_n": -1.5 + number},
                 explanation={"examined": False, "reason": "no-drive-model", "sentence": "none", "recent": None},
             )  # fmt: skip
             session.add(alarm)
