@@ -228,7 +228,9 @@ def test_two_services_share_the_database_behind_the_proxy(database: str, tmp_pat
         with pytest.raises(httpx.ConnectError):
             httpx.get(address, trust_env=False)  # by an authority that nobody knows
         dying.kill()
-        assert all(answers(address, verify=trusted, headers=key) for _ in range(20))
+        for _ in range(20):
+            got = httpx.get(address, verify=trusted, headers=key, trust_env=False, timeout=5.0)
+            assert got.status_code == 200, got.text
 
 
 def test_the_broker_lets_in_who_has_a_password(tmp_path: Path) -> None:
