@@ -252,7 +252,8 @@ def get_history(axis: AxisId, on: Annotated[Services, Depends(services)]) -> His
 def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> MeasurementOut:
     """Return one measurement with everything its value rests on."""
     view = on.trend.measurement(axis, measurement)
-    row, ladder = view.row, on.evidence.ladder(axis, view)
+    row, evidence = view.row, on.evidence.of(axis, view)
+    ladder = evidence.ladder()
     return MeasurementOut(
         measurement_id=row.id,
         measurement=row.name,
@@ -273,7 +274,7 @@ def get_measurement(axis: AxisId, measurement: RowId, on: Annotated[Services, De
                 gate=str(read.gate), value=read.value, unit=read.unit, lower=read.lower, upper=read.upper,
                 passed=read.passed,
             )
-            for read in on.evidence.gates(axis, view)
+            for read in evidence.gates()
         ],
         ladder=None if ladder is None else ladder_out(ladder),
     )  # fmt: skip
@@ -299,13 +300,14 @@ def ladder_out(ladder: PreloadLadder) -> LadderOut:
 def get_evidence(axis: AxisId, measurement: RowId, on: Annotated[Services, Depends(services)]) -> EvidenceOut:
     """Return the whole response of a measurement with the baseline's, and what other calibrations say of it."""
     view = on.trend.measurement(axis, measurement)
-    found = on.evidence.responses(axis, view)
+    evidence = on.evidence.of(axis, view)
+    found = evidence.responses()
     return EvidenceOut(
         band_hz=found.band,
         response=_response_out(found.measured),
         baseline_response=_response_out(found.baseline),
         n_baseline=found.n_baseline,
-        judgements=[judgement_out(judgement) for judgement in on.evidence.judgements(axis, view)],
+        judgements=[judgement_out(judgement) for judgement in evidence.judgements()],
     )
 
 

@@ -68,15 +68,16 @@ def measurement_page(
     """Show why a measurement has its value."""
     view = on.trend.measurement(axis, measurement)
     last, said = Last.model_validate(view.outcome or {}), _Said.model_validate(view.outcome or {})
-    found, ladder = on.evidence.responses(axis, view), on.evidence.ladder(axis, view)
-    before, following = on.evidence.neighbours(axis, view)
+    evidence = on.evidence.of(axis, view)
+    found, ladder = evidence.responses(), evidence.ladder()
+    before, following = evidence.neighbours()
     return page.show(
         "measurement.html",
         axis=on.trend.status(axis).row,
         row=view.row,
         last=last,
         said_of_it=said,
-        gates=_gates(on.evidence.gates(axis, view), last),
+        gates=_gates(evidence.gates(), last),
         advice=_advice(on, last),
         ladder=ladder,
         rungs=[] if ladder is None else _rungs(ladder, last.variance_shares),
@@ -84,7 +85,7 @@ def measurement_page(
         windows=_windows(view),
         drawn=window_pictures(page.words, found.windows),
         let_go=view.let_go,
-        judgements=[judgement_out(judgement) for judgement in on.evidence.judgements(axis, view)],
+        judgements=[judgement_out(judgement) for judgement in evidence.judgements()],
         before=before,
         following=following,
     )

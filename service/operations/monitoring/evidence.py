@@ -3,7 +3,7 @@
 import cmath
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -82,88 +82,102 @@ class Evidence:
         self._database = database
         self._waveforms = waveforms
 
-    def gates(self, axis_id: str, view: MeasurementView) -> tuple[GateReading, ...]:
-        """Return what each gate read of a measurement; none where no mode was found, or its waveforms are needed."""
-        configuration, calibration = self._judged_by(axis_id, view)
-        said = None if view.outcome is None else _Said.model_validate(view.outcome)
-        if said is not None and calibration is not None and said.n_modes == 1:
-            stored = _stored_gates(said, configuration, calibration)
+    def of(self, axis_id: str, view: MeasurementView) -> "MeasurementEvidence":
+        """Return what the value of a measurement rests on; its waveforms are read when they are first asked for."""
+        with self._database.read() as session:
+            configuration = load_configuration(axes.get_axis(session, axis_id).configuration)
+            number = view.row.calibration_id
+            row = None if number is None else calibrations.get_calibration(session, axis_id, number)
+        calibration = None if row is None else calibration_from_document(row.document)
+        return MeasurementEvidence(self._database, self._waveforms, axis_id, view, configuration, calibration)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementEvidence:
+    """Why one measurement has its value: what it was judged by is known, its waveforms are read once."""
+
+    _database: Database
+    _waveforms: WaveformStore
+    axis_id: str
+    view: MeasurementView
+    configuration: AxisConfiguration
+    calibration: Calibration | None  # by which it was judged
+
+    def gates(self) -> tuple[GateReading, ...]:
+        """Return what each gate read; none where no mode was found, or its waveforms are needed and not there."""
+        said = self._said
+        if said is not None and self.calibration is not None and said.n_modes == 1:
+            stored = _stored_gates(said, self.configuration, self.calibration)
             if stored is not None:
                 return stored
-        windows = self._windows(view.row.id)
-        if not windows:
+        if not self.windows:
             return ()
-        settings = core_settings(configuration)
+        settings, calibration = core_settings(self.configuration), self.calibration
         read = read_gates(
-            windows,
-            band=search_band(settings, calibration, windows[0]),
+            self.windows,
+            band=search_band(settings, calibration, self.windows[0]),
             gate=settings.mode,
             phase=None if calibration is None else calibration.phase_reference,
             maximum_modes=2 if calibration is None else max(calibration.maximum_modes, said.n_modes if said else 1),
         )
         return read.gates if isinstance(read, ModeReadings) else ()
 
-    def ladder(self, axis_id: str, view: MeasurementView) -> PreloadLadder | None:
-        """Return the terms between the frequency and the preload of a measurement; None if it has no preload."""
-        _, calibration = self._judged_by(axis_id, view)
-        said = None if view.outcome is None else _Said.model_validate(view.outcome)
+    def ladder(self) -> PreloadLadder | None:
+        """Return the terms between the frequency and the preload; None if there is no preload."""
+        said, calibration = self._said, self.calibration
         if said is None or calibration is None or said.frequency_hz is None or said.preload_n is None:
             return None
         return preload_ladder(said.frequency_hz, said.conditions, calibration, feature=said.preload_feature_s2)
 
-    def responses(self, axis_id: str, view: MeasurementView) -> Responses:
-        """Return the whole response of a measurement, and that of the baseline at the same place."""
-        configuration, calibration = self._judged_by(axis_id, view)
-        windows = self._windows(view.row.id)
+    def responses(self) -> Responses:
+        """Return the whole response, and that of the baseline at the same place."""
+        windows = self.windows
         if not windows:
             return Responses(None, None, 0, None, ())
-        settings = core_settings(configuration)
-        lines, band = whole_band(settings, windows[0]), search_band(settings, calibration, windows[0])
+        settings = core_settings(self.configuration)
+        lines, band = whole_band(settings, windows[0]), search_band(settings, self.calibration, windows[0])
         measured = averaged_response(windows, lines)
         if isinstance(measured, Rejection):
             return Responses(None, None, 0, band, tuple(windows))
         of_baseline = [
-            response
-            for response in self._baseline(axis_id, view, lines)
-            if np.array_equal(response.frequency, measured.frequency)
+            response for response in self._baseline(lines) if np.array_equal(response.frequency, measured.frequency)
         ]
         return Responses(measured, _mean(of_baseline), len(of_baseline), band, tuple(windows))
 
-    def judgements(self, axis_id: str, view: MeasurementView) -> list[OtherJudgement]:
+    def judgements(self) -> list[OtherJudgement]:
         """Return what the newest calibrations say of the same windows; none where the waveforms are not there."""
-        configuration, _ = self._judged_by(axis_id, view)
-        windows = self._windows(view.row.id)
-        if not windows:
+        if not self.windows:
             return []
         with self._database.read() as session:
-            rows = calibrations.list_calibrations(session, axis_id)
-        chosen = [row for i, row in enumerate(rows) if i < MOST_CALIBRATIONS or row.id == view.row.calibration_id]
-        settings = core_settings(configuration)
+            rows = calibrations.list_calibrations(session, self.axis_id)
+        judged_by = self.view.row.calibration_id
+        chosen = [row for i, row in enumerate(rows) if i < MOST_CALIBRATIONS or row.id == judged_by]
+        settings = core_settings(self.configuration)
         return [
-            OtherJudgement(row.id, judge_measurement(windows, settings, calibration_from_document(row.document)))
+            OtherJudgement(row.id, judge_measurement(self.windows, settings, calibration_from_document(row.document)))
             for row in chosen
         ]
 
-    def neighbours(self, axis_id: str, view: MeasurementView) -> tuple[int | None, int | None]:
-        """Return the numbers of the measurements before and after one, in order of time."""
+    def neighbours(self) -> tuple[int | None, int | None]:
+        """Return the numbers of the measurements before and after it, in order of time."""
         with self._database.read() as session:
-            number, at = axes.get_axis(session, axis_id).number, view.row.started_at
+            number, at = axes.get_axis(session, self.axis_id).number, self.view.row.started_at
             before = point_before(session.connection(), number, at)
             following = page_of_points(
-                session.connection(), number, Span(at), after=(at, view.row.id), limit=1, newest_first=False
+                session.connection(), number, Span(at), after=(at, self.view.row.id), limit=1, newest_first=False
             )
         return None if before is None else before.measurement_id, following[0].measurement_id if following else None
 
-    def _judged_by(self, axis_id: str, view: MeasurementView) -> tuple[AxisConfiguration, Calibration | None]:
-        with self._database.read() as session:
-            configuration = load_configuration(axes.get_axis(session, axis_id).configuration)
-            if view.row.calibration_id is None:
-                return configuration, None
-            row = calibrations.get_calibration(session, axis_id, view.row.calibration_id)
-        return configuration, calibration_from_document(row.document)
+    @cached_property
+    def windows(self) -> list[Window]:
+        """The accepted windows; none where they were let go or are damaged."""
+        return self._windows_of(self.view.row.id)
 
-    def _windows(self, measurement_id: int) -> list[Window]:
-        """Return the accepted windows of a measurement; none where they were let go or are damaged."""
+    @cached_property
+    def _said(self) -> _Said | None:
+        return None if self.view.outcome is None else _Said.model_validate(self.view.outcome)
+
+    def _windows_of(self, measurement_id: int) -> list[Window]:
         try:
             return self._waveforms.read_where_they_lie(partial(self._places, measurement_id))
         except (LetGoError, WaveformDamagedError):
@@ -173,14 +187,15 @@ class Evidence:
         with self._database.read() as session:
             return measurements.accepted_places(session, measurement_id)
 
-    def _baseline(self, axis_id: str, view: MeasurementView, lines: tuple[float, float]) -> list[FrequencyResponse]:
+    def _baseline(self, lines: tuple[float, float]) -> list[FrequencyResponse]:
         with self._database.read() as session:
-            baseline = load_state(axes.get_axis(session, axis_id).monitor_state).detector.baseline
+            baseline = load_state(axes.get_axis(session, self.axis_id).monitor_state).detector.baseline
             if baseline is None:
                 return []
-            rows = measurements.newest_monitored(session, axis_id, baseline.started_at, baseline.ended_at, 100)
-        there = [row.id for row in rows if abs(row.position_mm - view.row.position_mm) <= _SAME_PLACE_MM]
-        read = (self._windows(number) for number in there[-_MOST_AVERAGED:] if number != view.row.id)
+            rows = measurements.newest_monitored(session, self.axis_id, baseline.started_at, baseline.ended_at, 100)
+        own = self.view.row
+        there = [row.id for row in rows if abs(row.position_mm - own.position_mm) <= _SAME_PLACE_MM]
+        read = (self._windows_of(number) for number in there[-_MOST_AVERAGED:] if number != own.id)
         responses = (averaged_response(windows, lines) for windows in read if windows)
         return [response for response in responses if isinstance(response, FrequencyResponse)]
 
