@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, element, joined, label, path_through
+from service.report.svg import Axis, axis_over, element, image, joined, label, path_through, value_grid
 
 _TOP: Final = 14.0
 _HALF_MARK: Final = 9.0
@@ -70,8 +70,9 @@ def expected_chart(curve: Curve, size: ChartSize, title: str, write: Callable[[s
         element("line", x1=size.left, y1=float(y(edge)), x2=size.right, y2=float(y(edge)), class_="through")
         for edge in (low, high)
     ]
-    return _picture(
-        size, title, _frame(x, y, size, write, "Hz"), element("path", d=outline, class_="band"), *frame,
+    return image(
+        size.width, size.height, title, _frame(x, y, size, write, "Hz"),
+        element("path", d=outline, class_="band"), *frame,
         element("path", d=path_through(places, y(np.asarray(curve.frequency_hz))), class_="curve"),
     )  # fmt: skip
 
@@ -83,7 +84,7 @@ def settings_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Ca
     order = ("hole", "refused", "waiting", "measured", "next")
     marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value))) for spot in sorted(
         spots, key=lambda spot: order.index(spot.kind))]  # fmt: skip
-    return _picture(size, title, _frame(x, y, size, write, "N"), *marks)
+    return image(size.width, size.height, title, _frame(x, y, size, write, "N"), *marks)
 
 
 def residual_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Callable[[str], str]) -> Markup:
@@ -93,7 +94,7 @@ def residual_chart(spots: Sequence[Spot], size: ChartSize, title: str, write: Ca
     y = axis_over(np.array([-reach, reach]), size.bottom, _TOP)
     zero = element("line", x1=size.left, y1=float(y(0.0)), x2=size.right, y2=float(y(0.0)), class_="level")
     marks = [_spot(spot, float(x(spot.position_mm)), float(y(spot.value)), 5.0) for spot in spots]
-    return _picture(size, title, _frame(x, y, size, write, "Hz"), zero, *marks)
+    return image(size.width, size.height, title, _frame(x, y, size, write, "Hz"), zero, *marks)
 
 
 def _places(positions: Sequence[float], size: ChartSize) -> Axis:
@@ -121,11 +122,7 @@ def _spot(spot: Spot, x: float, y: float, half: float = _HALF_MARK) -> Markup:
 
 
 def _frame(x: Axis, y: Axis, size: ChartSize, write: Callable[[str], str], unit: str) -> Markup:
-    drawn = []
-    for value in y.ticks(5):
-        at = float(y(value))
-        drawn.append(element("line", x1=size.left, y1=at, x2=size.right, y2=at, class_="grid"))
-        drawn.append(label(write(tick(value)), size.left - 6.0, at + 5.0, text_anchor="end", class_="quiet"))
+    drawn = [value_grid(y, size.left, size.right, 5, write)]
     for value in x.ticks(size.ticks):
         at = float(x(value))
         drawn.append(element("line", x1=at, y1=size.bottom, x2=at, y2=size.bottom + 5.0, class_="grid"))
@@ -133,10 +130,3 @@ def _frame(x: Axis, y: Axis, size: ChartSize, write: Callable[[str], str], unit:
     drawn.append(label("mm", size.right, size.height - 6.0, text_anchor="end", class_="quiet"))
     drawn.append(label(unit, size.left - 6.0, size.bottom + 21.0, text_anchor="end", class_="quiet"))
     return joined(drawn)
-
-
-def _picture(size: ChartSize, title: str, *content: Markup) -> Markup:
-    return element(
-        "svg", *content, viewBox=f"0 0 {size.width:g} {size.height:g}", width=size.width, height=size.height,
-        role="img", aria_label=title,
-    )  # fmt: skip

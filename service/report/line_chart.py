@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
 from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, decimated, element, joined, label, path_through
+from service.report.svg import Axis, axis_over, decimated, element, image, joined, label, path_through, value_grid
 
 _TOP: Final = 10.0
 
@@ -77,15 +77,7 @@ def line_chart(shown: LinePicture, frame: LineFrame, write: Callable[[str], str]
     if shown.picked is not None:
         x = float(x_axis(shown.picked))
         parts.append(element("line", x1=x, y1=_TOP, x2=x, y2=bottom, class_="picked"))
-    return element(
-        "svg",
-        *parts,
-        viewBox=f"0 0 {frame.width:g} {frame.height:g}",
-        width=frame.width,
-        height=frame.height,
-        role="img",
-        aria_label=shown.title,
-    )
+    return image(frame.width, frame.height, shown.title, *parts)
 
 
 def _curve(curve: Curve, x_axis: Axis, y_axis: Axis, points: int) -> Markup:
@@ -104,11 +96,8 @@ def _band(band: tuple[float, float] | None, x_axis: Axis, bottom: float) -> Mark
 def _grid(
     shown: LinePicture, scales: tuple[Axis, Axis], frame: LineFrame, bottom: float, write: Callable[[str], str]
 ) -> Markup:
-    (x_axis, y_axis), drawn = scales, []
-    for value in y_axis.ticks(frame.values):
-        y = float(y_axis(value))
-        drawn.append(element("line", x1=frame.left, y1=y, x2=x_axis.end, y2=y, class_="grid"))
-        drawn.append(label(write(tick(value)), frame.left - 6.0, y + 5.0, text_anchor="end", class_="quiet"))
+    x_axis, y_axis = scales
+    drawn = [value_grid(y_axis, frame.left, x_axis.end, frame.values, write)]
     for value in x_axis.ticks(frame.places):
         x = float(x_axis(value))
         drawn.append(element("line", x1=x, y1=bottom, x2=x, y2=bottom + 5.0, class_="grid"))

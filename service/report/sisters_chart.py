@@ -7,8 +7,7 @@ from datetime import datetime
 import numpy as np
 from markupsafe import Markup
 
-from service.report.rounding import tick
-from service.report.svg import axis_over, element, joined, label, path_through
+from service.report.svg import axis_over, element, image, label, path_through, value_grid
 from service.report.time_axis import time_ticks
 from service.report.trend_chart import Frame
 
@@ -37,11 +36,7 @@ def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: C
     def place(moment: datetime) -> float:
         return first + (moment - start).total_seconds() / whole * (last - first)
 
-    drawn = []
-    for value in scale.ticks(frame.values):
-        height = float(scale(value))
-        drawn.append(element("line", x1=frame.left, y1=height, x2=frame.right, y2=height, class_="grid"))
-        drawn.append(label(write(tick(value)), frame.left - 6.0, height + 5.0, text_anchor="end", class_="quiet"))
+    drawn = [value_grid(scale, frame.left, frame.right, frame.values, write)]
     drawn.append(label("%", frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet"))
     for moment, words in time_ticks(start, end, frame.times):
         drawn.append(label(words, place(moment), frame.height - 8.0, text_anchor="middle", class_="quiet"))
@@ -55,7 +50,4 @@ def sisters_chart(title: str, lines: Sequence[ShareLine], frame: Frame, write: C
             )
         )
         drawn.append(label(str(number + 1), float(x[-1]) + 6.0, float(y[-1]) + 5.0))
-    return element(
-        "svg", joined(drawn), viewBox=f"0 0 {frame.width:g} {frame.height:g}", width=frame.width, height=frame.height,
-        role="img", aria_label=title,
-    )  # fmt: skip
+    return image(frame.width, frame.height, title, *drawn)

@@ -1,7 +1,7 @@
 """Draw SVG without a script: elements that escape whatever is put into them, scales, ticks."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 
 from monitor_core.arrays import FloatArray
+from service.report.rounding import tick
 
 #: Width of a character of the labels, which are 12 units high; on the wide side.
 CHARACTER: Final = 7.4
@@ -43,6 +44,13 @@ def picture(width: float, height: float, name: str, title: str, description: str
         style=f"max-width:{width:g}px;min-width:{0.7 * width:g}px",
         role="img",
         aria_labelledby=f"{name}-title {name}-desc",
+    )
+
+
+def image(width: float, height: float, title: str, *content: Markup) -> Markup:
+    """Return a whole picture that a screen reader names by its title; a table by it says the same in numbers."""
+    return element(
+        "svg", *content, viewBox=f"0 0 {width:g} {height:g}", width=width, height=height, role="img", aria_label=title
     )
 
 
@@ -100,6 +108,16 @@ def axis_over(values: FloatArray, start: float, end: float, *, logarithmic: bool
     size = max(abs(lower), abs(upper))
     margin = 0.05 * (upper - lower) if upper - lower > _CONSTANT * size else 0.5 * size or 1.0
     return Axis(lower - margin, upper + margin, start, end)
+
+
+def value_grid(scale: Axis, left: float, right: float, count: int, write: Callable[[str], str]) -> Markup:
+    """Draw a line across at about so many round values, each with its number; ``write`` puts that into a language."""
+    drawn = []
+    for value in scale.ticks(count):
+        y = float(scale(value))
+        drawn.append(element("line", x1=left, y1=y, x2=right, y2=y, class_="grid"))
+        drawn.append(label(write(tick(value)), left - 6.0, y + 5.0, text_anchor="end", class_="quiet"))
+    return joined(drawn)
 
 
 def decimated(values: FloatArray, limit: int) -> npt.NDArray[np.intp]:

@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup
 
-from service.report.rounding import tick
-from service.report.svg import Axis, axis_over, element, joined, label, path_through
+from service.report.svg import Axis, axis_over, element, joined, label, path_through, value_grid
 from service.report.time_axis import time_ticks
 
 #: Width of a character of 16 units of height, on the wide side.
@@ -194,13 +193,8 @@ def _scale(shown: TrendPicture, frame: Frame) -> Axis:
 
 
 def _grid(scale: Axis, frame: Frame, write: Callable[[str], str], unit: str) -> Markup:
-    drawn = []
-    for value in scale.ticks(frame.values):
-        y = float(scale(value))
-        drawn.append(element("line", x1=frame.left, y1=y, x2=frame.right, y2=y, class_="grid"))
-        drawn.append(label(write(tick(value)), frame.left - 6.0, y + 5.0, text_anchor="end", class_="quiet"))
-    drawn.append(label(unit, frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet"))
-    return joined(drawn)
+    named = label(unit, frame.left - 6.0, frame.bottom + 4.0, text_anchor="end", class_="quiet")
+    return joined([value_grid(scale, frame.left, frame.right, frame.values, write), named])
 
 
 def _times(time: _TimeAxis, frame: Frame) -> Markup:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from monitor_core.arrays import FloatArray
 from service.report.rounding import tick
-from service.report.svg import Axis, element, joined, label
+from service.report.svg import Axis, element, image, joined, label
 
 #: Shades of the square of the size, from the least to the largest; cells of one shade in a row are one piece.
 N_SHADES: Final = 9
@@ -61,8 +61,10 @@ def waterfall(
         label(write(tick(value)), float(across(value)), foot + 20.0, text_anchor="middle", class_="quiet")
         for value in across.ticks(5)
     ]
-    return element(
-        "svg",
+    return image(
+        width,
+        height,
+        title,
         element("rect", x=left, y=_TOP, width=right - left, height=foot - _TOP, class_="cells"),
         *(
             element("path", d="".join(pieces), class_=f"shade s{shade}")
@@ -73,11 +75,6 @@ def waterfall(
         joined(times),
         joined(ticks),
         label(axis_words, 0.5 * (left + right), foot + 42.0, text_anchor="middle", class_="quiet"),
-        viewBox=f"0 0 {width:g} {height:g}",
-        width=width,
-        height=height,
-        role="img",
-        aria_label=title,
     )
 
 

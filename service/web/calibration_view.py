@@ -1,6 +1,7 @@
 """Turn plans, fits and catalogue data into pictures of a page, each for wide pages and for phones."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from markupsafe import Markup
 from pydantic import BaseModel
@@ -88,7 +89,5 @@ def _words_of(words: Words, kind: str) -> str:
 
 
 def _both(words: Words, draw: Callable[[ChartSize, Callable[[str], str]], Markup]) -> Charts:
-    def write(text: str) -> str:
-        return decimal(words, text)
-
+    write = partial(decimal, words)
     return Charts(draw(WIDE, write), draw(NARROW, write))

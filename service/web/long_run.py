@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from typing import Annotated, Final
 
 import numpy as np
@@ -20,7 +21,7 @@ from service.report.waterfall import waterfall
 from service.store.trend.points import Span, TrendPoint
 from service.web.shown import decimal
 from service.web.site import PageOf
-from service.web.trend_view import Charts
+from service.web.trend_view import Charts, or_nan
 from service.web.words import Words
 
 router = APIRouter(include_in_schema=False)
@@ -85,7 +86,7 @@ def _waterfalls(words: Words, spectra: Sequence[Spectrum]) -> Charts:
     def drawn(width: float) -> Markup:
         return waterfall(
             words(N_("Size of the response around the mode, newest at the top")), responses, width,
-            lambda text: decimal(words, text), axis_words=words(N_("frequency, Hz")),
+            partial(decimal, words), axis_words=words(N_("frequency, Hz")),
         )  # fmt: skip
 
     return Charts(drawn(_WIDE), drawn(_NARROW))
@@ -106,9 +107,7 @@ def _share(sister: Sister, own: str) -> ShareLine | None:
 def _sisters(words: Words, lines: Sequence[ShareLine]) -> Charts:
     title = words(N_("Share of the baseline preload, axes of one type"))
 
-    def write(text: str) -> str:
-        return decimal(words, text)
-
+    write = partial(decimal, words)
     return Charts(sisters_chart(title, lines, LOW_WIDE, write), sisters_chart(title, lines, LOW_NARROW, write))
 
 
@@ -118,18 +117,12 @@ def _projection(words: Words, axis: str, projected: ProjectedPreload, on: Servic
     start = projected.since - (last - projected.since) / 2
     points = on.trend.at_resolution(axis, Span(start), _BEFORE).points
     marks = [
-        Mark(point.at, point.preload_n, _or(point.interval_lower_n), _or(point.interval_upper_n), point.state, "")
+        Mark(point.at, point.preload_n, or_nan(point.interval_lower_n), or_nan(point.interval_upper_n), point.state, "")
         for point in points
         if point.preload_n is not None
     ]
     wedge = Wedge(projected.at, projected.preload_n, projected.lower_n, projected.upper_n)
     picture = TrendPicture(words(N_("Projection of the preload")), "N", start, projected.at[-1], marks, wedge=wedge)
 
-    def write(text: str) -> str:
-        return decimal(words, text)
-
+    write = partial(decimal, words)
     return Charts(trend_chart(picture, LOW_WIDE, write), trend_chart(picture, LOW_NARROW, write))
-
-
-def _or(value: float | None) -> float:
-    return float("nan") if value is None else value

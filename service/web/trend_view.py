@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Final
 
 from markupsafe import Markup
@@ -87,9 +88,7 @@ def preload_charts(
             words(N_("Preload over time")), "N", shown.start, shown.end, marks, events, band, _through(history)
         )
 
-    def write(text: str) -> str:
-        return decimal(words, text)
-
+    write = partial(decimal, words)
     return Charts(
         trend_chart(picture(points), WIDE, write, linked=True),
         trend_chart(picture(thinned(points, _ON_A_PHONE)), NARROW, write),
@@ -109,7 +108,7 @@ def low_charts(
             kind = "refused" if point.refusal_reason else point.state
             marks.append(Mark(point.at, math.nan if value is None else value, math.nan, math.nan, kind, ""))
         picture = TrendPicture(*name, shown.start, shown.end, marks, events)
-        return trend_chart(picture, frame, lambda text: decimal(words, text))
+        return trend_chart(picture, frame, partial(decimal, words))
 
     return Charts(drawn(points, LOW_WIDE), drawn(thinned(points, _ON_A_PHONE), LOW_NARROW))
 
@@ -147,9 +146,9 @@ def _mark(words: Words, axis_id: str, point: TrendPoint) -> Mark:
     said = words(N_("refused")) if point.refusal_reason else f"{value} N{f' ± {half}' if half else ''}"
     return Mark(
         at=point.at,
-        value=_or_nan(point.preload_n),
-        lower=_or_nan(lower),
-        upper=math.inf if upper is None and lower is not None else _or_nan(upper),
+        value=or_nan(point.preload_n),
+        lower=or_nan(lower),
+        upper=math.inf if upper is None and lower is not None else or_nan(upper),
         kind=kind,
         words=f"{point.at:%Y-%m-%d %H:%M} UTC: {said}",
         href=f"/axes/{axis_id}/measurements/{point.measurement_id}",
@@ -165,5 +164,6 @@ def _through(history: AxisHistory) -> Line | None:
     return Line((line.started_at, first), (line.ended_at, line.preload_at_end_n))
 
 
-def _or_nan(value: float | None) -> float:
+def or_nan(value: float | None) -> float:
+    """Return a value as charts take it: NaN where it is not known."""
     return math.nan if value is None else value
