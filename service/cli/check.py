@@ -19,7 +19,8 @@ from monitor_core.recordings.recognition import KINDS, SESSION
 from monitor_core.recordings.session_hdf5 import open_session
 from service.cli.output import json_option, print_json, print_line, print_table
 from service.cli.targets import require_target
-from service.json_types import Json, JsonObject
+from service.documents.file_check import json_fact
+from service.json_types import JsonObject
 
 _TERMINAL = "-"
 _PAGES = (".html", ".htm")
@@ -143,7 +144,7 @@ def _document(report: FileReport, written: Sequence[Path]) -> JsonObject:
         "usable_with_map": list(report.usable_with_map),
         "commands": {use.command: use.line for use in report.uses},
         "next_step": report.next_step or None,
-        "contents": {name: _plain(value) for name, value in report.contents},
+        "contents": {name: json_fact(value) for name, value in report.contents},
         "doubts": list(report.doubts),
         "written": [str(path) for path in written],
     }
@@ -168,15 +169,6 @@ def _channel_document(channel: ChannelSummary) -> JsonObject:
         "remarks": list(channel.remarks),
         "doubts": list(channel.doubts),
     }
-
-
-def _plain(value: object) -> Json:
-    """Return a fact as JSON has it."""
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, datetime):
-        return format_instant(value)
-    return value if isinstance(value, (int, float)) else str(value)
 
 
 def _print(file: Path, report: FileReport, map_path: Path | None, written: Sequence[Path]) -> None:

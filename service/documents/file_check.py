@@ -24,7 +24,7 @@ def file_check_document(
         "valid": found.valid and not problems,
         "problems": list(problems),
         "doubts": list(found.doubts),
-        "contents": {name: _plain(value) for name, value in found.contents},
+        "contents": {name: json_fact(value, _MOST_VALUES) for name, value in found.contents},
         "channels": [_channel(channel) for channel in found.channels[:_MOST_CHANNELS]],
         "lacks_for_calibration": lacks or None,
         "map": channel_map,
@@ -42,9 +42,10 @@ def _channel(channel: ChannelSummary) -> JsonObject:
     }
 
 
-def _plain(value: object) -> Json:
+def json_fact(value: object, most: int | None = None) -> Json:
+    """Return a fact of a file as JSON has it; of many values the first ones."""
     if isinstance(value, tuple):
-        return [_plain(item) for item in value[:_MOST_VALUES]]
+        return [json_fact(item) for item in value[:most]]
     if isinstance(value, datetime):
         return format_instant(value)
     return value if isinstance(value, (int, float)) else str(value)

@@ -141,6 +141,13 @@ def visit(browser: Browser) -> Iterator[Visit]:
     assert not wrong
 
 
+def bytes_of(page: Page) -> int:
+    """Return what a page and all it brought unpack to."""
+    script = """() => ["navigation", "resource"].flatMap(kind => performance.getEntriesByType(kind))
+      .reduce((sum, entry) => sum + entry.decodedBodySize, 0)"""
+    return int(page.evaluate(script))
+
+
 def violations(page: Page) -> list[str]:
     """Return what axe finds wrong with a page, each with the place."""
     found = Axe().run(page, options=AXE).response["violations"]

@@ -6,7 +6,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import SIZES, THEMES, Site, Visit, bytes_of, violations
 from tests.browser.states import MISSING, STATES
 from tests.browser.test_fleet_page import small_targets, small_texts
 
@@ -202,9 +202,7 @@ def test_a_missing_axis_is_a_page(served: Site, visit: Visit) -> None:
 def test_pages_are_small_and_drawn_at_once(served: Site, visit: Visit) -> None:
     for path in ("/", "/wall", "/axes/long", "/axes/alarm"):
         page = visit(served.url, path)
-        sent = page.evaluate("""() => ["navigation", "resource"].flatMap(kind => performance.getEntriesByType(kind))
-          .reduce((sum, entry) => sum + entry.decodedBodySize, 0)""")
-        assert sent < 100_000, path
+        assert bytes_of(page) < 100_000, path
 
 
 def test_it_prints_on_a4(served: Site, visit: Visit) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, violations
+from tests.browser.conftest import SIZES, THEMES, Site, Visit, bytes_of, violations
 from tests.browser.states import measurement
 from tests.browser.test_axis_page import bottom
 from tests.browser.test_fleet_page import small_targets, small_texts
@@ -127,9 +127,7 @@ def test_it_speaks_german(served: Site, visit: Visit) -> None:
 
 def test_it_is_small_and_prints(served: Site, visit: Visit) -> None:
     page = visit(served.url, path(served))
-    sent = page.evaluate("""() => ["navigation", "resource"].flatMap(kind => performance.getEntriesByType(kind))
-      .filter(entry => !entry.name.includes("/v1/")).reduce((sum, entry) => sum + entry.decodedBodySize, 0)""")
-    assert sent < 100_000
+    assert bytes_of(page) < 100_000
     page.emulate_media(media="print")
     assert page.locator("#response .wide svg").first.is_visible()
     assert page.pdf(format="A4")[:4] == b"%PDF"

@@ -5,7 +5,6 @@ from typing import Annotated, Final
 from pydantic import ConfigDict, Field
 from sqlalchemy.orm import Session
 
-from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
 from monitor_core.preload import Calibration, expected_frequency
 from monitor_core.recordings.calibration_file import calibration_from_document
@@ -16,7 +15,7 @@ from service.json_types import JsonObject
 from service.operations.analysis_job import measured_modes
 from service.operations.fields import Moment, RequestModel
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
-from service.operations.monitoring.calibrations import Calibrations
+from service.operations.monitoring.calibrations import Calibrations, nothing_to_fit
 from service.store import jobs, measurements
 from service.store.axes import get_axis
 from service.store.calibrations import get_calibration
@@ -62,10 +61,7 @@ class CalibrationJobs:
             if asked.prior is not None:
                 get_calibration(session, axis_id, asked.prior)
             if not measurements.calibration_measurements(session, axis_id, asked.start, asked.end):
-                raise NotIdentifiableError(
-                    f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "
-                    "them at three or more positions and two or more preloads"
-                )
+                raise nothing_to_fit(axis_id)
 
         def alone(session: Session, row: JobRow) -> JsonObject:
             others = [

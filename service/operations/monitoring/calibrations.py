@@ -82,10 +82,7 @@ class Calibrations:
         with self._database.read() as session:
             settings = core_settings(_configuration(get_axis(session, axis_id)))
         if not measured:
-            raise NotIdentifiableError(
-                f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "
-                "them at three or more positions and two or more preloads"
-            )
+            raise nothing_to_fit(axis_id)
         fitted = calibrate_from_measurements(
             measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
         )
@@ -156,6 +153,14 @@ class Calibrations:
             get_axis(session, axis_id)
             session.add(row)
         return row
+
+
+def nothing_to_fit(axis_id: str) -> NotIdentifiableError:
+    """Return the refusal of a fit without measurements."""
+    return NotIdentifiableError(
+        f"axis '{axis_id}' has no judged measurement with preload_n set in that range; a calibration needs "
+        "them at three or more positions and two or more preloads"
+    )
 
 
 def _prior(document: JsonObject | None) -> CoefficientPrior | None:
