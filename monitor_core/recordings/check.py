@@ -193,6 +193,8 @@ def _contents_of_raw(as_proposed: AsProposed) -> tuple[tuple[str, object], ...]:
     contents: list[tuple[str, object]] = [("frequency_responses", responses)] if responses else []
     if texts := columns_of_texts(read):
         contents.append(("columns_of_texts", tuple(f"{name}: {values[0]}" for name, values in texts.items() if values)))
+    if read.numbers:
+        contents.append(("single_numbers", tuple(f"{name}: {value:g}" for name, value in read.numbers.items())))
     if read.left_out:
         contents.append(("not_read", read.left_out))
     if layout is not None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import ExcitationQuantity, ExcitationSource
-from monitor_core.recordings import import_session, read_channel_map
+from monitor_core.recordings import check_file, import_session, read_channel_map
 from monitor_core.recordings.raw.channels import Channel, Channels, FrequencyResponse
 from monitor_core.recordings.raw.proposal.entries import CONFIRM, FILL_IN, printed
 from monitor_core.recordings.raw.proposal.map_proposal import map_text, proposed_map
@@ -295,6 +295,49 @@ def test_how_a_text_is_written_is_proposed_with_it(tmp_path):
     assert proposed["text"] == {"separator": "semicolon", "decimal": "comma", "header_row": 3, "encoding": "latin-1"}
     assert proposed["time"] == {"channel": "Uhrzeit", "date": "Datum", "format": "%d.%m.%Y %H:%M:%S,%f"}
     assert Filled(text).places == ["zone", "position_mm"]
+
+
+def signals_and(**numbers):
+    return {"torque": CURRENT, "acc": ACCELERATION, **numbers}
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path, **numbers: scipy.io.savemat(path / "a.mat", {"rec": signals_and(**numbers)}),
+        lambda path, **numbers: scipy.io.savemat(path / "a.mat", signals_and(**numbers), format="4"),
+        lambda path, **numbers: np.savez(path / "a.npz", **signals_and(**numbers)),
+    ],
+    ids=["structure", "version 4", "npz"],
+)
+@pytest.mark.parametrize(
+    ("numbers", "rate"),
+    [
+        ({"Fs": 4096, "gain": 3.0}, 4096.0),
+        ({"sampling_rate": 2048.5}, 2048.5),
+        ({"dt": 1 / 2560}, 2560.0),
+        ({"Fs": 1000, "dt": 1e-3}, 1000.0),
+        ({"Fs": 1000, "dt": 1e-4}, None),
+        ({"Fs": 0.0}, None),
+        ({"Fs": np.nan}, None),
+        ({"gain": 4096.0}, None),
+    ],
+    ids=str,
+)
+def test_a_single_number_that_is_named_so_is_proposed_as_the_rate(tmp_path, write, numbers, rate):
+    write(tmp_path, **numbers)
+    (raw,) = tmp_path.iterdir()
+    window = tomllib.loads(map_text(raw))["window"]
+    assert window.get("sample_rate_hz") == (None if rate is None else pytest.approx(rate, rel=1e-11))
+
+
+def test_the_rate_of_a_single_number_stands_in_the_report_and_reaches_the_session(tmp_path):
+    raw = tmp_path / "mill-3-x.mat"
+    scipy.io.savemat(raw, {"rec": signals_and(Fs=RATE)})
+    assert ("single_numbers", (f"rec.Fs: {RATE:g}",)) in check_file(raw).contents
+    filled = Filled(map_text(raw))
+    filled.fill("unit", '"N.m"').fill("unit", '"m/s2"').fill("started_at", "2025-03-01T06:00:00Z")
+    assert filled.fill("position_mm", 250).session(raw).windows[0].sample_rate == RATE
 
 
 EVIL = "\x1b[2J\x07\x9b31m\r\nx = 1\u202e\u2066"

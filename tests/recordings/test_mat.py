@@ -26,6 +26,7 @@ def test_numbers_inside_structures_are_channels_by_the_names_that_matlab_gives_t
     scipy.io.savemat(path, {"record": record, "x": SAMPLES}, do_compression=compressed)
     channels = mat.read_channels(path)
     assert channels.names == ("record.time", "record.inner.values", "record.Y(1).Data", "record.Y(2).Data", "x")
+    assert channels.numbers == {"record.gain": 3.0}
     np.testing.assert_array_equal(channels.channel("record.inner.values").samples, MATRIX)
     np.testing.assert_array_equal(channels.channel("record.Y(2).Data").samples, 2 * SAMPLES)
 
@@ -93,6 +94,7 @@ def test_version_7_3_has_the_shapes_that_matlab_shows(version_7_3):
     assert channels.channel("column").samples.dtype == np.float32
     np.testing.assert_array_equal(channels.channel("counts").samples, np.arange(6))
     np.testing.assert_array_equal(channels.channel("record.force").samples, 2 * SAMPLES)
+    assert channels.numbers == {"gain": 1.0}
 
 
 def test_the_same_arrays_in_version_5_and_7_3_are_the_same_channels(version_7_3, tmp_path):

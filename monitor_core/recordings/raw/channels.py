@@ -1,8 +1,10 @@
 """Record of a raw file before a channel map gives it a meaning: named channels, named frequency responses."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
@@ -13,6 +15,8 @@ from monitor_core.errors import RecordingFormatError
 
 #: So many names of what is not read are shown.
 MOST_LEFT_OUT = 12
+#: So many single numbers of a file are kept.
+MOST_NUMBERS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,10 +53,12 @@ class Channels:
     channels: tuple[Channel, ...]
     responses: tuple[FrequencyResponse, ...] = ()
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # columns of texts, such as dates and times
+    numbers: Mapping[str, float] = field(default_factory=dict)  # single numbers, such as the rate or a gain
     left_out: tuple[str, ...] = ()  # what is in the file and no channel, and why: "H (complex)"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "texts", MappingProxyType(dict(self.texts)))
+        object.__setattr__(self, "numbers", MappingProxyType(dict(self.numbers)))
         plain = ("".join(letter if letter.isprintable() else "?" for letter in text) for text in self.left_out)
         object.__setattr__(self, "left_out", tuple(plain))
         if not self.channels and not self.responses:
@@ -86,6 +92,12 @@ class Channels:
             )
         there = ", ".join(repr(n[:60]) for n in self.names[:20]) + (", …" if len(self.names) > 20 else "")
         raise RecordingFormatError(f"{self.file_name}: expected a channel {name!r}; the file has {there}")
+
+
+def single_numbers(found: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Return the finite ones of the single numbers of a file, by name; of very many, the first."""
+    finite = ((name, float(value)) for name, value in found if math.isfinite(value))
+    return dict(islice(finite, MOST_NUMBERS))
 
 
 def native_samples(values: npt.NDArray[np.generic]) -> SampleArray:

@@ -27,7 +27,7 @@ from monitor_core.recordings.elements.bounds import (
 )
 from monitor_core.recordings.elements.files import MAX_SAMPLES, refusing, require_file, require_plausible_length
 from monitor_core.recordings.raw.binary import mat_hdf5
-from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples, single_numbers
 
 _HEADER_SIZE = 128
 _MATRIX, _COMPRESSED = 14, 15  # types of elements
@@ -47,8 +47,9 @@ def read_channels(path: Path) -> Channels:
     """Read the numeric arrays of a MATLAB file; it states neither units nor a time base.
 
     There is one channel per array, also for those in the fields of a structure; MATLAB's rows and columns of one become
-    one-dimensional. Single numbers and texts are left out; cells, complex numbers, sparse arrays, arrays of more than
-    two dimensions and objects (``timetable``) are named as not read. ``RecordingFormatError`` if the file is damaged.
+    one-dimensional. Single numbers are kept by name, texts are left out; cells, complex numbers, sparse arrays, arrays
+    of more than two dimensions and objects (``timetable``) are named as not read. ``RecordingFormatError`` if the file
+    is damaged.
     """
     with require_file(path).open("rb") as stream:
         head = stream.read(1024)
@@ -57,8 +58,9 @@ def read_channels(path: Path) -> Channels:
     with refusing(path.name, "a MATLAB file"):
         content = path.read_bytes()
         reader = _Reader(path)
-        found = reader.arrays_of_version_4(content) if 0 in head[:4] else reader.arrays(content)
+        found = list(reader.arrays_of_version_4(content) if 0 in head[:4] else reader.arrays(content))
         arrays = [(name, array) for name, array in found if array.size > 1]
+        numbers = single_numbers((name, array.item()) for name, array in found if array.size == 1)
         require_plausible_channels([(name, array.size) for name, array in arrays], path.name)
         if not arrays and reader.n_objects:
             raise RecordingFormatError(
@@ -66,7 +68,7 @@ def read_channels(path: Path) -> Channels:
                 "MATLAB reads: save their columns as arrays"
             )
         channels = tuple(_channel(name, array) for name, array in arrays)
-        return Channels(path.name, channels, left_out=tuple(reader.left_out))
+        return Channels(path.name, channels, numbers=numbers, left_out=tuple(reader.left_out))
 
 
 def _channel(name: str, array: np.ndarray) -> Channel:

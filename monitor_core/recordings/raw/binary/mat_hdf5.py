@@ -17,7 +17,7 @@ from monitor_core.recordings.elements.bounds import (
 )
 from monitor_core.recordings.elements.files import refusing
 from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5, require_readable, values_of
-from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples, single_numbers
 
 if TYPE_CHECKING:
     import h5py
@@ -42,14 +42,18 @@ def read_channels(path: Path) -> Channels:
     """
     with open_hdf5(path) as file, refusing(path.name, "a MATLAB file of version 7.3"):
         left_out = list[str]()
-        found = dict(_datasets(file, "", path.name, 0, left_out))
+        read = dict(_datasets(file, "", path.name, 0, left_out))
+        found = {name: dataset for name, dataset in read.items() if dataset.size > 1}
+        # in chunks, a single number might be a bomb; MATLAB writes none so
+        single = {name: dataset for name, dataset in read.items() if dataset.size == 1 and dataset.chunks is None}
         require_plausible_channels([(name, dataset.size) for name, dataset in found.items()], path.name)
         n_bytes = sum(dataset.size * dataset.dtype.itemsize for dataset in found.values())
         require_plausible_expansion(n_bytes, path.stat().st_size, path.name)
-        for name, dataset in found.items():
+        for name, dataset in (found | single).items():
             require_readable(dataset, f"{path.name}, {name}")
         channels = tuple(_channel(name, dataset) for name, dataset in found.items())
-        return Channels(path.name, channels, left_out=tuple(left_out))
+        numbers = single_numbers((name, float(values_of(dataset).real.item())) for name, dataset in single.items())
+        return Channels(path.name, channels, numbers=numbers, left_out=tuple(left_out))
 
 
 def _datasets(
@@ -69,7 +73,7 @@ def _datasets(
             why = "sparse"
         elif isinstance(found, h5py.Group) and depth < _DEEPEST:
             yield from _datasets(found, f"{label}.", where, depth + 1, left_out)
-        elif isinstance(found, h5py.Dataset) and _is_channel(found, f"{where}, {label}"):
+        elif isinstance(found, h5py.Dataset) and _holds_numbers(found, f"{where}, {label}"):
             yield label, found
         elif isinstance(found, h5py.Dataset):
             why = _why_not(found)
@@ -78,7 +82,7 @@ def _datasets(
 
 
 def _why_not(dataset: "h5py.Dataset") -> str | None:
-    """Say what an array is that is no channel; ``None`` for texts, single numbers and empty ones."""
+    """Say what an array is that is no channel; ``None`` for texts and empty ones."""
     import h5py  # noqa: PLC0415
 
     kind = dataset.id.get_type().get_class()
@@ -89,13 +93,13 @@ def _why_not(dataset: "h5py.Dataset") -> str | None:
     return f"{dataset.ndim} dimensions" if dataset.ndim > 2 else None
 
 
-def _is_channel(dataset: "h5py.Dataset", where: str) -> bool:
+def _holds_numbers(dataset: "h5py.Dataset", where: str) -> bool:
     import h5py  # noqa: PLC0415
 
     if dataset.id.get_type().get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) or dataset.ndim not in (1, 2):
         return False
     stated = attributes(dataset, _STATED, where).values
-    return str(_text(stated.get("MATLAB_class", ""))) in _CLASSES and "MATLAB_empty" not in stated and dataset.size > 1
+    return str(_text(stated.get("MATLAB_class", ""))) in _CLASSES and "MATLAB_empty" not in stated and dataset.size > 0
 
 
 def _text(value: object) -> object:

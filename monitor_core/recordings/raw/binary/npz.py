@@ -17,7 +17,14 @@ import numpy as np
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.bounds import require_plausible_channels, require_plausible_expansion
 from monitor_core.recordings.elements.files import refusing, require_file
-from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples
+from monitor_core.recordings.raw.channels import (
+    MOST_LEFT_OUT,
+    MOST_NUMBERS,
+    Channel,
+    Channels,
+    native_samples,
+    single_numbers,
+)
 
 #: A header is a line of text; NumPy itself reads none that is longer than 10 000 characters.
 _LONGEST_HEADER = 12_000
@@ -35,9 +42,14 @@ class _Stored:
     n_bytes: int  # of the values, as the archive or the file system says
     open: Callable[[], AbstractContextManager[IO[bytes]]]
 
+    @property
+    def is_single(self) -> bool:
+        """Whether it holds one real number."""
+        return len(self.shape) <= 1 and math.prod(self.shape) == 1 and self.dtype.kind in "fiu"
+
     def fields(self) -> list[tuple[str, str | None]]:
         """Return the channels it holds: their names, and the field of a record array."""
-        if len(self.shape) not in (1, 2):
+        if len(self.shape) not in (1, 2) or self.is_single:
             return []
         if self.dtype.fields is None:
             return [(self.name, None)] if self.dtype.kind in "fiu" else []
@@ -45,7 +57,7 @@ class _Stored:
         return [(f"{self.name}.{field}", field) for field, kind in kinds.items() if kind.kind in "fiu"]
 
     def not_read(self) -> list[str]:
-        """Return what it holds that is no channel, and why; single numbers and texts are not worth a word."""
+        """Return what it holds that is no channel, and why; texts are not worth a word."""
         if len(self.shape) > 2:
             return [f"{self.name} ({len(self.shape)} dimensions)"]
         if not self.shape and self.dtype.kind != "O":
@@ -54,6 +66,11 @@ class _Stored:
             return [f"{self.name} ({_NOT_READ[self.dtype.kind]})"] if self.dtype.kind in _NOT_READ else []
         fields = {field: kind.kind for field, (kind, *_) in self.dtype.fields.items()}
         return [f"{self.name}.{field} ({_NOT_READ[kind]})" for field, kind in fields.items() if kind in _NOT_READ]
+
+    def values(self) -> np.ndarray:
+        """Read them; nothing is unpickled."""
+        with self.open() as stream:
+            return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def read_channels(path: Path) -> Channels:
@@ -90,8 +107,9 @@ def _stored(path: Path, name: str, n_bytes: int, opening: Callable[[], AbstractC
 def _read(path: Path, arrays: list[_Stored]) -> Channels:
     kept = [array for array in arrays if array.fields()]
     left_out = [text for array in arrays for text in array.not_read()]
+    single = [array for array in arrays if array.is_single][:MOST_NUMBERS]
     require_plausible_channels([(n, math.prod(a.shape)) for a in kept for n, _ in a.fields()], path.name)
-    for array in kept:
+    for array in [*kept, *single]:
         n_values = math.prod(array.shape)
         if array.n_bytes < n_values * array.dtype.itemsize:
             raise RecordingFormatError(
@@ -101,9 +119,9 @@ def _read(path: Path, arrays: list[_Stored]) -> Channels:
     require_plausible_expansion(n_bytes, path.stat().st_size, path.name)
     channels: list[Channel] = []
     for array in kept:
-        with array.open() as stream:
-            values = np.lib.format.read_array(stream, allow_pickle=False)
+        values = array.values()
         channels += [
             Channel(name, native_samples(values if field is None else values[field])) for name, field in array.fields()
         ]
-    return Channels(path.name, tuple(channels), left_out=tuple(left_out[: MOST_LEFT_OUT + 1]))
+    numbers = single_numbers((array.name, array.values().item()) for array in single)
+    return Channels(path.name, tuple(channels), numbers=numbers, left_out=tuple(left_out[: MOST_LEFT_OUT + 1]))

@@ -31,7 +31,13 @@ from monitor_core.recordings.raw.proposal.parts import (
     quantity_of,
     signals_in,
 )
-from monitor_core.recordings.raw.proposal.sampling import cutting_line, rate_of_texts, time_lines
+from monitor_core.recordings.raw.proposal.sampling import (
+    cutting_line,
+    rate_line,
+    rate_of_numbers,
+    rate_of_texts,
+    time_lines,
+)
 from monitor_core.recordings.raw.text.layout import TextLayout
 from monitor_core.recordings.raw.text.text_times import TextTimes, columns_of_texts, text_times
 from monitor_core.recordings.recognition import KINDS, require_format
@@ -57,7 +63,7 @@ def proposed_map(channels: Channels, layout: TextLayout | None = None) -> str:
         case Made.FRF_SET:
             body = frf_lines(channels, parts)
         case Made.MOTION:
-            body = motion_lines(parts, texts)
+            body = motion_lines(parts, texts, channels)
         case Made.SESSION:
             body = _session_lines(parts, texts, channels)
     lines = [*_head(channels, parts), *_text_lines(layout), *body]
@@ -137,8 +143,7 @@ def _session_lines(parts: Sequence[Part], texts: TextTimes | None, channels: Cha
         yield from channel_lines(position, Quantity.POSITION, parts)
     signals = [part for part in (excitation, response, position) if part is not None]
     yield from time_lines(times, signals)
-    rate = rate_of_texts(times, channels) if isinstance(times, TextTimes) else None
-    yield from _window_lines(signals, times, rate, has_position=position is not None)
+    yield from _window_lines(signals, times, channels, has_position=position is not None)
 
 
 def _excitation_lines(part: Part | None, parts: Sequence[Part]) -> Iterator[str]:
@@ -160,19 +165,20 @@ def _excitation_lines(part: Part | None, parts: Sequence[Part]) -> Iterator[str]
 
 
 def _window_lines(
-    signals: Sequence[Part], times: Part | TextTimes | None, rate_of_texts: float | None, *, has_position: bool
+    signals: Sequence[Part], times: Part | TextTimes | None, channels: Channels, *, has_position: bool
 ) -> Iterator[str]:
     arrays = [part.samples for part in signals if part.samples.ndim == 2]
     rates = [part.channel.sample_rate for part in signals if part.channel.sample_rate is not None]
     timed = [*signals, *([times] if isinstance(times, Part) else [])]
     starts = [part.channel.started_at for part in timed if part.channel.started_at is not None]
     clocks = any(part.channel.clock is not None for part in signals)
+    stated = rate_of_numbers(channels) if times is None and not rates and not clocks else None
     yield ""
     yield "[window]"
     if rates:
         yield f"# sample_rate_hz is left out: the file says {rates[0]:g} Hz"
     elif times is None and not clocks:
-        yield blank("sample_rate_hz", "samples of a channel in a second; the file does not say it")
+        yield rate_line(stated)
     if starts:
         yield f"# started_at is left out: the file says {starts[0].isoformat()}"
     elif isinstance(times, TextTimes) and times.is_dated and not rates and not clocks:
@@ -188,7 +194,8 @@ def _window_lines(
         yield entry("windows_in", printed("rows" if in_rows else "columns"), f"{CONFIRM} the array is {shape}")
         yield blank("window_interval_s", "from the start of one window to the start of the next")
     else:
-        yield cutting_line(signals, times, rate_of_texts)
+        rate = stated.sample_rate if stated else None
+        yield cutting_line(signals, times, rate_of_texts(times, channels) if isinstance(times, TextTimes) else rate)
     yield '# measurement = "at 250 mm"             # optional: joins several files; else each is a measurement'
     yield "# file_interval_s = 60                 # optional: several files, from the start of one to that of the next"
     yield "# preload_n = 300                      # optional: only where it was set on purpose, as for a calibration"

@@ -7,11 +7,11 @@ from monitor_core.recordings.raw.channel_kind import ChannelKind
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.proposal.entries import CONFIRM, blank, channel_lines, entry, plain, printed
 from monitor_core.recordings.raw.proposal.parts import Part, first_like, quantity_of
-from monitor_core.recordings.raw.proposal.sampling import time_lines
+from monitor_core.recordings.raw.proposal.sampling import rate_line, rate_of_numbers, time_lines
 from monitor_core.recordings.raw.text.text_times import TextTimes
 
 
-def motion_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[str]:
+def motion_lines(parts: Sequence[Part], texts: TextTimes | None, channels: Channels) -> Iterator[str]:
     """Yield the entries of a motion record: drive, position, commanded position, and when they were sampled."""
     drive = first_like(parts, (ChannelKind.FORCE, ChannelKind.TORQUE))
     position = first_like(parts, (ChannelKind.POSITION,), (drive,))
@@ -22,7 +22,7 @@ def motion_lines(parts: Sequence[Part], texts: TextTimes | None) -> Iterator[str
     yield "# position and drive without an acceleration: a motion record, for preload explain (family motion)"
     yield "[motion]"
     if times is None and not any(part.channel.sample_rate for part in signals):
-        yield blank("sample_rate_hz", "samples of a channel in a second; the file does not say it")
+        yield rate_line(rate_of_numbers(channels))
     yield "[motion.position]"
     yield from channel_lines(position, Quantity.POSITION, parts)
     quantity = quantity_of(drive) or Quantity.FORCE

@@ -1,6 +1,8 @@
 """Propose when the samples were taken: sampling times, their unit, the rate, and windows to cut a long record into."""
 
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from monitor_core.recordings.raw.channel_kind import MOST_STEPS, ChannelKind, na
 from monitor_core.recordings.raw.channels import Channels
 from monitor_core.recordings.raw.inspection import step_of
 from monitor_core.recordings.raw.mapping.clocks import clock_of_times, printed_digit
-from monitor_core.recordings.raw.proposal.entries import CONFIRM, blank, choice_of_units, entry, printed
+from monitor_core.recordings.raw.proposal.entries import CONFIRM, blank, choice_of_units, entry, plain, printed
 from monitor_core.recordings.raw.proposal.parts import Part
 from monitor_core.recordings.raw.text.text_times import TextTimes
 from monitor_core.recordings.raw.text.times import times_of
@@ -20,6 +22,40 @@ _PLAUSIBLE_STEPS = (("s", 0.05), ("ms", 50.0), ("us", 5e4))  # longest step of a
 #: Records of fewer seconds are left whole.
 _FEWEST_WINDOWS = 8
 _GAP = 4.5  # steps: a longer one is a gap
+#: How single numbers are named that state the rate [Hz], or the step [s]; without blanks, hyphens and underscores.
+_NAMES_OF_RATE = frozenset((
+    "fs", "fshz", "fsamp", "fsample", "fsampling", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency",
+    "sampleratehz", "samplingratehz", "samplingfrequencyhz",
+))  # fmt: skip
+_NAMES_OF_STEP = frozenset(("dt", "ts", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval"))
+
+
+@dataclass(frozen=True, slots=True)
+class StatedRate:
+    """A rate that a single number of the file seems to state."""
+
+    sample_rate: float  # [Hz]
+    name: str  # of the number
+
+
+def rate_of_numbers(channels: Channels) -> StatedRate | None:
+    """Return the rate that single numbers of the file seem to state; None where none does, or they contradict."""
+    found = list[StatedRate]()
+    for name, value in channels.numbers.items():
+        last = re.sub(r"[-_\s]", "", name.rpartition(".")[2].lower())
+        if last in _NAMES_OF_RATE and value > 0.0:
+            found.append(StatedRate(value, name))
+        elif last in _NAMES_OF_STEP and 0.0 < value < 1.0:
+            found.append(StatedRate(1.0 / value, name))
+    agree = len({f"{stated.sample_rate:.6g}" for stated in found}) == 1
+    return found[0] if agree else None
+
+
+def rate_line(stated: StatedRate | None) -> str:
+    """Return the entry of the rate that neither channels nor sampling times say."""
+    if stated is None:
+        return blank("sample_rate_hz", "samples of a channel in a second; the file does not say it")
+    return entry("sample_rate_hz", f"{stated.sample_rate:.12g}", f"{CONFIRM} {plain(stated.name)} of the file")
 
 
 def time_lines(times: Part | TextTimes | None, signals: Sequence[Part]) -> Iterator[str]:
@@ -112,7 +148,7 @@ def _mean_rate(seconds: FloatArray, printed: float) -> float | None:
     return 1.0 / mean
 
 
-def cutting_line(signals: Sequence[Part], times: Part | TextTimes | None, rate_of_texts: float | None) -> str:
+def cutting_line(signals: Sequence[Part], times: Part | TextTimes | None, rate_elsewhere: float | None) -> str:
     """Propose windows of a second of a record that has several: a measurement is an average over windows."""
     rate = next((part.channel.sample_rate for part in signals if part.channel.sample_rate is not None), None)
     if rate is None and isinstance(times, Part):
@@ -120,7 +156,7 @@ def cutting_line(signals: Sequence[Part], times: Part | TextTimes | None, rate_o
         if unit is not None:
             first, factor = times.samples.reshape(-1)[:MOST_STEPS], FACTOR_TO_SI[Quantity.TIME][unit]
             rate = _mean_rate(first.astype(np.float64) * factor, printed_digit(first) * factor)
-    rate = rate_of_texts if rate is None else rate
+    rate = rate_elsewhere if rate is None else rate
     size = max((part.samples.size for part in signals), default=0)
     if rate is None or not _FEWEST_WINDOWS * rate <= size:
         return "# samples_per_window = 20000           # cuts a long record: a measurement is an average of several"
