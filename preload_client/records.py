@@ -69,7 +69,7 @@ class AlarmEvent(TypedDict):
 
     id: int
     at: str
-    kind: Literal["comment", "shelved"] | None
+    kind: Literal["comment", "shelved", "back"] | None
     old_status: str | None
     new_status: str
     reason: str

@@ -73,6 +73,7 @@ from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
+from service.operations.monitoring.shelves import Shelves
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.receivers import Receivers, read_receivers
@@ -113,6 +114,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.services = services
         services.purges.start()
         services.jobs.resume()
+        services.shelves.start()
         services.dispatcher.start()
         for publisher in services.states:
             publisher.start()
@@ -122,6 +124,7 @@ def create_app(settings: Settings) -> FastAPI:
             for publisher in services.states:
                 publisher.close()
             services.dispatcher.close()
+            services.shelves.close()
             services.purges.close()
             services.recordings.close()
             services.jobs.close()
@@ -256,6 +259,7 @@ def _build_services(settings: Settings, metrics: Metrics) -> Services:
         rejudgements=rejudgements,
         alarms=alarms,
         changes=Changes(database),
+        shelves=Shelves(database),
         maintenance=maintenance,
         replays=replays,
         trials=trials,

@@ -24,7 +24,8 @@ class AlarmEventOut(BaseModel):
     id: int
     at: datetime
     kind: Annotated[
-        Literal["comment", "shelved"] | None, Field(description="null: what the statuses say, or another evidence")
+        Literal["comment", "shelved", "back"] | None,
+        Field(description="back: its shelf has ended; null: what the statuses say, or another evidence"),
     ]
     old_status: str | None
     new_status: str

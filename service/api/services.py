@@ -30,6 +30,7 @@ from service.operations.monitoring.long_run import LongRun
 from service.operations.monitoring.maintenance import Maintenance
 from service.operations.monitoring.rejudging.rejudgements import Rejudgements
 from service.operations.monitoring.replay import Replays
+from service.operations.monitoring.shelves import Shelves
 from service.operations.monitoring.trend import Trend
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.recordings.recordings import Recordings
@@ -65,6 +66,7 @@ class Services:
     rejudgements: Rejudgements
     alarms: Alarms
     changes: Changes
+    shelves: Shelves
     maintenance: Maintenance
     replays: Replays
     trials: Trials

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from service.errors import UnknownResourceError
@@ -55,6 +55,21 @@ def ends_of_shelves(session: Session) -> list[datetime]:
     """Return until when open alarms are shelved, or were."""
     query = select(AlarmRow.shelved_until).where(AlarmRow.status.in_(OPEN), AlarmRow.shelved_until.is_not(None))
     return [until for until in session.scalars(query) if until is not None]
+
+
+def has_ended_shelves(session: Session, moment: datetime) -> bool:
+    """Tell whether the shelf of an open alarm ended until a moment."""
+    return session.scalar(select(AlarmRow.id).where(*_shelved_until(moment)).limit(1)) is not None
+
+
+def take_ended_shelves(session: Session, moment: datetime) -> list[AlarmRow]:
+    """Return the open alarms whose shelf ended until a moment, without those that another service has taken."""
+    query = select(AlarmRow).where(*_shelved_until(moment)).order_by(AlarmRow.id)
+    return list(session.scalars(query.with_for_update(skip_locked=True)))
+
+
+def _shelved_until(moment: datetime) -> tuple[ColumnElement[bool], ...]:
+    return AlarmRow.status.in_(OPEN), AlarmRow.shelved_until <= moment
 
 
 def open_by_axis(session: Session) -> dict[str, int]:

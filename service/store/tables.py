@@ -280,7 +280,7 @@ class AlarmRow(Base):
     status: Mapped[str] = mapped_column(String(16))  # active | acknowledged | cleared | withdrawn
     evidence: Mapped[JsonObject]
     explanation: Mapped[JsonObject]  # which change of the axis explains it, or why that was not examined
-    shelved_until: Mapped[datetime | None]  # until then nobody is told of it; in the past: it came back by itself
+    shelved_until: Mapped[datetime | None]  # until then nobody is told of it; in the past: about to be brought back
 
 
 class AlarmEventRow(Base):
@@ -295,7 +295,7 @@ class AlarmEventRow(Base):
     new_status: Mapped[str] = mapped_column(String(16))
     reason: Mapped[str] = mapped_column(String(1000))
     who: Mapped[str | None] = mapped_column(String(120))  # None: the service itself, or from before it was kept
-    kind: Mapped[str | None] = mapped_column(String(16))  # comment | shelved; None: what the statuses say
+    kind: Mapped[str | None] = mapped_column(String(16))  # comment | shelved | back; None: what the statuses say
 
 
 class RecordingRow(Base):

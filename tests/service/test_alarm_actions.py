@@ -1,5 +1,6 @@
 """Alarms are commented, shelved and cleared; two people at once; what rests is not told, and is back by itself."""
 
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 
 import pytest
@@ -7,9 +8,11 @@ import pytest
 from service.clock import now, text_of
 from service.operations.monitoring import alarm_changes, alarms
 from service.operations.monitoring import changes as marks
+from service.operations.monitoring.shelves import Shelves
 from service.store.database import Database
-from service.store.tables import NoticeRow
+from service.store.tables import AlarmRow, NoticeRow
 from tests.browser.states import CONFIGURATION, WORN, measure
+from tests.service.brokers import wait_until
 from tests.service.conftest import Api, assert_problem
 
 
@@ -28,6 +31,10 @@ def post(api: Api, alarm: int, verb: str, **body: object) -> dict:
     answer = api.http.post(f"/v1/alarms/{alarm}/{verb}", json={"comment": "said"} | body)
     assert answer.status_code == 200, answer.text
     return answer.json()
+
+
+def events_of(api: Api, alarm: int) -> list[dict]:
+    return api.http.get(f"/v1/alarms/{alarm}").json()["events"]
 
 
 def kinds_told(api: Api) -> list[str]:
@@ -60,6 +67,30 @@ def test_shelved_it_rests_until_then_and_is_back_by_itself(
         monkeypatch.setattr(module, "now", lambda: until + timedelta(seconds=1))
     assert api.http.get(f"/v1/alarms/{alarm}").json()["shelved_until"] is None
     assert api.http.get("/v1/changes", params={"since": ""}).json() != mark
+
+
+def test_the_end_of_a_shelf_is_an_event_that_receivers_hear_of_once(alarmed: tuple[Api, int]) -> None:
+    api, alarm = alarmed
+    post(api, alarm, "acknowledge")
+    post(api, alarm, "shelve", until=text_of(now() + timedelta(seconds=0.5)))
+    post(api, alarm, "comment")
+    assert kinds_told(api)[-1] == "shelved"
+    wait_until(lambda: events_of(api, alarm)[-1]["kind"] == "back", what="the alarm to be back")
+    last = events_of(api, alarm)[-1]
+    assert (last["who"], last["new_status"]) == (None, "acknowledged")
+    assert api.http.get(f"/v1/alarms/{alarm}").json()["shelved_until"] is None
+    assert kinds_told(api) == ["raised", "acknowledged", "shelved", "back"]
+
+
+def test_of_two_services_one_brings_an_alarm_back(alarmed: tuple[Api, int]) -> None:
+    api, alarm = alarmed
+    database = Database(f"sqlite:///{api.data_dir}/preload.db")
+    with database.write() as session:
+        session.get_one(AlarmRow, alarm).shelved_until = now()
+    with ThreadPoolExecutor(4) as pool:  # and the service's own
+        pool.map(lambda _: Shelves(database).end(), range(8))
+    database.close()
+    assert [event["kind"] for event in events_of(api, alarm)].count("back") == 1
 
 
 def test_an_alarm_that_rests_is_told_of_when_it_ends_and_not_before(alarmed: tuple[Api, int]) -> None:

@@ -19,6 +19,7 @@ from service.jobs import JobCancelledError, JobHandle, JobRunner
 from service.observability import Metrics
 from service.operations.access.people import People
 from service.operations.monitoring.intake.batch import Batch
+from service.operations.monitoring.shelves import Shelves
 from service.operations.notices import dispatcher as dispatching
 from service.operations.notices.dispatcher import Dispatcher
 from service.operations.notices.senders import Notice
@@ -26,7 +27,7 @@ from service.store import database as database_module
 from service.store import intake, notices
 from service.store.axes import new_axis
 from service.store.database import Database, writing
-from service.store.tables import NoticeRow
+from service.store.tables import AlarmEventRow, AlarmRow, NoticeRow
 from service.store.waveforms import WaveformPlace
 from tests.service.arrivals import AXIS, history
 from tests.service.conftest import assert_problem, emptied, running_service, simulated_measurement
@@ -392,6 +393,36 @@ def test_nothing_is_written_while_another_service_migrates(url: str, monkeypatch
         pass
     old.close()
     new.close()
+
+
+# alarms
+
+
+def test_alarms_whose_shelf_has_ended_are_brought_back_once(url: str, windows: list[Window], tmp_path: Path) -> None:
+    """Each service looks for them, and four more at the same time."""
+    with services(url, tmp_path, 2) as apis:
+        prepare(apis[0])
+        send(apis, windows, 2)
+        measurement = apis[0].trend(AXIS)[0]["measurement_id"]
+        database = Database(url)
+        with database.write() as session:
+            rows = [
+                AlarmRow(
+                    axis_id=AXIS, measurement_id=measurement, kind="preload-loss", raised_at=now(), status="active",
+                    epoch=0, measured_at=now(), evidence={}, shelved_until=now(),
+                    explanation={"examined": False, "reason": "no-drive-model", "sentence": "none", "recent": None},
+                )
+                for _ in range(20)
+            ]  # fmt: skip
+            session.add_all(rows)
+            session.flush()
+            alarms = [row.id for row in rows]
+        at_once(*(Shelves(database).end for _ in range(4)))
+        with database.read() as session:
+            events = list(session.scalars(select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_(alarms))))
+        database.close()
+    assert sorted(event.alarm_id for event in events) == alarms
+    assert {event.kind for event in events} == {"back"}
 
 
 # people

@@ -110,12 +110,18 @@ def shelve_alarm(session: Session, row: AlarmRow, until: datetime, comment: str,
     row.shelved_until = until
 
 
+def bring_back(session: Session, row: AlarmRow) -> None:
+    """Take an alarm off its shelf. Receivers, who heard nothing meanwhile, are told how it stands now."""
+    row.shelved_until = None
+    _tell(session, row, _event(row, "the time that it was shelved for is over", None, "back"))
+
+
 def is_shelved(row: AlarmRow) -> bool:
     """Tell whether an alarm rests now."""
     return row.shelved_until is not None and row.shelved_until > now()
 
 
-def _event(row: AlarmRow, reason: str, who: str, kind: str) -> AlarmEventRow:
+def _event(row: AlarmRow, reason: str, who: str | None, kind: str) -> AlarmEventRow:
     return AlarmEventRow(
         alarm_id=row.id, at=now(), old_status=row.status, new_status=row.status, reason=reason, who=who, kind=kind
     )

@@ -9,7 +9,7 @@ KIND = "org.preload-monitor.alarm."
 
 
 def kind_of(event: AlarmEventRow) -> str:
-    """Return what has happened: raised, comment, shelved, or the new status; ``updated`` where that is the old one."""
+    """Return what happened: raised, comment, shelved, back or the new status; ``updated`` where that is the old one."""
     if event.kind is not None:
         return KIND + event.kind
     if event.old_status is None:
