@@ -59,7 +59,7 @@ class Nodes:
             if alarm is None:
                 await self._show_alarm(self._alarms[number], is_open=False)
                 del self._conditions[number]
-            elif before is None or before.status != alarm.status:
+            elif before is None or (before.status, before.shelved_until) != (alarm.status, alarm.shelved_until):
                 await self._show_alarm(alarm, is_open=True)
         self._alarms = open_now
 
@@ -120,6 +120,7 @@ class Nodes:
         event.Retain = is_open
         event.Quality = ua.StatusCode(ua.StatusCodes.Good)
         event.LastSeverity = SEVERITY
+        event.SuppressedOrShelved = is_open and alarm.shelved_until is not None
         for state, text, holds in (
             ("EnabledState", "Enabled", True),
             ("ActiveState", "Active" if is_open else "Inactive", is_open),

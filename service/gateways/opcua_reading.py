@@ -48,6 +48,7 @@ class AlarmSeen(BaseModel):
     kind: str
     raised_at: datetime
     status: str
+    shelved_until: datetime | None
     evidence: _Evidence
 
 

@@ -6,13 +6,14 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 from asyncua import Client, ua
 
+from service.clock import now, text_of
 from service.gateways.opcua_reading import AxisSeen, quality_of, values_of
 from service.gateways.opcua_server import OpcuaSettings, serve_opcua
 from tests.conftest import PROJECT_ROOT
@@ -118,11 +119,15 @@ async def _as_client(api: Api, alarm: int) -> None:
         api.http.post(f"/v1/alarms/{alarm}/acknowledge", json={"comment": "seen"}).raise_for_status()
         await until(lambda: getattr(subscriber.events[-1], "AckedState/Id", False))
         assert getattr(subscriber.events[-1], "ActiveState/Id") is True
+        shelf = {"until": text_of(now() + timedelta(seconds=3)), "comment": "spare part on its way"}
+        api.http.post(f"/v1/alarms/{alarm}/shelve", json=shelf).raise_for_status()
+        await until(lambda: subscriber.events[-1].SuppressedOrShelved is True)
+        await until(lambda: subscriber.events[-1].SuppressedOrShelved is False)
         api.http.post(f"/v1/alarms/{alarm}/clear", json={"comment": "new nut"}).raise_for_status()
         await until(lambda: getattr(subscriber.events[-1], "ActiveState/Id", True) is False)
         assert subscriber.events[-1].Retain is False
         assert subscriber.events[-1].NodeId == event.NodeId
-        assert len(subscriber.of(ua.ObjectIds.AlarmConditionType)) == 3
+        assert len(subscriber.of(ua.ObjectIds.AlarmConditionType)) == 5
 
 
 def test_without_the_service_no_value_counts(tmp_path: Path) -> None:
