@@ -25,14 +25,14 @@ $(STAMP): requirements/dev.lock pyproject.toml
 	@touch $(STAMP)
 
 # Programs that tests use and pip does not bring, with the packages of Debian that do.
-TOOLS := chromium:chromium caddy:caddy mosquitto:mosquitto promtool:prometheus
+TOOLS := chromium:chromium firefox-esr:firefox-esr caddy:caddy mosquitto:mosquitto promtool:prometheus
 
-tools:           ## what tests need of Debian: a browser, a broker, a proxy, promtool (installs what is missing, as root)
+tools:           ## what tests need of Debian: two browsers, a broker, a proxy, promtool (installs what is missing, as root)
 	@packages=; for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
 	if [ -z "$$packages" ]; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 		apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends $$packages >/dev/null; \
-	else echo "Not installed:$$packages. Tests of pages need chromium; those of a broker, a proxy and rules are left out without the others."; fi
+	else echo "Not installed:$$packages. Tests of pages need chromium; those of Firefox, a broker, a proxy and rules are left out without the others."; fi
 
 demo: setup      ## replay the bundled sessions through the live service; prints trend and alarms
 	$(BIN)/preload demo

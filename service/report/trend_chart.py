@@ -150,7 +150,7 @@ def sparkline(values: Sequence[float | None], kind: str, words: str) -> Markup:
     known = np.array([math.nan if value is None else value for value in values])
     if np.isnan(known).all():
         return Markup()
-    y = axis_over(known, 28.0, 4.0)(known)
+    y = axis_over(known, 25.0, 7.0)(known)  # the mark of the last one and its outline are 7 high about it
     x = np.linspace(4.0, 112.0, known.size) if known.size > 1 else np.array([112.0])
     last = int(np.flatnonzero(~np.isnan(known))[-1])
     return element(

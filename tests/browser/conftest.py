@@ -79,8 +79,10 @@ def sites(folder: Path, states: Path) -> Iterator[Site]:
 
         site.restart = restart
         site.server.wait_until_up()
-        yield site
-    next(starting, None)
+        try:
+            yield site
+        finally:
+            next(starting, None)
 
 
 @pytest.fixture(scope="session")
@@ -108,10 +110,14 @@ def visit(browser: Browser) -> Iterator[Visit]:
         if not request.url.startswith((url, "data:")):
             wrong.append(f"asked for {request.url}")
 
-    def note(message: ConsoleMessage, allowed: str) -> None:
-        # that a service is gone, or that a page is missing on purpose, Chromium says by itself
-        if message.type == "error" and not (allowed and allowed in message.text):
-            wrong.append(f"console: {message.text}")
+    def note(text: str, allowed: str) -> None:
+        # that a service is gone, or that a page is missing on purpose, a browser says by itself
+        if not (allowed and allowed in text):
+            wrong.append(text)
+
+    def read(message: ConsoleMessage, allowed: str) -> None:
+        if message.type == "error":
+            note(f"console: {message.text}", allowed)
 
     def opened(
         url: str, path: str, size: str = "desk", theme: str = "light", *, language: str = "en",
@@ -129,8 +135,8 @@ def visit(browser: Browser) -> Iterator[Visit]:
             )
             contexts[kind].set_default_timeout(10_000)
         page = contexts[kind].new_page()
-        page.on("console", lambda message: note(message, allowed))
-        page.on("pageerror", lambda error: wrong.append(f"script: {error}"))
+        page.on("console", lambda message: read(message, allowed))
+        page.on("pageerror", lambda error: note(f"script: {error}", allowed))
         page.on("request", lambda request: watch(request, url))
         page.goto(url + path)
         return page

@@ -1,0 +1,140 @@
+"""Every page in Firefox as it is shipped: both widths, both themes; charts, live pages and forms as in Chromium.
+
+Playwright drives it by WebDriver BiDi, the protocol that Firefox itself brings. What Firefox cannot be told over it, it
+is told when it starts: the theme, and that no name is resolved.
+"""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from service.web.pages import PAGES
+from tests.browser.conftest import SIZES, THEMES, Site, Visit, sites, violations
+from tests.browser.states import measure
+from tests.browser.test_alarm_page import number, press
+from tests.browser.test_fleet_page import small_targets
+from tests.browser.test_import_page import csv_file
+from tests.browser.test_open_page import WITHIN_S
+from tests.service.test_jobs import wait_for
+
+FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
+pytestmark = pytest.mark.skipif(FIREFOX is None, reason="Firefox is not installed: apt-get install firefox-esr")
+
+PREFERENCES = {"light": 1, "dark": 0}
+#: Addresses of pages by how they are routed; what is in braces is filled in from what is stored.
+AXIS = "alarm"
+#: Pages that draw something of what was measured.
+DRAWN = ("/", "/axes/{axis}", "/axes/{axis}/measurements/{measurement}", "/alarms/{alarm}", "/axes/{axis}/long-run")
+ROUTES = tuple(route.path for router in PAGES for route in router.routes if "GET" in route.methods)
+
+
+@pytest.fixture(scope="module", params=THEMES)
+def theme(request: pytest.FixtureRequest) -> str:
+    """Return what the browser is told about light and dark."""
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def browser(theme: str) -> Iterator[Browser]:
+    """Start the system's Firefox in this theme, for the tests of this file."""
+    with sync_playwright() as playwright:
+        started = playwright.firefox.launch(
+            channel="moz-firefox",
+            executable_path=FIREFOX,
+            firefox_user_prefs={
+                "layout.css.prefers-color-scheme.content-override": PREFERENCES[theme],
+                "network.dns.disabled": True,
+            },
+        )
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def stored(states: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Site, dict[str, object]]]:
+    """Serve every state, a file that was looked into among them, with what stands for the braces of an address."""
+    for site in sites(tmp_path_factory.mktemp("firefox"), states):
+        answer = site.api.http.post(
+            f"/v1/axes/{AXIS}/recordings",
+            params={"check_only": True},
+            files=[("file", ("run7.csv", csv_file(tmp_path_factory.mktemp("file")).read_bytes()))],
+        ).json()
+        wait_for(site.api, answer["id"], "done")
+        filled = {
+            "axis": AXIS,
+            "recording": answer["arguments"]["recording"],
+            "job": answer["id"],
+            "calibration": site.api.axis(AXIS)["active_calibration"],
+            "measurement": site.api.trend(AXIS, limit=1, order="newest-first")[0]["measurement_id"],
+            "alarm": number(site),
+        }
+        yield site, filled
+
+
+def drawn_outside(page: Page) -> list[str]:
+    """Return curves and marks that do not stand in their picture; without any, that there are none."""
+    return page.evaluate("""() => {
+      const pictures = [...document.querySelectorAll("main svg")].filter(svg => svg.getClientRects().length);
+      const shapes = pictures.flatMap(svg => [...svg.querySelectorAll("path, circle")].map(shape => [svg, shape]));
+      const placed = shapes.map(([svg, shape]) => [svg.getBoundingClientRect(), shape.getBoundingClientRect(), shape]);
+      const wrong = placed.filter(([all, one]) => !(one.width + one.height > 0 && one.left >= all.left - 1
+        && one.right <= all.right + 1 && one.top >= all.top - 1 && one.bottom <= all.bottom + 1));
+      return placed.length ? wrong.map(([, , shape]) => shape.outerHTML.slice(0, 160)) : ["nothing is drawn"];
+    }""")
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("route", ROUTES)
+def test_every_page_stands(
+    stored: tuple[Site, dict[str, object]], visit: Visit, route: str, size: str, theme: str
+) -> None:
+    site, filled = stored
+    # ReDoc would show the mark of its maker from outside: that the policy of the page forbids it, Firefox says
+    page = visit(site.url, route.format(**filled), size, theme, allowed="(img-src) at https://cdn.redoc.ly")
+    assert page.evaluate("() => matchMedia('(prefers-color-scheme: dark)').matches") == (theme == "dark")
+    if route in ("/docs", "/redoc"):  # drawn by a library of others
+        expect(page.locator("h1, h2").first).to_contain_text("Preload Monitor")
+        return
+    expect(page.locator("h1")).to_be_visible()
+    if (size, theme) in (("desk", "light"), ("phone", "dark")):
+        assert not violations(page)
+    assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+    assert small_targets(page) == []
+    if route in DRAWN:
+        assert drawn_outside(page) == []
+
+
+def test_an_open_page_shows_what_was_measured_within_two_seconds(fresh_service: Site, visit: Visit, theme: str) -> None:
+    page = visit(fresh_service.url, "/axes/normal", theme=theme)
+    expect(page.locator("#connection")).to_have_text("● live")
+    before = page.locator("#measurements tbody tr").count()
+    measure(fresh_service.api, "normal", range(20, 21))
+    expect(page.locator("#measurements tbody tr")).to_have_count(before + 1, timeout=1000 * WITHIN_S)
+    assert drawn_outside(page) == []
+
+
+@pytest.mark.parametrize("keyboard", [False, True])
+def test_an_alarm_is_acknowledged(fresh_service: Site, visit: Visit, theme: str, keyboard: bool) -> None:
+    page = visit(fresh_service.url, f"/alarms/{number(fresh_service)}", "phone", theme)
+    press(page, "I have seen it", keyboard=keyboard)
+    expect(page.locator("#said")).to_have_text("Noted: you have seen the alarm.")
+    expect(page.locator("#status")).to_contain_text("seen")
+
+
+def test_the_trend_is_read_by_keyboard_and_zoomed_by_dragging(
+    stored: tuple[Site, dict[str, object]], visit: Visit, theme: str
+) -> None:
+    page = visit(stored[0].url, f"/axes/{AXIS}", theme=theme)
+    page.locator("#preload-chart").focus()
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#reading")).to_contain_text("N ±")
+    box = page.locator("#preload-chart .wide svg").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.75, box["y"] + 60, steps=3)
+    page.mouse.up()
+    page.wait_for_url("**from=*")
