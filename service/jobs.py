@@ -56,7 +56,9 @@ class JobHandle:
     done: int  # as last reported: 0, or how far the job had come when it was interrupted
     result: JsonObject | None  # as last reported
     report: Callable[[int, int | None, JsonObject], None]  # done, total where it is known, result so far
-    sleep: Callable[[float], None]  # so many seconds; this and ``report`` raise JobCancelledError when it should stop
+    #: Reports the total as done, and stores more in the same transaction: what is stored returns the result.
+    conclude: Callable[[int, Callable[[Session], JsonObject]], None]
+    sleep: Callable[[float], None]  # so many seconds; this and the reports raise JobCancelledError when it should stop
 
     @property
     def axis_id(self) -> str:
@@ -252,20 +254,26 @@ class JobRunner:
             row.done,
             row.result,
             report=partial(self._report, job_id, owner),
+            conclude=partial(self._conclude, job_id, owner),
             sleep=partial(self._sleep, job_id, owner),
         )
         self._work[row.kind](handle)
 
     def _report(self, job_id: str, owner: str, done: int, total: int | None, result: JsonObject) -> None:
-        self._persistently(job_id, partial(self._store_report, job_id, owner, done, total, result))
+        self._persistently(job_id, partial(self._store_report, job_id, owner, done, total, lambda _: result))
 
-    def _store_report(self, job_id: str, owner: str, done: int, total: int | None, result: JsonObject) -> None:
+    def _conclude(self, job_id: str, owner: str, total: int, store: Callable[[Session], JsonObject]) -> None:
+        self._persistently(job_id, partial(self._store_report, job_id, owner, total, total, store))
+
+    def _store_report(
+        self, job_id: str, owner: str, done: int, total: int | None, store: Callable[[Session], JsonObject]
+    ) -> None:
         if self._stopping.is_set():
             raise JobCancelledError
         with self._database.write() as session:
             row = jobs.locked_job(session, job_id)
             _require_own(row, owner)
-            row.done, row.total, row.result, row.updated_at = done, total, result, now()
+            row.done, row.total, row.result, row.updated_at = done, total, store(session), now()
 
     def _sleep(self, job_id: str, owner: str, seconds: float) -> None:
         due = time.monotonic() + seconds

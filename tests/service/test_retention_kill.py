@@ -1,9 +1,6 @@
 """kill -9 at any moment of a purge: no row is lost, nothing is half gone, no room is lost, and it goes on."""
 
-import multiprocessing
-import os
 import shutil
-import signal
 import sqlite3
 import sys
 import time
@@ -25,6 +22,7 @@ from service.store.database import Database
 from service.store.safekeeping.backup import back_up
 from service.store.waveforms import WaveformStore
 from tests.service.conftest import Api, ServerProcess, free_port, running_service
+from tests.service.killed_steps import Steps, count
 from tests.service.plant_history import (
     N_WINDOWS,
     RULE,
@@ -56,34 +54,13 @@ def purge_until(data_dir: Path, step: int, counted: Any) -> None:
     with database.write() as session:
         number = purge.begin(session, "test", now()).id
 
-    def count(_frame: FrameType, event: str, called: Any) -> None:
+    def profile(_frame: FrameType, event: str, called: Any) -> None:
         if event in ("c_call", "c_return") and called.__name__ in REACHING_OUT:
-            counted.value += 1
-            if counted.value == step:
-                os.kill(os.getpid(), signal.SIGKILL)
+            count(counted, step)
 
-    sys.setprofile(count)
+    sys.setprofile(profile)
     purge.run(number, lambda done, total: None, time.sleep)
     sys.setprofile(None)
-
-
-class Purging:
-    """Purges in a process of its own."""
-
-    _forks = multiprocessing.get_context("forkserver")
-
-    def __init__(self, data_dir: Path) -> None:
-        self._forks.set_forkserver_preload([__name__])
-        self._data_dir = data_dir
-
-    def until(self, step: int) -> tuple[bool, int]:
-        """Kill it at a step; return whether it was still at work, and how many steps it did."""
-        counted = self._forks.Value("i", 0)
-        process = self._forks.Process(target=purge_until, args=(self._data_dir, step, counted))
-        process.start()
-        process.join()
-        assert process.exitcode in (0, -signal.SIGKILL)
-        return process.exitcode != 0, counted.value
 
 
 @pytest.mark.slow
@@ -93,7 +70,7 @@ def test_purge_that_is_killed_again_and_again_ends_as_one_that_is_not(
     folder, history = prepared
     calm = tmp_path / "calm"
     shutil.copytree(folder, calm)
-    was_killed, n_steps = Purging(calm).until(-1)
+    was_killed, n_steps = Steps(purge_until, calm).until(-1)
     assert not was_killed
     expected, rows = stored_names(calm), row_counts(calm)
     assert history.kept < expected.keys() < history.old.keys() | {"young"}
@@ -105,7 +82,7 @@ def test_purge_that_is_killed_again_and_again_ends_as_one_that_is_not(
         for kill in range(KILLS_OF_ROUND):
             # the later ones fall into what the earlier ones left
             step = int(rng.integers(1, n_steps // (kill + 1)))
-            was_killed, _ = Purging(data_dir).until(step)
+            was_killed, _ = Steps(purge_until, data_dir).until(step)
             n_kills += was_killed
             stored = stored_names(data_dir)  # each window is read and checked
             assert expected.keys() <= stored.keys()
@@ -115,7 +92,7 @@ def test_purge_that_is_killed_again_and_again_ends_as_one_that_is_not(
             assert files_without_rows(data_dir) <= unsettled(data_dir)  # what is left over is known
             if kill == number % KILLS_OF_ROUND:
                 assert back_up(data_dir, tmp_path / f"backup-{number}", lambda _: None).damaged == ()
-        was_killed, _ = Purging(data_dir).until(-1)
+        was_killed, _ = Steps(purge_until, data_dir).until(-1)
         assert not was_killed
         assert stored_names(data_dir) == expected
         assert row_counts(data_dir) == rows

@@ -7,7 +7,6 @@ from sqlalchemy.orm import Session
 
 from monitor_core.modal import ModalMeasurement
 from monitor_core.preload import Calibration, expected_frequency
-from monitor_core.recordings.calibration_file import calibration_from_document
 from monitor_core.recordings.elements.units import to_millimetres
 from service.errors import ConflictError
 from service.jobs import JobHandle, JobRunner
@@ -15,7 +14,7 @@ from service.json_types import JsonObject
 from service.operations.analysis_job import measured_modes
 from service.operations.fields import Moment, RequestModel
 from service.operations.monitoring.axis_configuration import core_settings, load_configuration
-from service.operations.monitoring.calibrations import Calibrations, nothing_to_fit
+from service.operations.monitoring.calibrations import Calibrations, add_calibration, nothing_to_fit
 from service.store import jobs, measurements
 from service.store.axes import get_axis
 from service.store.calibrations import get_calibration
@@ -105,15 +104,16 @@ class CalibrationJobs:
             job.report(done, total, {})
             measured += [(row.id, modal) for modal in measured_modes(self._database, self._waveforms, settings, [row])]
         job.report(len(rows), total, {})
-        stored = self._calibrations.fit_modes(
-            job.axis_id, [modal for _, modal in measured], None, asked.comment, prior=prior
-        )
-        fitted = calibration_from_document(stored.document)
-        job.report(
-            total,
-            total,
-            {"calibration": stored.id, "readings": [_reading(number, modal, fitted) for number, modal in measured]},
-        )
+        fitted = self._calibrations.fitted_to(job.axis_id, [modal for _, modal in measured], None, prior=prior)
+        readings = [_reading(number, modal, fitted) for number, modal in measured]
+
+        def stored(session: Session) -> JsonObject:
+            return {
+                "calibration": add_calibration(session, job.axis_id, fitted, asked.comment).id,
+                "readings": readings,
+            }
+
+        job.conclude(total, stored)
 
 
 #: Fits that are looked through for the one that a calibration came from.

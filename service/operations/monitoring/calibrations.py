@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from sqlalchemy.orm import Session
+
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.modal import ModalMeasurement
 from monitor_core.pipeline import calibrate_from_measurements
@@ -67,26 +69,27 @@ class Calibrations:
             rows = measurements.calibration_measurements(session, axis_id, *span)
         settings = core_settings(_configuration(axis))
         measured = list(measured_modes(self._database, self._waveforms, settings, rows))
-        return self.fit_modes(axis_id, measured, weighting, comment, prior=prior)
+        return self._store(axis_id, self.fitted_to(axis_id, measured, weighting, prior=prior), comment)
 
-    def fit_modes(
+    def fitted_to(
         self,
         axis_id: str,
         measured: Sequence[ModalMeasurement],
         weighting: str | None,
-        comment: str,
         *,
         prior: JsonObject | None = None,
-    ) -> CalibrationRow:
-        """Fit to measured modes. Raises NotIdentifiableError if they do not determine the coefficients."""
+    ) -> Calibration:
+        """Fit to measured modes, and store nothing yet.
+
+        Raises NotIdentifiableError if they do not determine the coefficients.
+        """
         with self._database.read() as session:
             settings = core_settings(_configuration(get_axis(session, axis_id)))
         if not measured:
             raise nothing_to_fit(axis_id)
-        fitted = calibrate_from_measurements(
+        return calibrate_from_measurements(
             measured, settings=settings, weighting=Weighting(weighting or Weighting.NONE), prior=_prior(prior)
         )
-        return self._store(axis_id, fitted, comment)
 
     def fit_readings(
         self,
@@ -147,12 +150,18 @@ class Calibrations:
             return row, get_axis(session, axis_id).active_calibration_id
 
     def _store(self, axis_id: str, calibration: Calibration, comment: str) -> CalibrationRow:
-        document = calibration_document(calibration)
-        row = CalibrationRow(axis_id=axis_id, document=document, comment=comment, created_at=now())
         with self._database.write() as session:
-            get_axis(session, axis_id)
-            session.add(row)
-        return row
+            return add_calibration(session, axis_id, calibration, comment)
+
+
+def add_calibration(session: Session, axis_id: str, calibration: Calibration, comment: str) -> CalibrationRow:
+    """Store a calibration for review; raises UnknownResourceError if the axis is gone."""
+    get_axis(session, axis_id)
+    document = calibration_document(calibration)
+    row = CalibrationRow(axis_id=axis_id, document=document, comment=comment, created_at=now())
+    session.add(row)
+    session.flush()
+    return row
 
 
 def nothing_to_fit(axis_id: str) -> NotIdentifiableError:
