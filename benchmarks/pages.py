@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.pages`` prints, for an axis of 5,000 and of 1,000,000 measurements, when its first chart stands
 in Chromium (each time in a new profile, so that nothing is cached), what was sent and what that unpacks to, how long a
-poll takes on the wire and of the processor, and how soon an open page has what was measured; then how long the fleet of
-1000 axes takes, with and without the browser.
+poll takes on the wire and of the processor, how soon an open page has what was measured, and after each event of
+``tests/browser/test_open_page.py`` when the last of its open pages says what a fresh one says; then how long the fleet
+of 1000 axes takes, with and without the browser.
 """
 
 import shutil
@@ -15,12 +16,14 @@ from datetime import timedelta
 from pathlib import Path
 
 import httpx
-import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 from psutil import Process
 
 from benchmarks.hostile_connections import register, service
-from tests.service.conftest import START, Api, running_service, simulated_measurement
+from tests.browser.conftest import Site, sites
+from tests.browser.states import learn, measure
+from tests.browser.test_open_page import EVENTS, FRESH, OPEN
+from tests.service.conftest import Api, running_service
 from tests.service.long_history import lengthen
 
 LENGTHS = (5_000, 1_000_000)
@@ -28,6 +31,10 @@ REPEATED = 7
 POLLS = 400
 N_AXES = 1000
 CHART = "#preload-chart svg"
+AXIS = "axis"
+PATHS = ("/", "/wall", f"/axes/{AXIS}", f"/axes/{AXIS}?range=all", "/alarms")
+#: Each event begins from what those before it left: an alarm, which is acknowledged, then cleared, and so on.
+IN_ORDER = ("alarm", "acknowledge", "clear", "measurement", "activation", "silence", "restart")
 #: Notes the moment at which what is looked for stands in the page and the browser has drawn it.
 WATCH = """(() => { const look = () => document.querySelector(%r)
   ? requestAnimationFrame(() => { window.shownMs = performance.now(); }) : requestAnimationFrame(look); look(); })()"""
@@ -63,11 +70,10 @@ def poll(http: httpx.Client, process: Process) -> str:
 
 def taken_over(browser: Browser, api: Api) -> str:
     """Return how long after a measurement was accepted an open page shows it."""
-    page, rng, late = browser.new_page(), np.random.default_rng(2), []
-    page.goto(f"{api.http.base_url}/axes/axis")
-    for day in range(1, REPEATED + 1):
-        windows = simulated_measurement(rng, f"day {day}", started_at=START + timedelta(days=day), n_windows=2)
-        api.accept("axis", windows)
+    page, late = browser.new_page(), []
+    page.goto(f"{api.http.base_url}/axes/{AXIS}")
+    for day in range(9, 9 + REPEATED):
+        measure(api, AXIS, range(day, day + 1))
         began, mark = time.perf_counter(), api.http.get("/v1/changes").json()["mark"]
         page.wait_for_function("mark => document.documentElement.dataset.mark === mark", arg=mark)
         late.append(time.perf_counter() - began)
@@ -75,21 +81,35 @@ def taken_over(browser: Browser, api: Api) -> str:
     return f"{statistics.median(late):.2f} s (longest {max(late):.2f})"
 
 
+def truthful_after(browser: Browser, site: Site, event: str) -> float:
+    """Return how long after an event the last of the open pages says what a fresh one says, and that it is live."""
+    pages = [browser.new_page() for _ in PATHS]
+    for page, path in zip(pages, PATHS, strict=True):
+        page.goto(site.url + path)
+    EVENTS[event](site)
+    began = time.perf_counter()
+    for page in pages:
+        while page.locator("#connection.lost").count() or page.evaluate(OPEN) != page.evaluate(FRESH):
+            page.wait_for_timeout(20)
+    late = time.perf_counter() - began
+    for page in pages:
+        page.close()
+    return late
+
+
 def axis_of(browser: Browser, n_measurements: int) -> None:
     """Print what the page of an axis with so many measurements takes."""
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "var"
         with running_service(data) as api:
-            api.register("axis", windows_per_measurement=2, minimum_averages=2)
-            api.calibrate("axis")
-            api.accept("axis", simulated_measurement(np.random.default_rng(1), "first", n_windows=2))
-        lengthen(data, "axis", n_measurements, every=timedelta(minutes=1))
+            learn(api, AXIS)
+        lengthen(data, AXIS, n_measurements, every=timedelta(minutes=1))
         with (
             service(data) as (port, process),
             httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as http,
         ):
             for span in ("", "?range=all"):
-                found = [shown(browser, f"{http.base_url}/axes/axis{span}", CHART) for _ in range(REPEATED)]
+                found = [shown(browser, f"{http.base_url}/axes/{AXIS}{span}", CHART) for _ in range(REPEATED)]
                 seconds, sent, unpacked = (sorted(column) for column in zip(*found, strict=True))
                 print(
                     f"{n_measurements:>9} measurements, axis{span}: first chart {statistics.median(seconds):.2f} s "
@@ -98,6 +118,10 @@ def axis_of(browser: Browser, n_measurements: int) -> None:
             print(f"{n_measurements:>9} measurements, poll: {poll(http, process)}")
             soon = taken_over(browser, Api(http, data))
             print(f"{n_measurements:>9} measurements, an open page shows a new one after {soon}")
+        for site in sites(Path(folder) / "served", data):
+            for event in IN_ORDER:
+                late = truthful_after(browser, site, event)
+                print(f"{n_measurements:>9} measurements, {event}: the last open page is true after {late:.2f} s")
 
 
 def fleet(browser: Browser) -> None:

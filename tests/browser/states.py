@@ -35,7 +35,8 @@ def measure(api: Api, axis: str, numbers: range, preload: float = HEALTHY) -> No
         api.accept(axis, measurement(axis, number, preload))
 
 
-def _learn(api: Api, axis: str) -> None:
+def learn(api: Api, axis: str) -> None:
+    """Register an axis, calibrate it, and measure it until its baseline is learnt."""
     api.register(axis, **CONFIGURATION)
     api.calibrate(axis)
     measure(api, axis, range(9))
@@ -63,7 +64,7 @@ def build(folder: Path) -> None:
         api.calibrate("learning")
         measure(api, "learning", range(3))
         for axis in ("normal", "alert", "alarm", "acknowledged", "silent", "cleared", "long"):
-            _learn(api, axis)
+            learn(api, axis)
         measure(api, "alert", range(9, 12), TOO_HIGH)
         _wear(api, "alarm")
         say(api, _wear(api, "acknowledged"), "acknowledge", "nut is ordered")
