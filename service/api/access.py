@@ -97,7 +97,7 @@ NEEDED: MappingProxyType[tuple[str, str], Scope] = MappingProxyType(
                 "/", "/wall", "/axes/new", "/axes/{axis}", "/axes/{axis}/import", "/axes/{axis}/import/{recording}",
                 "/axes/{axis}/calibrate", "/axes/{axis}/calibrations/{calibration}", "/v1/drive-model",
                 f"{_AXIS}/calibration-plan", "/axes/{axis}/stored", "/axes/{axis}/settings", "/jobs/{job}", "/system",
-                "/docs", "/redoc", "/openapi.json", "/metrics",
+                "/docs", "/openapi.json", "/metrics",
                 "/v1/axes", _AXIS, f"{_AXIS}/trend", f"{_AXIS}/history", f"{_AXIS}/maintenance",
                 "/alarms", "/alarms/{alarm}", "/axes/{axis}/measurements/{measurement}",
                 f"{_AXIS}/measurements/{{measurement}}/evidence",

@@ -93,12 +93,11 @@ def drawn_outside(page: Page) -> list[str]:
 @pytest.mark.parametrize("route", ROUTES)
 def test_every_page_stands(stored: tuple[Site, dict[str, object]], visit: Visit, route: str, theme: str) -> None:
     site, filled = stored
-    # ReDoc would show the mark of its maker from outside: that the policy of the page forbids it, Firefox says
-    page = visit(site.url, route.format(**filled), theme=theme, allowed="(img-src) at https://cdn.redoc.ly")
+    page = visit(site.url, route.format(**filled), theme=theme)
     assert page.evaluate("() => matchMedia('(prefers-color-scheme: dark)').matches") == (theme == "dark")
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
-        if route in ("/docs", "/redoc"):  # drawn by a library of others
+        if route == "/docs":  # drawn by a library of others
             expect(page.locator("h1, h2").first).to_contain_text("Preload Monitor")
             continue
         expect(page.locator("h1")).to_be_visible()

@@ -244,7 +244,7 @@ def test_configuration_can_be_changed_and_keeps_what_is_stored(shared_api: Api) 
 
 
 def test_pages_and_probes_answer(worn: Api) -> None:
-    for path in ("/", "/axes/worn", "/docs", "/redoc"):
+    for path in ("/", "/axes/worn", "/docs"):
         page = worn.http.get(path)
         assert page.status_code == 200
         assert page.headers["content-type"].startswith("text/html")

@@ -20,8 +20,8 @@ from service.web.words import LANGUAGES, words_for
 from tests.conftest import PROJECT_ROOT
 
 TEMPLATES = PROJECT_ROOT / "service" / "web" / "templates"
-#: Drawn by programs of others, which have their own words.
-OF_OTHERS = ("swagger.html", "redoc.html")
+#: Drawn by a program of others, which has its own words.
+OF_OTHERS = ("swagger.html",)
 #: The name of the product, formula signs and units; the same in every language.
 NAMES = r"Preload Monitor|POST|PUT|\bN\b|\bHz\b|\bmm\b|\bkg\b|N·m|°C"
 ALL_LANGUAGES = sorted(path.stem for path in LANGUAGES.glob("*.po"))
