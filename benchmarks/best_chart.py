@@ -1,6 +1,6 @@
 r"""What a chart can do at best that knows of an axis what the product's charts know before its first session.
 
-``python -m benchmarks.best_chart [axes [seed]]``, some five minutes on one core: none of the charts of the product, but
+``python -m benchmarks.best_chart [axes [seed]]``, some three minutes on one core. None of the charts of the product:
 after each session the evidence for a step towards loss on any day so far, everything that is not known integrated out
 (Shiryaev 1963; Roberts 1966; for its optimality Pollak, Ann. Stat. 13 (1985) 206–227):
 
@@ -84,7 +84,7 @@ def drawn(history: History, rng: np.random.Generator, axes: int, sessions: int) 
 
 def main(arguments: list[str]) -> None:
     """Print both tables."""
-    axes, seed = (int(a) for a in (arguments + ["200", "500"][len(arguments) :])[:2])
+    axes, seed = (int(a) for a in (arguments + ["100", "500"][len(arguments) :])[:2])
     limit = math.nan
     print("healthy axis          alarms a year, where an independent one has 0.7")
     for number, row in enumerate(OF_HEALTHY):
