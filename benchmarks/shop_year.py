@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.shop_year [days [first seed [machine]]]``: friction that wanders by 15 % and rises by a quarter
 between lubrications, seasons and weather with a structure that lags behind the air, eight windows at five places every
-day. Seeds from 500 on are scored.
+day. Seeds from 500 on are scored. How much of the mean squared error is common to a month tells what can be asked of a
+single month at all: :mod:`benchmarks.month_information`.
 """
 
 import sys
@@ -25,6 +26,18 @@ def judge_year(machine: Machine, days: int, seed: int) -> list[list[Judged]]:
         answers = [item.outcome.preload for item in measured]
         judged.append([Judged(truth, answer) for truth, answer in zip(recorded.preload, answers, strict=True)])
     return judged
+
+
+def common_to_a_month(months: list[list[list[Judged]]]) -> float:
+    """Return which share of the mean squared error the measurements of a month have in common."""
+    errors = [
+        np.array(
+            [j.answer.preload / j.truth - 1.0 for day in days for j in day if isinstance(j.answer, PreloadEstimate)]
+        )
+        for days in months
+    ]
+    within = sum(float(np.sum((error - error.mean()) ** 2)) for error in errors)
+    return 1.0 - within / sum(float(np.sum(error**2)) for error in errors)
 
 
 def report(machine: Machine, judged: list[list[Judged]]) -> None:
@@ -53,6 +66,7 @@ def report(machine: Machine, judged: list[list[Judged]]) -> None:
             f"{1.96 * error.std():9.2%}  {np.mean([j.silent for j in measured]):7.3f}  {dict(reasons)}",
             flush=True,
         )
+    print(f"common to a month: {common_to_a_month(months):.0%} of the mean squared error", flush=True)
 
 
 def main(arguments: list[str]) -> None:

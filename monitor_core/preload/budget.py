@@ -43,8 +43,9 @@ class VarianceShares:
 #: Share of a temperature's distance from the calibration's by which the structure lags behind it (standard uncertainty,
 #: declared): a thermometer in the air leads by much of it.
 TEMPERATURE_LAG = 0.45
-#: Of a thermometer as the temperature of what stretches, wherever it reads (standard uncertainty, declared) [K].
-THERMOMETER = 0.5
+#: Of a thermometer as the temperature of what stretches, wherever it reads (standard uncertainty, declared): an offset
+#: of 1 K, and as much by which the structure still follows yesterday's air [K].
+THERMOMETER = 1.5
 #: Of a correction for friction, the standard uncertainty by where the friction acts: in the guides it moves the mode by
 #: two to three times as much as in bearing and nut, and a calibration has hardly seen the one without the other
 #: (declared).
