@@ -159,7 +159,10 @@ def explain_comparison(
     *partial* or *unknown*, with a sentence on what was not tried. Raises OutsideValidityError if the described axis
     itself has no answer under one of the conditions.
     """
-    records = cleared(comparison, axis, progress or (lambda _: None))
+    settings, progress = settings or ExplainSettings(), progress or (lambda _: None)
+    layout = comparison.layout
+    progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
+    records = cleared(comparison, axis, progress)
     while True:
         explanation, final = _explain_kept(
             records.kept, axis, candidates, baseline=records.baseline, settings=settings, sizes=sizes,
@@ -168,8 +171,7 @@ def explain_comparison(
         worst = None if explanation.unfinished else records.worst(final)
         if worst is None:
             break
-        if progress is not None:
-            progress(f"once more without record {worst.number} ({worst.setting})")
+        progress(f"once more without record {worst.number} ({worst.setting})")
         records = records.with_wrong(worst.number)
     if explanation.outcome is Outcome.UNKNOWN and records.wrong and not explanation.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
@@ -187,33 +189,32 @@ def _explain_kept(
     candidates: Sequence[Effect[Physics]],
     *,
     baseline: Fitted[Physics] | None = None,
-    settings: ExplainSettings | None,
+    settings: ExplainSettings,
     sizes: MachineSizes | None,
-    progress: Callable[[str], None] | None,
+    progress: Callable[[str], None],
     time_is_up: Callable[[], bool] | None,
 ) -> tuple[Explanation, Fitted[Physics]]:
     """Explain what the records that are kept show; return the final fit, too."""
-    settings = settings or ExplainSettings()
     said = ["comparing the model as stated"]
 
     def report(sentence: str) -> None:
         said.append(sentence)
-        if progress is not None:
-            progress(sentence)
+        progress(sentence)
 
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report)
     hidden, unfinished = list[str](), ""
     try:
-        steps = find_steps(workspace, baseline)
-        while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
-            hidden.append(least.key)
-            steps = leave_out(workspace, steps, least)
-        report("judging what was found")
-        found = judge_found(workspace, steps)
-        classes, final = classes_with_fit(found, candidates)
-        final = at_mode(final)
+        with stoppable.stoppable():
+            steps = find_steps(workspace, baseline)
+            while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
+                hidden.append(least.key)
+                steps = leave_out(workspace, steps, least)
+            report("judging what was found")
+            found = judge_found(workspace, steps)
+            classes, final = classes_with_fit(found, candidates)
+            final = at_mode(final)
     except TimeIsUpError:
         hidden, unfinished = [], _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
@@ -230,7 +231,8 @@ def _explain_kept(
         outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
     description = None
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
-        description = describe(found.baseline, final, candidates, report)
+        with stoppable.stoppable():
+            description = describe(found.baseline, final, candidates, report)
         if description is None and not wanders:
             judged = judged.of_tolerances()
             outcome = outcome_of(classes, remainder, explained=explained, settings=judged)

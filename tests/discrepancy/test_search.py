@@ -3,13 +3,15 @@
 import math
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import linalg
 
+from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.search import find_steps, judge_found
-from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
+from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, in_same_minimum
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.evidence import delta_bic
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -150,6 +152,47 @@ def test_without_an_effect_a_fit_is_no_worse_than_with_still_fewer(monkeypatch) 
     assert without.cost < plain.cost
     best = fit(comparison, hypothesis.with_effect(first), np.zeros(2))
     assert without.cost == pytest.approx(best.cost, rel=1e-6)
+
+
+def test_rivals_are_refitted_once_in_each_minimum(monkeypatch) -> None:
+    """However far the fits in it stopped from one another; a fit elsewhere has rivals of its own."""
+    comparison = comparison_of(np.array([0.1, 3.0, 3.0]), np.random.default_rng(2))
+    workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 3), (quantity(1), quantity(2)))
+    hypothesis = Hypothesis(workspace.axis).with_effect(quantity(1))
+    there = fit(comparison, hypothesis, np.zeros(2))
+    started = []
+
+    def counted(*arguments, **options):
+        started.append(arguments)
+        return fit(*arguments, **options)
+
+    monkeypatch.setattr("monitor_core.discrepancy.search.workspace.fit", counted)
+    rivals = rivals_at(workspace, there)
+    n_fits = len(started)
+    assert [rival.effect.key for rival in rivals] == ["quantity-2"]
+    assert rivals_at(workspace, resolved_at(there, there.coordinates + 1e-4)) is rivals
+    assert len(started) == n_fits
+    assert rivals_at(workspace, resolved_at(there, there.coordinates + 0.5)) is not rivals
+
+
+@pytest.mark.parametrize(
+    ("cost", "size", "tolerance", "same"),
+    [
+        (1000.05, 5.0, 0.0, True),
+        (1001.0, 2.0, 0.0, False),
+        (1001.0, 2.02, 0.3, True),
+        (1001.0, 2.5, 0.3, False),
+        (1003.0, 2.0, 0.3, False),
+    ],
+)
+def test_fits_far_from_the_data_end_in_one_minimum_where_cost_and_place_are_alike(cost, size, tolerance, same) -> None:
+    """There a fit stops once its tolerance shrinks by no more than a thousandth; any place leaves about as much."""
+    hypothesis = Hypothesis(LinearAxis(UNCERTAIN, 2)).with_effect(quantity(1))
+    first, second = (
+        SimpleNamespace(cost=at, coordinates=np.array([0.0, of]), tolerance=tolerance, hypothesis=hypothesis)
+        for at, of in ((1000.0, 2.0), (cost, size))
+    )
+    assert in_same_minimum(first, second) is same
 
 
 def test_what_only_leads_out_of_a_false_minimum_is_not_found(monkeypatch) -> None:

@@ -13,8 +13,9 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver import hypothesis_fit
-from monitor_core.fitting.solver.hypothesis_fit import _GivenUpError, _Pace, fit
+from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.fitting.solver.linearised import linearise
+from monitor_core.fitting.solver.steps import GivenUpError, Pace, Steps
 from monitor_core.models.extended import physics_of
 from tests.discrepancy.axes import (
     AXIS,
@@ -127,7 +128,7 @@ def test_a_search_at_its_end_takes_no_more_derivatives(most, move, anew) -> None
         hypothesis_fit.linearise_at_likely_errors,
         comparison, hypothesis, np.zeros((len(SIZES), 2)), comparison.layout.standard_deviation,
     )  # fmt: skip
-    steps = hypothesis_fit._Steps(around, hypothesis, np.ones(sum(SIZES), dtype=np.bool_), _Pace(most))
+    steps = Steps(around, hypothesis, np.ones(sum(SIZES), dtype=np.bool_), Pace(most))
     steps.residuals(best + move)
     steps.residuals(best + move)
     first = steps.jacobian(best + move)
@@ -275,8 +276,8 @@ def test_minimum_does_not_depend_on_the_start() -> None:
 
 def steps_until_given_up(costs: list[float], to_beat: float) -> int:
     """Return after how many costs a search is given up; all of them where it is not."""
-    pace, taken = _Pace(60, to_beat), 0
-    with contextlib.suppress(_GivenUpError):
+    pace, taken = Pace(60, to_beat), 0
+    with contextlib.suppress(GivenUpError):
         for taken, cost in enumerate(costs, start=1):
             pace.require(partial(float, cost), np.array([float(taken)]))
     return taken

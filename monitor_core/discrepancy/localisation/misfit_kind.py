@@ -26,7 +26,8 @@ from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import has_lines, levels_of
-from monitor_core.fitting.solver.hypothesis_fit import Fitted, derivative
+from monitor_core.fitting.solver.derivatives import derivative
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 #: By the unit that ends the name of what an effect, or a wrong parameter, is stated in.
 _KINDS = (

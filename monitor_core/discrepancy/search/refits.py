@@ -17,14 +17,13 @@ from monitor_core.discrepancy.screening.screen import Projection
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Rival
 from monitor_core.discrepancy.search.workspace import (
-    SAME_MINIMUM,
     Workspace,
-    gap,
     has_one_minimum,
-    identity,
+    in_same_minimum,
     is_near,
     lowest_cost,
     may_be_elsewhere,
+    may_lack_more,
     screening_misleads,
 )
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
@@ -39,6 +38,9 @@ _PULLED = 3.0
 _SMALLEST, _LARGEST = 0.1, 1e4  # sizes that are tried, in scales: a range may have no end
 _FINE = 1.25  # ratio of sizes: some size then brings modes near to where the parameter has brought them
 _COARSE, _FINER = 2.0, (2.0**0.5, 2.0**0.25, 2.0**0.125)  # the same, and then about the best of them
+
+#: Of a gain that screening predicts near the data, what a refit may gain; of a cost, what it may leave.
+_MOST_OF_PREDICTED, _LEAST_LEFT = 2.0, 0.1
 
 
 def substitute_parameter(fitted: Fitted[Physics], effect: Effect[Physics]) -> FloatArray | None:
@@ -124,14 +126,14 @@ def _sizes(effect: Effect[Physics], parameter: EffectParameter, ratio: float) ->
 
 
 def rivals_at(workspace: Workspace[Physics], current: Fitted[Physics]) -> tuple[Rival[Physics], ...]:
-    """Return the most promising effects, refitted, best first; those of each fit once only."""
-    key = identity(current)
-    if key not in workspace.rivals:
+    """Return the most promising effects, refitted, best first; those of each minimum once only."""
+
+    def refit() -> tuple[Rival[Physics], ...]:
         refitted = [*_refit_promising(workspace, current)]
         done = {effect.key for effect, _ in refitted}
-        refitted += _refit_elsewhere(workspace, current, done)
-        workspace.rivals[key] = _ranked(current, refitted)
-    return workspace.rivals[key]
+        return _ranked(current, [*refitted, *_refit_elsewhere(workspace, current, done)])
+
+    return workspace.rivals(current, refit)
 
 
 def _ranked(
@@ -168,11 +170,11 @@ def _refit_promising(
     for number, screened in enumerate(promising, start=1):
         gained = current.cost - best.cost
         surpassed = screened.predicted_gain < workspace.settings.least_share_of_gain * gained
-        at_floor = gap(best) < 1.0 and not screening_misleads(current)
+        at_floor = surpassed and not may_lack_more(best) and not screening_misleads(current)
         if surpassed and (is_near(current) or at_floor):
             continue
         workspace.progress(f"refitting with {screened.effect.key} ({number} of {len(promising)})")
-        trial = _fit_from_best_start(workspace, current, screened)
+        trial = _fit_from_best_start(workspace, current, screened, best)
         if trial is not None:
             yield screened.effect, trial
             best = min(best, trial, key=lambda fitted: fitted.cost)
@@ -199,6 +201,8 @@ def _promising(workspace: Workspace[Physics], current: Fitted[Physics]) -> list[
     """
     settings, screened = workspace.settings, workspace.screened(current)
     worth_it = [result for result in screened if result.predicted_gain > settings.least_predicted_gain]
+    if is_near(current):
+        worth_it = [result for result in worth_it if _may_be_carried(workspace, current, result)]
     if not worth_it:
         return []
     chosen = sorted(worth_it, key=lambda result: result.decrease, reverse=True)[: settings.n_refitted]
@@ -209,15 +213,31 @@ def _promising(workspace: Workspace[Physics], current: Fitted[Physics]) -> list[
     return list(dict.fromkeys((*chosen, *by_slope, *alike)))
 
 
+def _may_be_carried(workspace: Workspace[Physics], current: Fitted[Physics], screened: Screened[Physics]) -> bool:
+    """Return whether the evidence may carry an effect, by a bound that holds near the data.
+
+    There a refit gains no more than a multiple of what screening predicts. A resonance was tried at a few frequencies
+    only, which is no bound.
+    """
+    if screened.effect.frequency is not None:
+        return True
+    scale, gain = evidence_scale(current), _MOST_OF_PREDICTED * screened.predicted_gain
+    left = max(current.cost - gain, _LEAST_LEFT * current.cost)  # what is left counts as noise
+    evidence = scale.factor * gain * max(current.cost / left, 1.0) if left > 0.0 else math.inf
+    return evidence - scale.penalty(len(screened.effect.parameters)) >= workspace.least_evidence(current)
+
+
 def _fit_from_best_start(
-    workspace: Workspace[Physics], current: Fitted[Physics], screened: Screened[Physics]
+    workspace: Workspace[Physics], current: Fitted[Physics], screened: Screened[Physics], leader: Fitted[Physics]
 ) -> Fitted[Physics] | None:
     """Return the best fit from where screening leads, another minimum, a substituted parameter, or a null effect.
 
     Of the starts by screening and of the null effect, a single fit is enough if it ends at the floor, where there is
     but one minimum, or if it gains what screening has predicted, where that can be relied upon. Two fits are enough if
-    they end in the same minimum and gain something.
+    they end in the same minimum and gain something. What promises, and from its best start gains, a small share of what
+    another effect, the ``leader``, has gained is not fitted from others.
     """
+    worth_more = workspace.settings.least_share_of_gain * (current.cost - leader.cost)
     near = is_near(current)
     hypothesis = current.hypothesis.with_effect(screened.effect)
     absent = hypothesis.carried_over(current.hypothesis, current.coordinates)
@@ -226,16 +246,20 @@ def _fit_from_best_start(
     for start in apart:
         if start is not None:
             best = lowest_cost(best, workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost))
+    if best is not None and not best.tolerance and has_one_minimum(best) and best.cost < current.cost:
+        return best
     for start in (*(screened.starts[:1] if near else screened.starts), absent):
         trial = workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost)
         if trial is None:
             continue
-        again = best is not None and abs(trial.cost - best.cost) < SAME_MINIMUM * best.cost
+        again = best is not None and in_same_minimum(trial, best)
         if best is None or trial.cost < best.cost:
             best = trial
         if again and best.cost < current.cost:
             break
         gained = current.cost - best.cost
         if gained > 0.0 and (has_one_minimum(best) or (near and 2.0 * gained > screened.decrease)):
+            break
+        if max(gained, screened.predicted_gain) < worth_more and not screening_misleads(current):
             break
     return best

@@ -15,7 +15,7 @@ from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, findings, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
-from monitor_core.discrepancy.search.workspace import Workspace, gap
+from monitor_core.discrepancy.search.workspace import Workspace, may_lack_more
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.hold_out import gain
@@ -95,7 +95,7 @@ def _other_first_steps(
 ) -> list[Fitted[Physics]]:
     """Return the steps, or those from another first effect that end at a better fit, where something is left."""
     current, settings = steps[-1] if steps else first, workspace.settings
-    rivals = rivals_at(workspace, first) if gap(current) > 1.0 else ()
+    rivals = rivals_at(workspace, first) if may_lack_more(current) else ()
     for rival in rivals[1 : settings.n_first_steps]:
         least = settings.least_share_of_gain * rivals[0].delta_bic
         if rival.delta_bic < max(least, workspace.least_evidence(first)):

@@ -58,6 +58,11 @@ def may_be_elsewhere(fitted: Fitted[Physics]) -> bool:
     return gap(fitted) >= _ONE_MINIMUM
 
 
+def may_lack_more(fitted: Fitted[Physics]) -> bool:
+    """Return whether more is left than a healthy axis leaves; about half of them leave a gap of more than one floor."""
+    return judged_gap(fitted).exceeds_healthy
+
+
 def has_one_minimum(fitted: Fitted[Physics]) -> bool:
     """Return whether a fit that improves is the best one: false minima come from phases, far from the data."""
     phases = np.any(np.isfinite(fitted.comparison.layout.period))
@@ -66,6 +71,20 @@ def has_one_minimum(fitted: Fitted[Physics]) -> bool:
 
 #: Of the cost: fits that differ by less ended in the same minimum.
 SAME_MINIMUM = 1e-4
+#: The same for fits that end with a tolerance, once that shrinks by no more than a thousandth: χ² by twice as much. And
+#: by which share of its scale, or of itself, a coordinate may then differ: many a place leaves as much of a large gap.
+_SAME_TEMPERED, _SAME_PLACE = 2e-3, 0.03
+
+
+def in_same_minimum(first: Fitted[Physics], second: Fitted[Physics]) -> bool:
+    """Return whether two fits of the same effects ended in the same minimum."""
+    apart, least = abs(first.cost - second.cost), min(abs(first.cost), abs(second.cost))
+    if not (first.tolerance and second.tolerance):
+        return apart < SAME_MINIMUM * least
+    effects = slice(first.hypothesis.n_uncertain, None)
+    there = first.hypothesis.carried_over(second.hypothesis, second.coordinates)
+    off = np.abs(first.coordinates - there)[effects] / np.maximum(1.0, np.abs(there[effects]))
+    return apart < _SAME_TEMPERED * least and bool(np.all(off < _SAME_PLACE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +117,9 @@ class Workspace(Generic[Physics]):
     progress: Callable[[str], None] = lambda _sentence: None
     #: By the keys of their effects.
     best_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
-    #: By :func:`identity` of the fit that they start from; each is refitted once only.
-    rivals: dict[bytes, tuple[Rival[Physics], ...]] = field(default_factory=dict, init=False)
-    _screened: dict[bytes, tuple[Screened[Physics], ...]] = field(default_factory=dict, init=False)
+    #: With the fit that they start from, and by its effects; from each minimum they are refitted once only.
+    _rivals: list[tuple[Fitted[Physics], tuple[Rival[Physics], ...]]] = field(default_factory=list, init=False)
+    _screened: list[tuple[Fitted[Physics], tuple[Screened[Physics], ...]]] = field(default_factory=list, init=False)
     #: Fits of the steps of the search so far, without any effect and after each that was added.
     so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
     #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
@@ -179,15 +198,35 @@ class Workspace(Generic[Physics]):
         )
 
     def screened(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...]:
-        """Screen everything that could still be added to a fit, once only."""
-        key = identity(fitted)
-        if key not in self._screened:
-            self._screened[key] = screen(fitted, self.remaining(fitted))
-        return self._screened[key]
+        """Screen everything that could still be added to a fit, once only in each minimum."""
+        known = self._known_screening(fitted)
+        if known is None:
+            known = screen(fitted, self.remaining(fitted))
+            self._screened.append((fitted, known))
+        return known
 
     def known_screening(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...]:
         """Return what screening has found where it is done, else nothing."""
-        return self._screened.get(identity(fitted), ())
+        return self._known_screening(fitted) or ()
+
+    def _known_screening(self, fitted: Fitted[Physics]) -> tuple[Screened[Physics], ...] | None:
+        effects = fitted.hypothesis.effects  # in their order: what was found are coordinates
+        same = (
+            found for at, found in self._screened if at.hypothesis.effects == effects and in_same_minimum(at, fitted)
+        )
+        return next(same, None)
+
+    def rivals(
+        self, fitted: Fitted[Physics], refit: Callable[[], tuple[Rival[Physics], ...]]
+    ) -> tuple[Rival[Physics], ...]:
+        """Return the refits with one more effect from a fit, made by ``refit`` once only in each minimum."""
+        keys = fitted.hypothesis.keys
+        for at, found in self._rivals:
+            if at.hypothesis.keys == keys and in_same_minimum(at, fitted):
+                return found
+        found = refit()
+        self._rivals.append((fitted, found))
+        return found
 
     def least_evidence(self, without: Fitted[Physics]) -> float:
         """Return the gain of BIC that one more effect needs.
@@ -199,12 +238,6 @@ class Workspace(Generic[Physics]):
         if judged_gap(without).exceeds_healthy:
             return least
         return max(least, VERY_STRONG + 2.0 * math.log(max(len(self.remaining(without)), 1)))
-
-
-def identity(fitted: Fitted[Physics]) -> bytes:
-    """Return the order of the effects and the coordinates of a fit, which identify it within a search."""
-    keys = ",".join(effect.key for effect in fitted.hypothesis.effects)
-    return keys.encode() + fitted.coordinates.tobytes()
 
 
 def lowest_cost(*fits: Fitted[Physics] | None) -> Fitted[Physics] | None:

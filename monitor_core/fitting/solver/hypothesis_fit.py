@@ -8,18 +8,14 @@ over the coordinates u of a hypothesis, those of uncertain parameters in their p
 data the logarithmic misfit is first fitted with an extra tolerance under which :math:`\chi^2/n \approx 4`; it shrinks
 as the fit improves and is gone at the end. The misfit is taken as linear in the condition errors, around those
 that are likely at the coordinates of each step.
-
-Differentiate the misfit of a hypothesis by its coordinates, by finite differences.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Generic
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import Physics
@@ -27,70 +23,9 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.free_parameter import prior_jacobian, prior_residuals
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.derivatives import one_sided_derivative, residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors
-
-_STEP = 1e-4  # of a coordinate
-
-
-def residual_jacobian(
-    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, *, central: bool = False
-) -> FloatArray:
-    """Return the derivatives of the residuals where they are linearised, shape (n_values, n_coordinates)."""
-    if not coordinates.size:
-        return np.zeros((around.here.size, 0))
-    take = derivative if central else one_sided_derivative
-    columns = [take(around, hypothesis, coordinates, around.here, index) for index in range(coordinates.size)]
-    whitened: FloatArray = around.whitened_by(np.array(columns)).T
-    return whitened
-
-
-def derivative(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    coordinates: FloatArray,
-    misfit: FloatArray,
-    index: int,
-) -> FloatArray:
-    """Return the derivative of the misfit with respect to one coordinate, shape (n_values,).
-
-    It is a central difference, so that what other coordinates can take up of it cancels to rounding. It is one-sided
-    where the model has no answer on the other side.
-    """
-    sides = []
-    for step in (_STEP, -_STEP):
-        try:
-            sides.append((step, _moved_misfit(around, hypothesis, coordinates, index, step)))
-        except OutsideValidityError:
-            sides.append((0.0, misfit))
-    (ahead, there), (behind, back) = sides
-    if ahead == behind:
-        return np.zeros_like(misfit)
-    return around.comparison.layout.difference(there, back) / (ahead - behind)
-
-
-def one_sided_derivative(
-    around: Linearised[Physics],
-    hypothesis: Hypothesis[Physics],
-    coordinates: FloatArray,
-    misfit: FloatArray,
-    index: int,
-) -> FloatArray:
-    """Return a cheaper derivative, good enough on the way to a minimum, shape (n_values,)."""
-    step = _STEP if coordinates[index] + _STEP <= hypothesis.bounds[1][index] else -_STEP
-    try:
-        there = _moved_misfit(around, hypothesis, coordinates, index, step)
-    except OutsideValidityError:
-        return derivative(around, hypothesis, coordinates, misfit, index)
-    return around.comparison.layout.difference(there, misfit) / step
-
-
-def _moved_misfit(
-    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, index: int, step: float
-) -> FloatArray:
-    moved = coordinates.copy()
-    moved[index] += step
-    return around.misfit(hypothesis.physics(moved))
-
+from monitor_core.fitting.solver.steps import GivenUpError, Pace, nearest_minimum, remembered
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
 _TEMPERED = 4.0
@@ -98,14 +33,10 @@ _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _MOST_EVALUATIONS = 60
-_PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
 _MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
-_FLAT = 1e-5  # fall of χ² by a step, relatively, with which a search ends
 #: A step of a fit without some of its values: of singular values, what is unseen; of the squares of residuals, by how
 #: much those after it may differ from what its slope says.
 _UNSEEN, _NEARLY_LINEAR = 1e-10, 0.01
-#: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
-_LARGEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +58,7 @@ class Fitted(Generic[Physics]):
     around: Linearised[Physics]  # around these coordinates
     fitted: BoolArray  # which values took part
     given_up: bool = False  # on the way to a minimum that would have been no better than another one
+    tolerance: float = 0.0  # extra, with which it ended where it did not reach the data
 
     @property
     def misfit(self) -> FloatArray:
@@ -254,19 +186,19 @@ def fit(
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = _remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
-        at = _least_squares(tempered, hypothesis, at, chosen, _Pace(_MOST_TEMPERED_EVALUATIONS))
+        tempered = remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
+        at = nearest_minimum(tempered, hypothesis, at, chosen, Pace(_MOST_TEMPERED_EVALUATIONS))
         errors = tempered(at).errors
     around = likely_from(errors, layout.standard_deviation, at)
     if not tolerance and hypothesis.n_coordinates:
-        likely = _remembered(partial(likely_from, around.errors, layout.standard_deviation))
+        likely = remembered(partial(likely_from, around.errors, layout.standard_deviation))
         try:
-            at = _least_squares(likely, hypothesis, at, chosen, _Pace(_MOST_EVALUATIONS, to_beat))
-        except _GivenUpError as creeping:
+            at = nearest_minimum(likely, hypothesis, at, chosen, Pace(_MOST_EVALUATIONS, to_beat))
+        except GivenUpError as creeping:
             at, given_up = creeping.coordinates, True
         around = likely(at)
     around = likely_from(around.errors, layout.standard_deviation, at)  # resolved at the errors that are likely now
-    return Fitted(comparison, hypothesis, at, around, chosen, given_up)
+    return Fitted(comparison, hypothesis, at, around, chosen, given_up, tolerance)
 
 
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
@@ -295,111 +227,3 @@ def _tolerance(misfit: FloatArray, deviation: FloatArray, chosen: BoolArray) -> 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if np.mean(square / (variance + middle**2)) > _TEMPERED else (low, middle)
     return high
-
-
-class _GivenUpError(Exception):
-    """A search is no longer worth it."""
-
-    def __init__(self, coordinates: FloatArray) -> None:
-        super().__init__("the search creeps towards a minimum that is no better than another one")
-        self.coordinates = coordinates  # the best so far
-
-
-class _Pace:
-    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more."""
-
-    def __init__(self, most_evaluations: int, to_beat: float = math.inf) -> None:
-        self.most_evaluations = self._left = most_evaluations
-        self._to_beat = to_beat
-        self._best: list[float] = []  # costs, each lower than the one before
-        self._at = np.zeros(0)
-
-    def require(self, cost: Callable[[], float], coordinates: FloatArray) -> None:
-        """Take the next cost down; raises _GivenUpError."""
-        if math.isinf(self._to_beat):
-            return
-        self._left -= 1
-        here = cost()
-        if not self._best or here < self._best[-1]:
-            self._best.append(here)
-            self._at = coordinates.copy()
-        if len(self._best) > _PATIENCE:
-            step = (self._best[-1 - _PATIENCE // 2] - self._best[-1]) / (_PATIENCE // 2)
-            if self._best[-1] - _FASTER * step * self._left > self._to_beat:
-                raise _GivenUpError(self._at)
-
-
-def _remembered(around: Callable[[FloatArray], Linearised[Physics]]) -> Callable[[FloatArray], Linearised[Physics]]:
-    """Return the same, computed once where a search has taken its last step, or one that was too long."""
-    known = lru_cache(maxsize=2)(lambda key: around(np.frombuffer(key)))
-    return lambda coordinates: known(coordinates.tobytes())
-
-
-class _Steps(Generic[Physics]):
-    """Residuals and their derivatives along a search, linearised anew at each step."""
-
-    def __init__(
-        self,
-        around: Callable[[FloatArray], Linearised[Physics]],
-        hypothesis: Hypothesis[Physics],
-        chosen: BoolArray,
-        pace: _Pace,
-    ) -> None:
-        self._around, self._hypothesis, self._chosen, self._pace = around, hypothesis, chosen, pace
-        self._of_prior = prior_jacobian(hypothesis.priors)
-        self._n_asked = -1  # the start is looked at before the search
-        self._last = self._square = math.inf  # of the residuals: at the last step, where the derivatives were taken
-        self._derivatives: FloatArray | None = None
-
-    def residuals(self, coordinates: FloatArray) -> FloatArray:
-        """Return the residuals of the chosen values and the priors, infinite where the search must not go."""
-        self._n_asked += 1
-        nowhere = np.full(np.count_nonzero(self._chosen) + len(self._of_prior), np.inf)
-        try:
-            around = self._around(coordinates)
-        except OutsideValidityError:
-            return nowhere  # the search shortens its step
-        whitened = around.whitened_by(around.here)[self._chosen]
-        if not np.max(np.abs(whitened)) < _LARGEST:
-            return nowhere
-        found = np.concatenate([whitened, prior_residuals(self._hypothesis.priors, coordinates)])
-        self._last = float(found @ found)
-        self._pace.require(lambda: self._last + around.whitened_by.log_determinant(self._chosen), coordinates)
-        return found
-
-    def jacobian(self, coordinates: FloatArray) -> FloatArray:
-        """Return the derivatives of the residuals; those of the step before where a search ends, and asks in vain."""
-        ends = self._n_asked >= self._pace.most_evaluations or self._square - self._last < _FLAT * self._square
-        if self._derivatives is None or not ends:
-            of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
-            self._derivatives, self._square = np.vstack([of_values[self._chosen], self._of_prior]), self._last
-        return self._derivatives
-
-
-def _least_squares(
-    around: Callable[[FloatArray], Linearised[Physics]],
-    hypothesis: Hypothesis[Physics],
-    start: FloatArray,
-    chosen: BoolArray,
-    pace: _Pace,
-) -> FloatArray:
-    """Return the coordinates of the minimum next to a start.
-
-    Raises _GivenUpError on the way to a minimum that is no better than what is ``to_beat``.
-    """
-    steps = _Steps(around, hypothesis, chosen, pace)
-    if not np.all(np.isfinite(steps.residuals(start))):
-        return start  # too far from the data for a slope to mean anything
-    found = least_squares(
-        steps.residuals,
-        start,
-        jac=steps.jacobian,
-        bounds=hypothesis.bounds,
-        method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
-        x_scale="jac",
-        ftol=_FLAT,
-        xtol=1e-6,
-        gtol=1e-8,
-        max_nfev=pace.most_evaluations,
-    )
-    return np.asarray(found.x)

@@ -37,8 +37,8 @@ and the hardening h of the nut; see ``amplitude``.
 
 import contextlib
 import itertools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,8 +52,36 @@ from monitor_core.models.extended.physics import AxisPhysics
 
 #: Terms of f_00 + c f_10 + h f_01 + c h f_11, a function of damper and hardening, by the two powers.
 Bilinear = Mapping[tuple[int, int], NumberArray]
-#: The same between the knots: real and imaginary part are rows, shape (2, n_points).
-Pointwise = Mapping[tuple[int, int], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Square:
+    """The square of the magnitude of a bilinear function at the points: a polynomial in c and h with real factors."""
+
+    powers: tuple[tuple[int, int], ...]  # of c and h in each term
+    factors: FloatArray  # shape (n_terms, n_points)
+
+    @classmethod
+    def of(cls, excitations: Excitations, function: Bilinear) -> "_Square":
+        """Return the square of a function that is known at the knots."""
+        terms = dict(zip(function, _at_points(excitations, tuple(function.values())), strict=True))
+        found: dict[tuple[int, int], FloatArray] = {}
+        for (first, value), (second, other) in itertools.combinations_with_replacement(terms.items(), 2):
+            powers = first[0] + second[0], first[1] + second[1]
+            product = (1.0 if first == second else 2.0) * (value[0] * other[0] + value[1] * other[1])
+            found[powers] = found[powers] + product if powers in found else product
+        return cls(tuple(found), np.array(list(found.values())))
+
+    def at(self, excitations: Excitations, damping: FloatArray, hardening: FloatArray) -> FloatArray:
+        """Return the square and c and h times its derivatives by them, of shape (3, n_points)."""
+        monomials = np.array([damping**i * hardening**j for i, j in self.powers])
+        degrees = np.array([(1, i, j) for i, j in self.powers])
+        rows = np.ascontiguousarray((degrees.T[:, :, None] * monomials).transpose(2, 0, 1))
+        found = np.empty((3, self.factors.shape[1]))
+        ends = [*excitations.first_point[1:].tolist(), self.factors.shape[1]]
+        for of_excitation, start, end in zip(rows, excitations.first_point.tolist(), ends, strict=True):
+            np.matmul(of_excitation, self.factors[:, start:end], out=found[:, start:end])
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,20 +93,31 @@ class Motion:
 
     excitations: Excitations
     level: FloatArray  # rms of each excitation, shape (n_excitations,)
-    characteristic: Pointwise
-    numerators: tuple[Pointwise, ...]  # of jωx where there is friction, of δ where the nut hardens
+    characteristic: Bilinear  # at the knots
+    numerators: tuple[Bilinear, ...]  # at the knots, of jωx where there is friction, of δ where the nut hardens
+    _squares: tuple[_Square, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        squares = (_Square.of(self.excitations, function) for function in (self.characteristic, *self.numerators))
+        object.__setattr__(self, "_squares", tuple(squares))
 
     def rms(self, damping: FloatArray, hardening: FloatArray) -> FloatArray:
         """Return σ_v [m/s] and σ_δ [m], a row for each numerator, shape (n_numerators, n_excitations)."""
-        factors = {
-            (i, j): (damping**i * hardening**j)[self.excitations.of_point] for i, j in self.characteristic if i or j
-        }
-        power = self.excitations.weight / _square(self.characteristic, factors)
-        squares = [
-            np.add.reduceat(power * _square(numerator, factors), self.excitations.first_point)
-            for numerator in self.numerators
-        ]
-        return np.asarray(self.level * np.sqrt(squares))
+        return self.rms_and_slopes(damping, hardening)[0]
+
+    def rms_and_slopes(self, damping: FloatArray, hardening: FloatArray) -> tuple[FloatArray, FloatArray]:
+        r"""Return the rms and :math:`\partial \ln\sigma/\partial \ln` of c and h, (n_numerators, 2, n_excitations)."""
+        excitations = self.excitations
+        (below, *numerators) = (square.at(excitations, damping, hardening) for square in self._squares)
+        share = excitations.weight / below[0]
+        slope_below = below[1:] / below[0]
+        rms, slopes = [], []
+        for above in numerators:
+            above[1:] -= above[0] * slope_below
+            power, *by_both = np.add.reduceat(share * above, excitations.first_point, axis=1)
+            rms.append(self.level * np.sqrt(power))
+            slopes.append(0.5 * np.array(by_both) / power)
+        return np.array(rms), np.array(slopes)
 
 
 def motion_at(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Motion:
@@ -87,11 +126,7 @@ def motion_at(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) ->
     characteristic, *motions = _functions(physics, excitations, states.at(excitations.case[excitations.of_knot]))
     acting = bool(added.guide_friction), bool(added.cubic_nut_stiffness)
     functions = [
-        {
-            powers: _at_points(excitations, term)
-            for powers, term in function.items()
-            if np.all(np.array(powers) <= acting)
-        }
+        {powers: term for powers, term in function.items() if np.all(np.array(powers) <= acting)}
         for function in (characteristic, *itertools.compress(motions, acting))
     ]
     level = lines.conditions.excitation_level[excitations.case]
@@ -141,9 +176,10 @@ def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisState
     return characteristic, velocity, deflection
 
 
-def _at_points(excitations: Excitations, at_knots: NumberArray) -> FloatArray:
-    """Return real and imaginary part between the knots, (2, n_points)."""
-    return np.array([excitations.interpolation @ part for part in (at_knots.real, at_knots.imag)])
+def _at_points(excitations: Excitations, at_knots: Sequence[NumberArray]) -> FloatArray:
+    """Return real and imaginary part of functions between the knots, (n_functions, 2, n_points)."""
+    parts = np.stack([part for function in at_knots for part in (function.real, function.imag)], axis=-1)
+    return np.ascontiguousarray((excitations.interpolation @ parts).T).reshape(len(at_knots), 2, -1)
 
 
 def nut_spring(physics: AxisPhysics, omega: FloatArray, nut: NumberArray) -> NumberArray:
@@ -151,19 +187,9 @@ def nut_spring(physics: AxisPhysics, omega: FloatArray, nut: NumberArray) -> Num
     return np.asarray(nut - 1j * omega * physics.joints.nut_damping)
 
 
-def _square(function: Pointwise, factors: Mapping[tuple[int, int], FloatArray]) -> FloatArray:
-    """Return the square of the magnitude, (n_points,), given the products of powers."""
-    value = function[0, 0]
-    for powers, factor in factors.items():
-        if powers in function:
-            value = value + factor * function[powers]
-    square: FloatArray = np.sum(value * value, axis=0)
-    return square
-
-
 _GAUSSIAN = np.sqrt(2.0 / np.pi)
-#: Newton's method: step of its difference quotients, longest step, and one whose square is nothing.
-_DIFFERENCE, _LONGEST, _SETTLED = 1e-6, 2.0, 1e-5
+#: Newton's method: longest step, and one whose square is nothing.
+_LONGEST, _SETTLED = 2.0, 1e-5
 _ITERATIONS = 60
 #: Nodes s and weights of Gauss's rule for averages over s exp(−s): exact for mean and slope of a parabola.
 _ENERGIES = 3.0 + np.sqrt(3.0) * np.array([-1.0, 1.0])
@@ -233,13 +259,15 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
             raise OutsideValidityError("the nut softens to nothing at the stated excitation; raise cubic_nut_stiffness")
         return rows
 
-    def answer(rows: FloatArray) -> FloatArray:
-        return np.asarray(np.log(np.abs(wanted[acting, None])) + exponents * np.log(motion.rms(*rows)))
-
-    logarithms = answer(np.zeros((2, motion.level.size)))
+    constant = np.log(np.abs(wanted[acting, None]))
+    logarithms = constant + exponents * np.log(motion.rms(*np.zeros((2, motion.level.size))))
     with contextlib.suppress(np.linalg.LinAlgError):  # nowhere to go: as good as no answer
         for _ in range(_ITERATIONS):
-            step = np.clip(_newton_step(lambda at: at - answer(values(at)), logarithms), -_LONGEST, _LONGEST)
+            rms, slopes = motion.rms_and_slopes(*values(logarithms))
+            off = logarithms - constant - exponents * np.log(rms)
+            jacobian = np.eye(acting.size)[:, :, None] - exponents[:, None] * slopes[:, acting]
+            step = -np.linalg.solve(np.moveaxis(jacobian, 2, 0), off.T[..., None])[..., 0].T
+            step = np.clip(step, -_LONGEST, _LONGEST)
             logarithms = logarithms + step
             if np.all(np.abs(step) < _SETTLED):
                 return values(logarithms)
@@ -247,14 +275,6 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
         f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, cubic_nut_stiffness "
         f"{cubic:g} 1/m²); lower one of them"
     )
-
-
-def _newton_step(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
-    """Return the step to the zero of as many functions as there are rows, column by column."""
-    here = function(at)
-    slopes = [(function(at + _DIFFERENCE * row[:, None]) - here) / _DIFFERENCE for row in np.eye(at.shape[0])]
-    jacobian = np.moveaxis(np.array(slopes), 2, 0).transpose(0, 2, 1)
-    return np.asarray(-np.linalg.solve(jacobian, here.T[..., None])[..., 0].T, dtype=np.float64)
 
 
 def _require_sliding(motion: Motion, friction: float) -> None:
