@@ -177,7 +177,7 @@ class ExtendedModel:
         added = self.physics.added
         mass = axis_states(self.physics, condition_arrays([conditions])).moving_mass
         mass = mass + added.table_absorber_mass + added.nut_absorber_mass
-        rotor = self.physics.bodies.rotor_inertia if end is MotorEnd.FREE else 0.0
+        rotor = self.physics.bodies.rotor_inertia + added.rotor_absorber_inertia if end is MotorEnd.FREE else 0.0
         turning = screw.inertia_per_length * screw.length + screw.nut_segment_inertia + screw.motor_segment_inertia
         scale = 1.0 / np.sqrt(turning + rotor + i**2 * mass)
         return i * scale, scale
