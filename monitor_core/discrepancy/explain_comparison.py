@@ -60,6 +60,9 @@ from monitor_core.fitting.hold_out import gain, gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
 
+#: Outcomes that say what was described: by itself, or without form beside what is left.
+_OPEN = (Outcome.DESCRIBED, Outcome.PARTIAL, Outcome.UNKNOWN)
+
 
 def candidates_not_found(
     found: Found[Physics],
@@ -230,11 +233,11 @@ def _explain_kept(
         outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
     description = None
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
-        description = describe(found.baseline, final, candidates, report)
-        if description is None and not wanders:
+        description = describe(found.baseline, final, candidates, sizes, report)
+        if (description is None or description.fitted is None) and not wanders:
             judged = judged.of_tolerances()
             outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
-    if description is not None:
+    if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
         steps = (*found.steps, final) if description.keeps_found else (final,)
         classes = classes if description.keeps_found else ()
@@ -264,7 +267,7 @@ def _explain_kept(
         # an effect that would do in the place of another is reported there
         hidden_in_remainder=tuple(key for key in hidden if key not in reported and remainder.is_left(judged)),
         unfinished=unfinished,
-        described=() if description is None else (description.described,),
+        described=() if description is None or outcome not in _OPEN else (description.described,),
     )
     return explanation, final
 

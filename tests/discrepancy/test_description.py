@@ -27,8 +27,9 @@ def described(kind, size, seed):
     comparison = compare_responses(measured, held_out=default_folds(each.conditions for each in measured))
     plain = Hypothesis(drive)
     baseline = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
-    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
-    return case, describe(baseline, baseline, candidates, lambda _sentence: None), baseline
+    sizes = sizes_of_drive(drive.physics({}), measured)
+    answer = describe(baseline, baseline, drive.candidates(sizes), sizes, lambda _sentence: None)
+    return case, answer, baseline
 
 
 @pytest.mark.slow
@@ -42,9 +43,9 @@ def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_p
     assert found.parameters["change"].estimate.value / found.law.scale == pytest.approx(0.3, rel=0.05)
     held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
     assert next(held_out) > 5.0 * before.comparison.noise_floor > 5.0 * next(held_out) / 1.2
-    (tmp_path / "mine.py").write_text(effect_file_text([found.effect]), encoding="utf-8")
+    (tmp_path / "mine.py").write_text(effect_file_text(found.effects), encoding="utf-8")
     (again,) = read_effect_file(tmp_path / "mine.py")
-    assert (again.key, again.name, again.add) == (found.effect.key, found.effect.name, found.effect.add)
+    assert (again.key, again.name, again.add) == (found.effects[0].key, found.effects[0].name, found.effects[0].add)
 
 
 @pytest.mark.slow
