@@ -243,6 +243,7 @@ def _explain_kept(
         classes = classes if description.keeps_found else ()
         found = replace(found, final=final, steps=steps, accepted=found.accepted if classes else ())
         gap = replace(gap, after=_gap_pair(final))
+    said_of_it = () if description is None or outcome not in _OPEN else (description.described,)
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
     scale = found.evidence_scale
@@ -257,7 +258,7 @@ def _explain_kept(
         candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
-        next_measurement=next_measurement(found, classes, outcome, candidates, sizes),
+        next_measurement=next_measurement(found, classes, outcome, candidates, sizes, said_of_it),
         ln_ratios=_ln_ratios(final),
         added={key: values for key, values in _values(final).items() if not key.startswith(PREFIX)},
         panels=_panels(found),
@@ -267,7 +268,7 @@ def _explain_kept(
         # an effect that would do in the place of another is reported there
         hidden_in_remainder=tuple(key for key in hidden if key not in reported and remainder.is_left(judged)),
         unfinished=unfinished,
-        described=() if description is None or outcome not in _OPEN else (description.described,),
+        described=said_of_it,
     )
     return explanation, final
 
