@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor_core.discrepancy.description.describe import describe
+from monitor_core.discrepancy.description.describe import describe, describe_in_place_of_names
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -59,9 +59,6 @@ from monitor_core.fitting.evidence import EvidenceScale
 from monitor_core.fitting.hold_out import gain, gap_of
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
-
-#: Outcomes that say what was described: by itself, or without form beside what is left.
-_OPEN = (Outcome.DESCRIBED, Outcome.PARTIAL, Outcome.UNKNOWN)
 
 
 def candidates_not_found(
@@ -237,13 +234,14 @@ def _explain_kept(
         if (description is None or description.fitted is None) and not wanders:
             judged = judged.of_tolerances()
             outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
+            description = description if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) else None
+    elif outcome in (Outcome.NAMED, Outcome.EQUIVALENT):
+        description = describe_in_place_of_names(found, classes, report)
     if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
-        steps = (*found.steps, final) if description.keeps_found else (final,)
-        classes = classes if description.keeps_found else ()
-        found = replace(found, final=final, steps=steps, accepted=found.accepted if classes else ())
+        found, classes = description.put_into(found, classes)
         gap = replace(gap, after=_gap_pair(final))
-    said_of_it = () if description is None or outcome not in _OPEN else (description.described,)
+    said_of_it = () if description is None else (description.described,)
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
     scale = found.evidence_scale
@@ -258,7 +256,7 @@ def _explain_kept(
         candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
-        next_measurement=next_measurement(found, classes, outcome, candidates, sizes, said_of_it),
+        next_measurement=next_measurement(found, classes, outcome, candidates, sizes, described=said_of_it),
         ln_ratios=_ln_ratios(final),
         added={key: values for key, values in _values(final).items() if not key.startswith(PREFIX)},
         panels=_panels(found),

@@ -9,7 +9,7 @@ best of them would explain are refitted, with everything else. They stand beside
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,13 +20,14 @@ from monitor_core.discrepancy.description.no_form import without_form
 from monitor_core.discrepancy.description.quantities import Place, quantities_of
 from monitor_core.discrepancy.explanation import Described, FoundParameter
 from monitor_core.discrepancy.screening.sizes import measured_band
+from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
-from monitor_core.discrepancy.verdict.classes import Member, found_parameters
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import Effect, MachineSizes, Port, port_of, varying
+from monitor_core.effects import ConditionAxis, Effect, MachineSizes, Port, port_of, varying
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
-from monitor_core.fitting.hold_out import gain, gap_of
+from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
 
@@ -49,6 +50,16 @@ class Description:
     described: Described
     fitted: Fitted[Any] | None
     keeps_found: bool  # whether it stands beside the effects that had been found, and not in their place
+
+    def put_into(
+        self, found: Found[Any], classes: Sequence[EquivalenceClass[Any]]
+    ) -> tuple[Found[Any], tuple[EquivalenceClass[Any], ...]]:
+        """Return what was found with the description, beside the classes of effects or in their place."""
+        if self.fitted is None:
+            return found, tuple(classes)
+        if not self.keeps_found:
+            return replace(found, final=self.fitted, steps=(self.fitted,), accepted=()), ()
+        return replace(found, final=self.fitted, steps=(*found.steps, self.fitted)), tuple(classes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +111,25 @@ def describe(
         progress("describing what is left")
         return _described(baseline, final, tuple(bases(baseline, final, candidates, sizes)), progress)
     return None
+
+
+def describe_in_place_of_names(
+    found: Found[Any], classes: Sequence[EquivalenceClass[Any]], progress: Callable[[str], None]
+) -> Description | None:
+    """Return a law that explains more than the effects that were found, of which one may stand in for it; else None.
+
+    An effect that shows only where a condition varies, as one of a preload that follows the temperature, may be what
+    comes nearest to a drift. Where no gap is left open without it, settings and their tolerances are all that speaks
+    for it, and they may speak for another law.
+    """
+    of_conditions = [group for group in classes if group.representative.effect.needs - {ConditionAxis.FREQUENCY}]
+    if not of_conditions or judged_gap(found.baseline).exceeds_healthy:
+        return None
+    description = describe(found.baseline, found.baseline, (), None, progress)
+    if description is None or description.fitted is None:
+        return None
+    gained = delta_bic(found.final, description.fitted, evidence_scale(description.fitted))
+    return description if gained >= least_difference(found.final.comparison) else None
 
 
 def _described(

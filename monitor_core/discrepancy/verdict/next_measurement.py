@@ -34,12 +34,13 @@ def next_measurement(
     outcome: Outcome,
     candidates: Sequence[Effect[Physics]],
     sizes: MachineSizes | None = None,
+    *,
     described: Sequence[Described] = (),
 ) -> str:
     """Return in a few words what to vary or check next; empty where nothing is open.
 
-    Of an outcome that leaves something open, *unknown*, *partial*, *equivalent* or *described*, it never is. The ``sizes`` of the
-    machine give it masses, lengths, preloads and bands; without them it names those of the settings.
+    Of an outcome that leaves something open, *unknown*, *partial*, *equivalent* or *described*, it never is. The
+    ``sizes`` of the machine give it masses, lengths, preloads and bands; without them it names those of the settings.
     """
     layout = found.final.comparison.layout
     advice = [words for found_class in classes for words in _to_distinguish(found_class, sizes)]

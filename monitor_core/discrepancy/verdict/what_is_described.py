@@ -57,8 +57,8 @@ def _part_that_swings(found: Described, layout: Layout) -> Iterator[str]:
         return
     low, high = (plain(share * frequency) for share in _ABOUT)
     yield (
-        f"look at the {found.place} for what swings at {plain(frequency)} Hz with {plain(size)} {unit}, hold it fast or "
-        f"take it off, and measure {layout.settings[0].name} again from {low} to {high} Hz: the resonance must go"
+        f"look at the {found.place} for what swings at {plain(frequency)} Hz with {plain(size)} {unit}, hold it fast "
+        f"or take it off, and measure {layout.settings[0].name} again from {low} to {high} Hz: the resonance must go"
     )
 
 
@@ -92,8 +92,8 @@ def _between(found: Described, law: Law, layout: Layout) -> Iterator[str]:
     there, at_the_lower = (_times(_factor(found, law, x)) for x in (middle, low))
     yield (
         f"measure {where} {plain(per * middle)}{unit}, between {plain(per * low)} and {plain(per * high)}, where "
-        f"nothing was measured: by this law {found.parameter} would be {there} of its level there, and {at_the_lower} at "
-        f"{plain(per * low)}{unit}"
+        f"nothing was measured: by this law {found.parameter} would be {there} of its level there, and "
+        f"{at_the_lower} at {plain(per * low)}{unit}"
     )
 
 

@@ -14,7 +14,7 @@ looked for as it always is.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -118,7 +118,7 @@ def _approached(drive: FreeParameters, peaks: tuple[AssignedPeak, ...]) -> _Appr
     lossless = {name: value if is_spring(name) else 0.0 for name, value in drive.parameters.items()}
     if not springs:
         return None
-    problem = _ByNumber(FreeParameters(drive.family, lossless, springs), peaks)
+    problem = _ByNumber(replace(drive, parameters=lossless, free=springs, uncertain={}), peaks)
     stated = problem.drive.start
     bounds = Bounds(stated - _DECADES, stated + _DECADES)
     corners = _CORNER * scipy.linalg.hadamard(2 ** math.ceil(math.log2(stated.size + 1)))[:, 1 : stated.size + 1]
@@ -133,7 +133,7 @@ def _approached(drive: FreeParameters, peaks: tuple[AssignedPeak, ...]) -> _Appr
     best = min(fits, key=lambda fit: fit.chi_squared)
     factors = {name: 10.0**moved for name, moved in zip(springs, best.coordinates.values - stated, strict=True)}
     near = {name: value * factors.get(_spring_of(name), 1.0) for name, value in drive.parameters.items()}
-    return _Approach(FreeParameters(drive.family, near, drive.free), best.chi_squared)
+    return _Approach(replace(drive, parameters=near, uncertain={}), best.chi_squared)
 
 
 def _spring_of(name: str) -> str:
