@@ -220,7 +220,6 @@ def _explain_kept(
         classes, final = classes_with_fit(found, candidates)
     found = replace(found, final=final)
     remainder = remainder_of(final, found.baseline)
-    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     judged = settings.outcome
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, judged)
@@ -240,7 +239,6 @@ def _explain_kept(
     if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
         found, classes = description.put_into(found, classes)
-        gap = replace(gap, after=_gap_pair(final))
     said_of_it = () if description is None else (description.described,)
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
@@ -251,7 +249,7 @@ def _explain_kept(
         effects=tuple(_found_effect(group, final, scale, wanders) for group in classes),
         localisation=_misfits(found.baseline, candidates, scatter),
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
-        gap=gap,
+        gap=Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final)),
         steps=_steps(found, classes),
         candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
