@@ -35,16 +35,9 @@ class Base:
 
 
 def bases(
-    baseline: Fitted[AxisPhysics],
-    final: Fitted[AxisPhysics],
-    candidates: Sequence[Effect[AxisPhysics]],
-    sizes: MachineSizes | None,
+    baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], candidates: Sequence[Effect[AxisPhysics]]
 ) -> Iterator[Base]:
-    """Yield fits that may lack no more than one quantity's dependence on the setting.
-
-    Ports that the catalogue has nothing for are tried where the ``sizes`` of the machine are known, and whole responses
-    were measured.
-    """
+    """Yield fits that may lack no more than one quantity's dependence on the setting."""
     yield Base(baseline)
     if final.hypothesis.effects:
         yield Base(final)
@@ -53,7 +46,17 @@ def bases(
     known = _applying(baseline, [effect for effect in candidates if effect.key in _OF_CATALOGUE])
     for found in screen(baseline, known) if known else ():
         yield from (Base(fitted) for fitted in _with_port(baseline, found))
-    own = () if sizes is None or not has_lines(baseline.comparison.layout) else sized_for(PORT_EFFECTS, sizes)
+
+
+def bases_at_ports(
+    baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], sizes: MachineSizes | None
+) -> Iterator[Base]:
+    """Yield fits with something on a port that the catalogue has nothing for.
+
+    They are tried where the ``sizes`` of the machine are known, and whole responses were measured and are missed.
+    """
+    missed = judged_gap(baseline).exceeds_healthy and has_lines(baseline.comparison.layout)
+    own = () if sizes is None or not missed else sized_for(PORT_EFFECTS, sizes)
     for before in (baseline, final) if final.hypothesis.effects else (baseline,):
         applying = _applying(before, own)
         screened = [found for found in screen(before, applying) if _promises(found, before)] if applying else []

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from monitor_core.discrepancy.description.bases import Base, bases
+from monitor_core.discrepancy.description.bases import Base, bases, bases_at_ports
 from monitor_core.discrepancy.description.free_variation import FreeVariation, fitted_settings, vary_freely
 from monitor_core.discrepancy.description.laws import TriedLaw, tried_laws
 from monitor_core.discrepancy.description.no_form import without_form
@@ -40,6 +40,7 @@ _WORTH_A_REFIT = 0.15
 _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
 _MOST_LEFT = 1.2
+_Varied = list[tuple[Base, FreeVariation]]
 _PLACES = {Port.ROTOR: Place.MOTOR, Port.SCREW_END: Place.SCREW_END, Port.BASE: Place.BASE}
 
 
@@ -109,7 +110,11 @@ def describe(
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
-        return _described(baseline, final, tuple(bases(baseline, final, candidates, sizes)), progress)
+        of_catalogue = tuple(bases(baseline, final, candidates))
+        described, varied = _described(baseline, final, of_catalogue, progress)
+        if described is None:  # what costs more is tried where there would be no answer
+            described, _ = _described(baseline, final, tuple(bases_at_ports(baseline, final, sizes)), progress)
+        return described or _without_form(baseline, final, varied)
     return None
 
 
@@ -137,7 +142,8 @@ def _described(
     final: Fitted[AxisPhysics],
     from_here: Sequence[Base],
     progress: Callable[[str], None],
-) -> Description | None:
+) -> tuple[Description | None, _Varied]:
+    """Return the law, or what swings at a port, that holds best from these fits; and what varied freely in them."""
     varied = [(base, variation) for base in from_here for variation in _variations(base.fitted)]
     hints = [(base, tried) for base, variation in varied for tried in _laws(base.fitted, variation)]
     hints.sort(key=lambda hint: hint[1].cost)
@@ -145,17 +151,23 @@ def _described(
     answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
     answers += [_Answer(base, base.fitted, base.port) for base in from_here if base.port is not None]
     answers = [answer for answer in answers if _is_evident(answer)]
-    found = bool(final.hypothesis.effects)
-    if answers:
-        scale = min(answers, key=lambda answer: answer.fitted.cost).scale
-        answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
-        best, *others = answers
-        if _holds(baseline, best, scale):
-            beside_found = found and final in (best.base.fitted, best.base.before)
-            return Description(_answer(best, _alike(baseline, best, others, scale), scale), best.fitted, beside_found)
+    if not answers:
+        return None, varied
+    scale = min(answers, key=lambda answer: answer.fitted.cost).scale
+    answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
+    best, *others = answers
+    if not _holds(baseline, best, scale):
+        return None, varied
+    beside_found = bool(final.hypothesis.effects) and final in (best.base.fitted, best.base.before)
+    described = _answer(best, _alike(baseline, best, others, scale), scale)
+    return Description(described, best.fitted, beside_found), varied
+
+
+def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], varied: _Varied) -> Description | None:
+    """Return what varies by no law, in the axis as stated or with what was found."""
     stated = [(base.fitted, variation) for base, variation in varied if base.fitted in (baseline, final)]
     unformed = without_form(stated)
-    return None if unformed is None else Description(unformed, None, found)
+    return None if unformed is None else Description(unformed, None, bool(final.hypothesis.effects))
 
 
 def _variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:

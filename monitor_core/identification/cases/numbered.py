@@ -24,6 +24,7 @@ from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideV
 from monitor_core.fitting.coordinates import FreeParameters, is_spring
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
 from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.residuals.natural_frequencies import elastic_frequencies
 from monitor_core.fitting.residuals.peak_grid import relative_frequency_uncertainty
 from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
@@ -81,7 +82,7 @@ class _ByNumber:
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         model = self.drive.model(coordinates)
         places = conditions_in_order(peak.observation for peak in self.peaks)
-        elastic = {where: _elastic_frequencies(model, where) for where in places}
+        elastic = dict(zip(places, _elastic_frequencies(model, places), strict=True))
         if any(peak.mode > elastic[peak.observation.conditions].size for peak in self.peaks):
             raise OutsideValidityError("the model has fewer elastic modes than the table numbers")
         found = [elastic[peak.observation.conditions][peak.mode - 1] for peak in self.peaks]
@@ -142,8 +143,9 @@ def _spring_of(name: str) -> str:
     return f"{joint}_stiffness_{unit.replace('ns', 'n').replace('nms', 'nm')}" if unit else name
 
 
-def _elastic_frequencies(model: DriveModel, where: DriveConditions) -> FloatArray:
+def _elastic_frequencies(model: DriveModel, places: Sequence[DriveConditions]) -> list[FloatArray]:
     """Return natural frequencies above zero, rising [Hz]; those of a chain are had in a tenth of the time."""
     if isinstance(model, ReceptanceModel):
-        return undamped_frequencies(discretise(model.parameters, where, MotorEnd.FREE)) / (2.0 * math.pi)
-    return np.array([mode.frequency for mode in model.natural_frequencies(where) if mode.frequency > 0.0])
+        chains = (discretise(model.parameters, where, MotorEnd.FREE) for where in places)
+        return [undamped_frequencies(chain) / (2.0 * math.pi) for chain in chains]
+    return elastic_frequencies(model, places)
