@@ -370,8 +370,8 @@ def own_effects(tmp_path: Path) -> Path:
     return own
 
 
-@pytest.mark.parametrize("family", ["hybrid", "receptance"])
-@pytest.mark.parametrize("effect", [OWN_EFFECT, ADDED_MASS])
+@pytest.mark.slow
+@pytest.mark.parametrize(("family", "effect"), [("hybrid", OWN_EFFECT), ("receptance", ADDED_MASS)])
 def test_joints_are_identified_beside_the_effects_of_a_model(
     preload: Any, tmp_path: Path, own_effects: Path, family: str, effect: str
 ) -> None:
@@ -380,11 +380,11 @@ def test_joints_are_identified_beside_the_effects_of_a_model(
     stated = read_model_file(MODEL.parent / f"{family}.toml").parameters["nut_stiffness_n_per_m"]
     machine, model, out = (tmp_path / name for name in ("machine.toml", "model.toml", "out.toml"))
     machine.write_text(text + effect, encoding="utf-8")
-    at = ("--position-mm", 100, 200, 300, 400, 500, "--motor-end", "free", "--effects", own_effects, "--json")
+    at = ("--position-mm", 100, 500, "--motor-end", "free", "--effects", own_effects, "--json")
     rows = [
         f"{place['position_mm']},{mode['frequency_hz']}"
         for place in preload("modes", machine, *at).json()["positions"]
-        for mode in place["modes"][:3]
+        for mode in place["modes"][:2]
     ]
     lines = [line for line in text.splitlines() if not line.startswith("nut_stiffness")]
     section = lines.index("[parameters]") + 1
