@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,12 @@ import numpy as np
 import pytest
 
 from monitor_core.effects import Form, Law, Variable, varying
-from monitor_core.models.protocol import MotorEnd
+from monitor_core.fitting.observations import ModalObservation
+from monitor_core.fitting.residuals.natural_frequencies import NaturalFrequencyProblem
+from monitor_core.identification import IdentifyOptions
+from monitor_core.identification.cases import FrequencyCase
+from monitor_core.identification.question import question_of
+from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
 from monitor_core.recordings.effect_file import effect_file_text
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse, write_frf_set
@@ -371,20 +377,17 @@ def own_effects(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("family", "effect"), [("hybrid", OWN_EFFECT), ("receptance", ADDED_MASS)])
-def test_joints_are_identified_beside_the_effects_of_a_model(
-    preload: Any, tmp_path: Path, own_effects: Path, family: str, effect: str
-) -> None:
+def test_joints_are_identified_beside_the_effects_of_a_model(preload: Any, tmp_path: Path, own_effects: Path) -> None:
     """The modes of a machine with an effect give its nut back to a model that states the effect, and to no other."""
-    text = (MODEL.parent / f"{family}.toml").read_text(encoding="utf-8")
-    stated = read_model_file(MODEL.parent / f"{family}.toml").parameters["nut_stiffness_n_per_m"]
+    text, effect = (MODEL.parent / "hybrid.toml").read_text(encoding="utf-8"), OWN_EFFECT
+    stated = read_model_file(MODEL.parent / "hybrid.toml").parameters["nut_stiffness_n_per_m"]
     machine, model, out = (tmp_path / name for name in ("machine.toml", "model.toml", "out.toml"))
     machine.write_text(text + effect, encoding="utf-8")
     at = ("--position-mm", 100, 500, "--motor-end", "free", "--effects", own_effects, "--json")
     rows = [
         f"{place['position_mm']},{mode['frequency_hz']}"
         for place in preload("modes", machine, *at).json()["positions"]
-        for mode in place["modes"][:2]
+        for mode in place["modes"][:1]
     ]
     lines = [line for line in text.splitlines() if not line.startswith("nut_stiffness")]
     section = lines.index("[parameters]") + 1
@@ -398,6 +401,25 @@ def test_joints_are_identified_beside_the_effects_of_a_model(
     model.write_text("\n".join(lines) + uncertain, encoding="utf-8")
     without = preload(*words, "--json").json()["joints"]["nut_stiffness_n_per_m"]
     assert abs(without["value"] / stated - 1.0) > 0.02
+
+
+@pytest.mark.parametrize("family", ["lumped", "hybrid", "receptance", "transmission-line"])
+def test_the_model_of_a_fit_has_the_effects_of_its_file(family: str) -> None:
+    """At the values as stated it has the modes of the model that the file builds, and other ones than without."""
+    file = replace(read_model_file(MODEL.parent / f"{family}.toml"), effects={"added-mass": {"mass_kg": 3.0}})
+    where = [DriveConditions(x, 200.0 if family == "lumped" else None) for x in (0.2, 0.3, 0.4)]
+    model = file.build()
+    measured = [
+        ModalObservation(at, next(mode.frequency for mode in model.natural_frequencies(at) if mode.frequency > 0.0))
+        for at in where
+    ]
+    question = question_of(file, measured, IdentifyOptions())
+    assert isinstance(question.case, FrequencyCase)
+    drive, peaks = question.case.drive, [each.frequency for each in measured]
+    predicted = NaturalFrequencyProblem(drive, question.case.peaks).predict(drive.start)
+    assert predicted == pytest.approx(peaks, rel=1e-9)
+    plain = NaturalFrequencyProblem(replace(drive, effects={}), question.case.peaks).predict(drive.start)
+    assert np.all(plain > (1.0 + 1e-4) * predicted)
 
 
 def test_an_effect_that_nobody_defines_is_refused_before_the_search(preload: Any, tmp_path: Path) -> None:

@@ -10,12 +10,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from monitor_core.arrays import FloatArray
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.effects import PORT_EFFECTS, Effect, MachineSizes, sized_for
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.hold_out import judged_gap
+from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
 
@@ -74,6 +76,29 @@ def _promises(screened: Screened[AxisPhysics], before: Fitted[AxisPhysics]) -> b
 
 
 def _with_port(before: Fitted[AxisPhysics], found: Screened[AxisPhysics]) -> Iterator[Fitted[AxisPhysics]]:
-    """Yield the fit with something on a port, if the model has an answer with it."""
-    with suppress(OutsideValidityError, IndexError):
-        yield fit(before.comparison, before.hypothesis.with_effect(found.effect), found.starts[0], before.fitted)
+    """Yield the fit with something on a port, if the model has an answer with it.
+
+    Where the gap is large, what a fit without the port made of everything else leads astray: a fit also starts from the
+    axis as stated, with the port as it was found.
+    """
+    hypothesis = before.hypothesis.with_effect(found.effect)
+    as_fitted = hypothesis.carried_over(before.hypothesis, before.coordinates)
+    fits = list[Fitted[AxisPhysics]]()
+    for start in found.starts[:1]:
+        for others in (start, as_fitted):
+            with suppress(OutsideValidityError):
+                fits = [_fit_from(before, hypothesis, others, start)]
+                break
+    if fits and judged_gap(fits[0]).exceeds_healthy:
+        with suppress(OutsideValidityError):
+            fits.append(_fit_from(before, hypothesis, hypothesis.null, fits[0].coordinates))
+    yield from sorted(fits, key=lambda fitted: fitted.cost)[:1]
+
+
+def _fit_from(
+    before: Fitted[AxisPhysics], hypothesis: Hypothesis[AxisPhysics], others: FloatArray, port: FloatArray
+) -> Fitted[AxisPhysics]:
+    """Return the fit from the last effect of one start and everything else of another."""
+    start, n_own = others.copy(), len(hypothesis.effects[-1].parameters)
+    start[start.size - n_own :] = port[port.size - n_own :]
+    return fit(before.comparison, hypothesis, start, before.fitted)
