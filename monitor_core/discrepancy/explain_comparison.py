@@ -221,7 +221,6 @@ def _explain_kept(
         classes, final = classes_with_fit(found, candidates)
     found = replace(found, final=final)
     remainder = remainder_of(final, found.baseline)
-    gap = Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final))
     explained = explained_share(found.baseline, final, remainder.misfit)
     judged = settings.outcome
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, judged)
@@ -232,16 +231,15 @@ def _explain_kept(
     description = None
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
         with stoppable.stoppable():
-            description = describe(found.baseline, final, candidates, report)
-        if description is None and not wanders:
+            description = describe(found.baseline, final, candidates, sizes, report)
+        if (description is None or description.fitted is None) and not wanders:
             judged = judged.of_tolerances()
             outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
-    if description is not None:
+            description = description if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) else None
+    if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
-        steps = (*found.steps, final) if description.keeps_found else (final,)
-        classes = classes if description.keeps_found else ()
-        found = replace(found, final=final, steps=steps, accepted=found.accepted if classes else ())
-        gap = replace(gap, after=_gap_pair(final))
+        found, classes = description.put_into(found, classes)
+    said_of_it = () if description is None else (description.described,)
     reported = {key for group in classes for key in group.keys}
     report("locating the misfit")
     scale = found.evidence_scale
@@ -251,12 +249,12 @@ def _explain_kept(
         effects=tuple(_found_effect(group, final, scale, wanders) for group in classes),
         localisation=_misfits(found.baseline, candidates, scatter),
         remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
-        gap=gap,
+        gap=Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final)),
         steps=_steps(found, classes),
         candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
         pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
         least_delta_bic=found.least_delta_bic,
-        next_measurement=next_measurement(found, classes, outcome, candidates, sizes),
+        next_measurement=next_measurement(found, classes, outcome, candidates, sizes, described=said_of_it),
         ln_ratios=_ln_ratios(final),
         added={key: values for key, values in _values(final).items() if not key.startswith(PREFIX)},
         panels=_panels(found),
@@ -266,7 +264,7 @@ def _explain_kept(
         # an effect that would do in the place of another is reported there
         hidden_in_remainder=tuple(key for key in hidden if key not in reported and remainder.is_left(judged)),
         unfinished=unfinished,
-        described=() if description is None else (description.described,),
+        described=said_of_it,
     )
     return explanation, final
 

@@ -101,19 +101,31 @@ class FoundEffect:
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """Something that no effect of the catalogue is: where it sits, what varies there, and by which law."""
+    """Something that no effect of the catalogue is: where it sits, and what varies there by which law, or swings there.
 
-    place: str  # table | nut | screw | bearing | motor | base | sensor
-    parameter: str  # which varies, by its name in files
-    law: Law  # what it is multiplied by
-    parameters: Mapping[str, FoundParameter]  # coefficients of the law
-    effect: Effect[Any]  # that says the same, to be kept as an effect of the user's own
-    alternatives: tuple[str, ...]  # parameters that the data do not distinguish from it, with what they vary with
+    Without a law it is something that swings by itself, the same at every setting; or else a parameter that has a value
+    of its own at each setting, in no form that was tried.
+    """
+
+    place: str  # table | nut | screw | screw end | bearing | motor | base | sensor
+    parameter: str  # which varies, by its name in files; "impedance" of what swings and does not vary
+    law: Law | None  # what it is multiplied by
+    parameters: Mapping[str, FoundParameter]  # coefficients of the law, or of what swings
+    effects: tuple[Effect[Any], ...]  # that say the same, to be kept as effects of the user's own; without form none
+    alternatives: tuple[str, ...]  # what the data do not distinguish from it, with what it varies with
     share: float  # of what a free variation of the parameter would explain, the law explains [-]
     delta_bic: float  # BIC without it less BIC with it
     held_out_log_likelihood_gain: float
-    frequency_hz: float | None = None  # of a mass on a spring that hangs there, at the reference of the law
-    mass_kg: float | None = None
+    frequency_hz: float | None = None  # of what swings there on a spring, at the reference of the law
+    mass_kg: float | None = None  # of that
+    inertia_kg_m2: float | None = None  # of that, where it turns
+    #: Without form: what the parameter is multiplied by at each setting that was fitted, by its name [-]
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def has_no_form(self) -> bool:
+        """Whether no law holds: that something is there is then all that can be said."""
+        return bool(self.factors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +227,7 @@ class Explanation:
     assumptions: tuple[str, ...] = ()
     #: Where time was up before the search had come to its end: what was being done and what was not tried, a sentence.
     unfinished: str = ""
-    #: What was found of a cause that has no name.
+    #: What was found of a cause that has no name; where the outcome is not *described*, without form.
     described: tuple[Described, ...] = ()
     #: The description with what was found; None where a comparison was explained, of which there is no description.
     augmented: AxisDescription | None = None

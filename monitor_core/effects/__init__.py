@@ -2,6 +2,7 @@
 
 from monitor_core.effects.catalogue import DRIVE_EFFECTS, MOTION_EFFECTS, applicable_effects, with_effects
 from monitor_core.effects.effect import ConditionAxis, Effect, EffectParameter, sized_for
+from monitor_core.effects.ports import PORT_EFFECTS, Port, at_port, port_of
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.effects.variation import Form, Law, Variable, Variation, varying
 from monitor_core.effects.wrong_parameter import (
@@ -16,6 +17,7 @@ from monitor_core.effects.wrong_parameter import (
 __all__ = [
     "DRIVE_EFFECTS",
     "MOTION_EFFECTS",
+    "PORT_EFFECTS",
     "PREFIX",
     "ConditionAxis",
     "Effect",
@@ -23,10 +25,13 @@ __all__ = [
     "Form",
     "Law",
     "MachineSizes",
+    "Port",
     "Reference",
     "Variable",
     "Variation",
     "applicable_effects",
+    "at_port",
+    "port_of",
     "sized_for",
     "stated_names",
     "varying",

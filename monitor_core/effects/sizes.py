@@ -22,6 +22,7 @@ class Reference(StrEnum):
     AXIAL_STIFFNESS = "axial stiffness [N/m]"
     AXIAL_COMPLIANCE = "axial compliance [m/N]"
     BEARING_STIFFNESS = "stiffness of the fixed bearing [N/m]"
+    TURNING_INERTIA = "inertia of all that turns and moves, at the motor [kg·m²]"
     ROTOR_STIFFNESS = "spring that turns the drive at its first natural frequency [N·m/rad]"
     ROTOR_DAMPING = "damper that holds the drive at its first natural frequency [N·m·s/rad]"
     LENGTH = "length of the screw [m]"
@@ -113,6 +114,7 @@ def drive_sizes(
             Reference.AXIAL_STIFFNESS: axial_stiffness,
             Reference.AXIAL_COMPLIANCE: 1.0 / axial_stiffness,
             Reference.BEARING_STIFFNESS: bearing_stiffness,
+            Reference.TURNING_INERTIA: turning_inertia,
             Reference.ROTOR_STIFFNESS: turning_inertia * square,
             Reference.ROTOR_DAMPING: turning_inertia * math.sqrt(square),
             Reference.LENGTH: length,

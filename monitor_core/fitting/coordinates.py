@@ -7,15 +7,17 @@ Parameters go by their names in files, which end with the unit; values are in SI
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
+from monitor_core.effects import DRIVE_EFFECTS, Effect, with_effects
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.free_parameter import FreeParameter, positive_parameter, stated_priors
 from monitor_core.fitting.problem import Bounds
+from monitor_core.models.extended import AxisPhysics, ExtendedModel
 from monitor_core.models.families import build_model, family_named
 from monitor_core.models.parameters import DriveParameters, fields_by_name
 from monitor_core.models.protocol import DriveModel
@@ -51,6 +53,8 @@ class FreeParameters:
     parameters: Mapping[str, float]  # SI, by names in files; the free ones where a fit starts and a prior is centred
     free: tuple[str, ...]  # of the parameters, in the order of the coordinates
     uncertain: Mapping[str, float] = field(default_factory=dict)  # relative prior standard deviation of free ones [-]
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of the drive, which stay as stated
+    table: Sequence[Effect[AxisPhysics]] = DRIVE_EFFECTS  # what their keys may mean
     stated: DriveParameters = field(init=False)  # the record of the family
     coordinates: tuple[FreeParameter, ...] = field(init=False)  # what the fit moves, in order
     _fields: tuple[str, ...] = field(init=False)  # of the record, for each of them
@@ -94,7 +98,12 @@ class FreeParameters:
         return replace(self.stated, **dict(zip(self._fields, values, strict=True)))
 
     def model(self, coordinates: FloatArray) -> DriveModel:
-        """Return the model at the coordinates; raises as :meth:`record`."""
+        """Return the model at the coordinates: the family's, or with effects the extended drive.
+
+        Raises as :meth:`record`, and OutsideValidityError if an effect is unknown, or does not fit drive or values.
+        """
+        if self.effects:
+            return with_effects(ExtendedModel.of(self.record(coordinates)), self.effects, self.table)
         return family_named(self.family).model(self.record(coordinates))
 
     def bounds(self, limits: Mapping[str, tuple[float, float]] | None = None) -> Bounds:

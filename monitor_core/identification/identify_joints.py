@@ -29,12 +29,12 @@ from monitor_core.identification.cases import (
 from monitor_core.identification.joint_fit import JointFit, JointFitSettings, fit_joints
 from monitor_core.identification.predicted_calibration import predicted_calibration
 from monitor_core.identification.question import (
-    RECEPTANCE,
     IdentifyOptions,
     Observations,
     Question,
     at_one_preload,
     by_kind,
+    of_papers,
     question_of,
 )
 from monitor_core.identification.sensitivity import Detectability, modes_to_monitor
@@ -56,16 +56,17 @@ def identify(
 ) -> IdentifiedJoints:
     """Find stiffness and damping of the joints, judge how well each is known, and predict what was held out.
 
-    The axis is a drive of any family without effects; free are the parameters that it calls uncertain, or else all its
-    joints. Observations are peaks, or whole responses, at two positions or more. ``map_function`` spreads the work over
-    processes, on which the answer does not depend; ``progress`` is called with (done, total).
+    The axis is a drive of any family; effects that it states stay as they are. Free are the parameters that it calls
+    uncertain, or else all its joints. Observations are peaks, or whole responses, at two positions or more.
+    ``map_function`` spreads the work over processes, on which the answer does not depend; ``progress`` is called with
+    (done, total).
 
     ``NotIdentifiableError`` if there are too few positions or data, no joint moves anything, every joint ended at a
     limit, a limit names no free joint, or a calibration is to be predicted for a nut whose mass the model's natural
     frequencies have elsewhere. ``OutsideValidityError`` if the model has no answer under one of the conditions, or
     limits do not rise.
     """
-    options = options or IdentifyOptions()
+    options, axis = options or IdentifyOptions(), axis.with_corrected_parameters()
     question = _identifiable(axis, observations, options)  # before the accelerometer is placed, which takes seconds
     placed = _placed(axis, observations, options, map_function)
     if placed.observations:
@@ -102,7 +103,7 @@ def require_identifiable(
     axis: AxisDescription, observations: Observations, options: IdentifyOptions | None = None
 ) -> None:
     """Refuse at once what :func:`identify` would refuse before it searches; raises as it does."""
-    _identifiable(axis, observations, options or IdentifyOptions())
+    _identifiable(axis.with_corrected_parameters(), observations, options or IdentifyOptions())
 
 
 def _identifiable(axis: AxisDescription, observations: Observations, options: IdentifyOptions) -> Question:
@@ -125,7 +126,7 @@ def _placed(
         for name, value in axis.parameters.items()
         if value > 0.0 and ("stiffness" in name or not is_spring(name))
     }
-    drive = replace(axis, uncertain={**joints, **axis.uncertain}).drive()
+    drive = replace(axis, uncertain={**joints, **axis.uncertain}).drive(options.table)
     return place_accelerometer(responses, options.accelerometer, drive, map_function)
 
 
@@ -156,7 +157,7 @@ def _missing_modes(case: Case) -> tuple[str, ...]:
 
 def _modes_to_monitor(model: AxisDescription, case: Case, observations: Observations) -> tuple[Detectability, ...]:
     """Rank the peaks; only the receptance family knows how each answers to the nut."""
-    if model.family != RECEPTANCE or _has_another_nut(model, observations):
+    if not of_papers(model) or _has_another_nut(model, observations):
         return ()
     axis = ReceptanceParameters.from_file_names(model.parameters, model.family)
     first = observations[0]

@@ -178,6 +178,10 @@ def _mode_frequency(
 
 def _with_nut_following(model: DriveModel, ratio: float) -> DriveModel:
     """Return the model with its nut under ``ratio`` times the preload; the models are records of their parameters."""
+    if isinstance(model, ExtendedModel):
+        joints = model.physics.joints
+        followed = replace(joints, nut_stiffness=joints.nut_stiffness * ratio ** (1.0 / 3.0))
+        return replace(model, physics=replace(model.physics, joints=followed))
     record = cast(Any, model)
     rigidity = record.parameters.nut_stiffness * ratio ** (1.0 / 3.0)
     return cast(DriveModel, replace(record, parameters=replace(record.parameters, nut_stiffness=rigidity)))

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from monitor_core.effects import DRIVE_EFFECTS, Effect
 from monitor_core.errors import NotIdentifiableError, OutsideValidityError
 from monitor_core.fitting.coordinates import FreeParameters, free_joints, is_spring
 from monitor_core.fitting.description import AxisDescription, at_preload_of_nut
@@ -22,6 +23,7 @@ from monitor_core.identification.cases import (
     peak_case,
 )
 from monitor_core.identification.predicted_calibration import PredictionRequest
+from monitor_core.models.extended import AxisPhysics
 from monitor_core.models.parameters import name_in_file
 from monitor_core.models.published.receptance import JOINT_NAMES
 
@@ -45,6 +47,12 @@ class IdentifyOptions:
     prediction: PredictionRequest | None = None  # of a calibration from the joints
     accelerometer: str | None = None  # where that of a session is; without it where the model fits better
     assumptions: tuple[str, ...] = ()  # what was settled while measuring, in sentences
+    effects: tuple[Effect[AxisPhysics], ...] = ()  # of the user's own, which the model may state
+
+    @property
+    def table(self) -> tuple[Effect[AxisPhysics], ...]:
+        """What the keys of the model's effects may mean."""
+        return (*DRIVE_EFFECTS, *self.effects)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,34 +70,36 @@ def question_of(axis: AxisDescription, observations: Observations, options: Iden
 
     Raises NotIdentifiableError or OutsideValidityError as :func:`monitor_core.identification.identify_joints.identify`.
     """
-    if axis.effects:  # a fit that left them out in silence would be of another axis
-        raise NotIdentifiableError(
-            f"joints are identified in a model without effects; got the effect {next(iter(axis.effects))!r}"
-        )
     peaks, responses = by_kind(at_one_preload(axis, observations))
     stated = options.weighting is not Weighting.UNIT and all(_states_its_uncertainties(peak) for peak in peaks)
-    if options.weighting is Weighting.UNIT and (responses or axis.family != RECEPTANCE):
+    if options.weighting is Weighting.UNIT and (responses or not of_papers(axis)):
+        got = f"one with the effect {next(iter(axis.effects))!r}" if axis.effects else f"a {axis.family} model"
         raise NotIdentifiableError(
             "Eq. (26) compares peaks with a model of the receptance family; got "
-            + ("whole responses" if responses else f"a {axis.family} model")
+            + ("whole responses" if responses else got)
         )
-    drive = _freed(axis, peaks)
+    drive = replace(_freed(axis, peaks), effects=axis.effects, table=options.table)
     near = _near(drive, peaks)
     drive, unseen = _seen(drive, near, peaks, responses)
     near = replace(near, free=drive.free)
     bounds = drive.bounds({**_default_limits(drive, near), **_known_limits(options, drive.free)})
     if responses:
         return Question(ResponseCase(drive, responses, drive.priors), bounds, stated, unseen)
-    if axis.family == RECEPTANCE:
+    if of_papers(axis):
         return Question(peak_case(drive, peaks, near=near, weighting=options.weighting), bounds, stated, unseen)
     return Question(frequency_case(drive, peaks, near), bounds, stated, unseen)
 
 
 def _near(drive: FreeParameters, peaks: tuple[ModalObservation, ...]) -> FreeParameters:
     """Return the drive as stated, or nearer to a table that numbers its modes; nothing is known of its joints there."""
-    assign = assigned_peaks if drive.family == RECEPTANCE else assigned_frequencies
+    assign = assigned_peaks if of_papers(drive) else assigned_frequencies
     parameters = nearer(drive, peaks, lambda near: assign(near, peaks)) if peaks else drive.parameters
-    return FreeParameters(drive.family, parameters, drive.free)
+    return replace(drive, parameters=parameters, uncertain={})
+
+
+def of_papers(drive: AxisDescription | FreeParameters) -> bool:
+    """Tell whether a drive is Tian's as published, whose modes are known by their shapes and peaks by their heights."""
+    return drive.family == RECEPTANCE and not drive.effects
 
 
 def _freed(axis: AxisDescription, peaks: Sequence[ModalObservation]) -> FreeParameters:
@@ -124,7 +134,7 @@ def _seen(
     """Leave out what does not move the data at all, as a coupling behind a measured torque; not all of it, though."""
     if responses:
         jacobian = ResponseProblem(drive, responses).jacobian(drive.start)
-    elif drive.family == RECEPTANCE:
+    elif of_papers(drive):
         return drive, ()
     else:
         jacobian = NaturalFrequencyProblem(near, assigned_frequencies(near, peaks)).jacobian(near.start)

@@ -27,13 +27,16 @@ The file is run: it can do whatever its owner's account may do.
 
 An effect may make an axis another one at each setting: ``replace(axis, by_setting=(*axis.by_setting, change))`` with
 ``change(axis, setting)``, where a setting has position, preload, payload_mass, temperature_deviation, excitation_level
-and order; ``varying`` makes such effects of plain laws. What ``explain`` has described is written as one of these:
+and order; ``varying`` makes such effects of plain laws, and ``at_port`` those by which something swings on the rotor,
+at the far end of the screw (``screw-end``) or under the bearings (``base``). What ``explain`` has described is written
+as these:
 
 .. code-block:: python
 
-    from monitor_core.effects import Form, Law, Variable, varying
+    from monitor_core.effects import Form, Law, Variable, at_port, varying
 
     EFFECTS = (
+        at_port("rotor"),
         varying("joints", "nut_stiffness", Law(Variable.EXCITATION, Form.LINEAR, reference=0.15, scale=0.405)),
     )
 """
@@ -42,7 +45,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from monitor_core.effects import Effect, Variation
+from monitor_core.effects import Effect, Variation, port_of
 from monitor_core.errors import MonitorCoreError, RecordingFormatError
 from monitor_core.recordings.elements.files import naming, read_text
 
@@ -82,15 +85,18 @@ def read_effect_file(path: Path) -> tuple[Effect[Any], ...]:
 
 
 def effect_file_text(effects: Iterable[Effect[Any]]) -> str:
-    """Return effects made by :func:`monitor_core.effects.varying` as a file that :func:`read_effect_file` reads.
+    """Return effects made by ``varying`` and ``at_port`` of ``monitor_core.effects`` as a file that can be read.
 
     ``RecordingFormatError`` if one of them was made otherwise: what it does is known to its own file alone.
     """
-    lines = ["from monitor_core.effects import Form, Law, Variable, varying", "", "EFFECTS = ("]
+    lines = ["from monitor_core.effects import Form, Law, Variable, at_port, varying", "", "EFFECTS = ("]
     for effect in effects:
+        if (port := port_of(effect)) is not None:
+            lines.append(f'    at_port("{port}"),')
+            continue
         variation = effect.add
         if not isinstance(variation, Variation):
-            raise RecordingFormatError(f"effects: expected such as vary by a law; got {effect.key}")
+            raise RecordingFormatError(f"effects: expected such as vary by a law or swing; got {effect.key}")
         law = variation.law
         stated = f"reference={law.reference!r}, scale={law.scale!r}"
         lines += [

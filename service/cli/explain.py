@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from monitor_core.discrepancy import ExplainOptions, Measured
+from monitor_core.discrepancy import ExplainOptions, Explanation, Measured
 from monitor_core.discrepancy import explain as explain_axis
 from monitor_core.effects import Effect
 from monitor_core.errors import RecordingFormatError
@@ -139,14 +139,13 @@ def explain(
         write_report(report_dir, explanation, model_text, _subject(data, baseline_path, len(options.healthy)))
     if out is not None:
         out.write_text(model_text, encoding="utf-8")
-        if explanation.described:
-            effects_text = effect_file_text(found.effect for found in explanation.described)
-            _effects_beside(out).write_text(effects_text, encoding="utf-8")
+        if own := _own_effects(explanation):
+            _effects_beside(out).write_text(effect_file_text(own), encoding="utf-8")
     if as_json:
         print_json(explanation_document(explanation, model_text))
     else:
         _print(report_content(explanation))
-        for path in _written(report_dir, out, described=bool(explanation.described)):
+        for path in _written(report_dir, out, described=bool(_own_effects(explanation))):
             print_line(f"Written: {path}")
 
 
@@ -159,6 +158,11 @@ def _subject(data: Data, baseline: Path, n_healthy: int) -> str:
     machines = "machine" if n_healthy == 1 else "machines"
     learnt = f", beyond what {n_healthy} healthy {machines} of its type show" if n_healthy else ""
     return f"{data.name} against {baseline.name}{learnt}"
+
+
+def _own_effects(explanation: Explanation) -> tuple[Effect[Any], ...]:
+    """Return what was described as effects that the product does not know."""
+    return tuple(effect for found in explanation.described for effect in found.effects)
 
 
 def _effects_beside(model: Path) -> Path:

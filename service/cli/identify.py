@@ -18,12 +18,13 @@ from monitor_core.identification import (
 from monitor_core.identification import identify as identify_joints
 from monitor_core.recording import ExcitationSource
 from monitor_core.recordings.calibration_file import write_calibration
+from monitor_core.recordings.effect_file import read_effect_file
 from monitor_core.recordings.elements.units import metres, to_millimetres
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file, write_model_file
 from monitor_core.uncertainty import Estimate
 from service.cli.inputs.formats import model_at
-from service.cli.inputs.model import NumbersCommand
+from service.cli.inputs.model import NumbersCommand, effects_option
 from service.cli.inputs.raw import Data, DataKind, data_argument, data_of, frf_set_of, map_option
 from service.cli.inputs.responses import accelerometer_option, require_session, responses_of_data
 from service.cli.inputs.session import axis_settings, band_option
@@ -72,6 +73,7 @@ from service.documents.identification import OBJECTIVES, held_out_kind, identifi
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of the search.")
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that search.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write the model with the joints found.")
+@effects_option
 @accelerometer_option
 @band_option
 @json_option
@@ -90,6 +92,7 @@ def identify(
     seed: int,
     workers: int,
     out: Path | None,
+    effects_path: Path | None,
     accelerometer: str | None,
     band_hz: tuple[float, float] | None,
     as_json: bool,
@@ -119,6 +122,7 @@ def identify(
         prediction=prediction,
         accelerometer=accelerometer,
         assumptions=assumptions,
+        effects=() if effects_path is None else read_effect_file(effects_path),
     )
     with _mapping(workers) as map_function, _watched(data.name) as progress:
         joints = identify_joints(axis, measured, options, map_function=map_function, progress=progress)

@@ -72,27 +72,34 @@ def _effect(effect: FoundEffect) -> JsonObject:
 
 
 def _described(found: Described) -> JsonObject:
-    """Return a described law; ``varies_with`` and ``form`` say what the parameter is multiplied by."""
+    """Return what was described; ``varies_with`` and ``form`` say what the parameter is multiplied by.
+
+    Without a law it is an impedance, with its own ``parameters``, or has no form: ``factors`` are of each setting.
+    """
+    parameters, law = {name: _parameter(value) for name, value in found.parameters.items()}, found.law
     return {
         "place": found.place,
         "parameter": found.parameter,
-        "varies_with": str(found.law.variable),
-        "law": {
-            "form": str(found.law.form),
-            "parameters": {name: _parameter(value) for name, value in found.parameters.items()},
-            "reference": float(found.law.reference),
-            "scale": float(found.law.scale),
+        "varies_with": None if law is None else str(law.variable),
+        "law": None if law is None else {
+            "form": str(law.form),
+            "parameters": parameters,
+            "reference": float(law.reference),
+            "scale": float(law.scale),
         },
+        "parameters": parameters if law is None else {},
+        "factors": {name: float(factor) for name, factor in found.factors.items()},
         "frequency_hz": found.frequency_hz,
         "mass_kg": found.mass_kg,
+        "inertia_kg_m2": found.inertia_kg_m2,
         "not_distinguished_from": list(found.alternatives),
         "share_of_free_variation": float(found.share),
-        "effect": found.effect.key,
+        "effects": [effect.key for effect in found.effects],
         "evidence": {
             "delta_bic": float(found.delta_bic),
             "held_out_log_likelihood_gain": float(found.held_out_log_likelihood_gain),
         },
-    }
+    }  # fmt: skip
 
 
 def _parameter(found: FoundParameter) -> JsonObject:

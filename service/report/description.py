@@ -1,7 +1,7 @@
-"""Say what was described: where it sits, which quantity varies, and by which law."""
+"""Say what was described: where it sits, which quantity varies by which law, or what swings there."""
 
 from monitor_core.discrepancy import Described
-from monitor_core.effects import Form, Variable
+from monitor_core.effects import Form, Law, Variable
 from service.report.rounding import rounded
 
 _VARIABLES = {
@@ -15,20 +15,36 @@ _VARIABLES = {
 
 
 def described_sentence(found: Described) -> str:
-    """Return what varies, where, with what and by which law."""
-    with_what, factor, unit = _VARIABLES[found.law.variable]
-    what = f"{found.parameter} at the {found.place}"
-    if found.frequency_hz is not None and found.mass_kg is not None:
-        mass, frequency = rounded(found.mass_kg, 3), rounded(found.frequency_hz, 4)
-        what = f"something of {mass} kg on a spring, {frequency} Hz, hangs on the {found.place}; its {found.parameter}"
+    """Return what varies where, with what and by which law; or what swings there; or that no law says how."""
     or_else = (
         f" (or {' or '.join(found.alternatives)}, which these data do not distinguish)" if found.alternatives else ""
     )
-    return f"{what} varies with {with_what}{or_else}, as {_law(found, factor, unit)}"
+    if found.has_no_form:
+        least, most = (rounded(end(found.factors.values()), 3) for end in (min, max))
+        return (
+            f"{found.parameter} at the {found.place}{or_else} would have to be another one at each setting, {least} to "
+            f"{most} times what it is, by no law that was tried"
+        )
+    swings = _swings(found)
+    if found.law is None:
+        return f"{swings}{or_else}, the same at every setting"
+    with_what, factor, unit = _VARIABLES[found.law.variable]
+    what = f"{swings}; its {found.parameter}" if swings else f"{found.parameter} at the {found.place}"
+    return f"{what} varies with {with_what}{or_else}, as {_law(found, found.law, factor, unit)}"
 
 
-def _law(found: Described, factor: float, unit: str) -> str:
-    law, values = found.law, found.parameters
+def _swings(found: Described) -> str:
+    """Return what swings there on a spring; empty where nothing does."""
+    size, unit = (found.mass_kg, "kg") if found.inertia_kg_m2 is None else (found.inertia_kg_m2, "kg·m²")
+    if found.frequency_hz is None or size is None:
+        return ""
+    return f"something of {rounded(size, 3)} {unit} on a spring, {rounded(found.frequency_hz, 4)} Hz, hangs on the " + (
+        found.place
+    )
+
+
+def _law(found: Described, law: Law, factor: float, unit: str) -> str:
+    values = found.parameters
     reference, scale = f"{rounded(factor * law.reference, 3)}{unit}", f"{rounded(factor * law.scale, 3)}{unit}"
 
     def shown(name: str) -> str:

@@ -72,7 +72,8 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
             return f"Time was up; {found}."
         case Outcome.PARTIAL:
             gap = _gap_sentence(explanation)
-            return f"{_missing(explanation)}, and there is more that nothing in the catalogue explains: {gap}."
+            more = f"{_missing(explanation)}, and there is more that nothing in the catalogue explains: {gap}."
+            return more + _without_form(explanation)
         case Outcome.NONE:
             moved = [parameter_words(name) for name in _moved(explanation)]
             once = f", once {listed(moved)} {'is' if len(moved) == 1 else 'are'} as refitted" if moved else ""
@@ -83,7 +84,13 @@ def headline(explanation: Explanation) -> str:  # noqa: PLR0911 a sentence for e
             gap = _gap_as_it_is(explanation)
             if explanation.effects:
                 gap = f"with {names}, the best that was found, {_gap_sentence(explanation)}"
-            return f"Something is missing that nothing in the catalogue explains: {gap}."
+            return f"Something is missing that nothing in the catalogue explains: {gap}.{_without_form(explanation)}"
+
+
+def _without_form(explanation: Explanation) -> str:
+    """Say what is there that no law describes."""
+    found = listed([described_sentence(described) for described in explanation.described])
+    return f" {found[0].upper()}{found[1:]}." if found else ""
 
 
 def _described(explanation: Explanation, names: str) -> str:

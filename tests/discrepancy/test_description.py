@@ -1,5 +1,9 @@
 """What no catalogue names is described: by plants that share no formula with the models."""
 
+import math
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from monitor_core.discrepancy.description.describe import describe
@@ -11,6 +15,7 @@ from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.responses import compare_responses
 from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import build_model
 from monitor_core.recordings.effect_file import effect_file_text, read_effect_file
 from monitor_core.recordings.model_file import parse_model
@@ -18,17 +23,19 @@ from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.truth import transmission_line
 
 
-def described(kind, size, seed):
+def described(kind, size, seed, changed=lambda observations, _drive: observations):
     """Return the case, what was said of it from the model as stated, and the fit before."""
     case = cases.draw_case(kind, size, seed=seed, respond=transmission_line.respond)
     measured = frf_file.observations(case)
     file = parse_model(case.baseline, kind)
     drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
+    measured = changed(measured, drive)
     comparison = compare_responses(measured, held_out=default_folds(each.conditions for each in measured))
     plain = Hypothesis(drive)
     baseline = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
-    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
-    return case, describe(baseline, baseline, candidates, lambda _sentence: None), baseline
+    sizes = sizes_of_drive(drive.physics({}), measured)
+    answer = describe(baseline, baseline, drive.candidates(sizes), sizes, lambda _sentence: None)
+    return case, answer, baseline
 
 
 @pytest.mark.slow
@@ -42,9 +49,9 @@ def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_p
     assert found.parameters["change"].estimate.value / found.law.scale == pytest.approx(0.3, rel=0.05)
     held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
     assert next(held_out) > 5.0 * before.comparison.noise_floor > 5.0 * next(held_out) / 1.2
-    (tmp_path / "mine.py").write_text(effect_file_text([found.effect]), encoding="utf-8")
+    (tmp_path / "mine.py").write_text(effect_file_text(found.effects), encoding="utf-8")
     (again,) = read_effect_file(tmp_path / "mine.py")
-    assert (again.key, again.name, again.add) == (found.effect.key, found.effect.name, found.effect.add)
+    assert (again.key, again.name, again.add) == (found.effects[0].key, found.effects[0].name, found.effects[0].add)
 
 
 @pytest.mark.slow
@@ -63,6 +70,59 @@ def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
     assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.ORDER)
     low, high = found.parameters["change"].interval_95
     assert low < (1.0 - lost) ** (1.0 / 3.0) - 1.0 < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "place", "size"),
+    [("outside:rotor-absorber", "motor", "inertia_kg_m2"), ("outside:screw-end-absorber", "screw end", "mass_kg")],
+)
+def test_what_swings_at_a_port_is_described_with_its_size_and_frequency(tmp_path, kind, place, size):
+    """No effect of the catalogue hangs there; the plant is of waves, the model in closed form."""
+    case, answer, before = described(kind, "large", 41)
+    found, truth = answer.described, case.truth[kind]
+    assert (found.place, found.parameter, found.law) == (place, "impedance", None)
+    assert found.frequency_hz == pytest.approx(truth["frequency_hz"], rel=0.01)
+    assert found.parameters[size].estimate.value == getattr(found, size) == pytest.approx(truth[size], rel=0.05)
+    held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
+    assert next(held_out) > 2.0 * before.comparison.noise_floor > 2.0 * next(held_out) / 1.2
+    (tmp_path / "mine.py").write_text(effect_file_text(found.effects), encoding="utf-8")
+    assert [again.key for again in read_effect_file(tmp_path / "mine.py")] == [each.key for each in found.effects]
+
+
+@pytest.mark.slow
+def test_what_follows_no_law_is_said_to_be_there_and_no_more():
+    """The nut has 0.7 to 1.4 of its stiffness at each setting, by lot: no law holds, and the values are found."""
+    lots = {}
+
+    def by_lot(observations, drive):
+        rng, plain = np.random.default_rng(5), ExtendedModel(drive.stated, drive.physics({}))
+        changed = []
+        for each in observations:
+            lot = lots.setdefault(each.conditions, math.exp(rng.uniform(math.log(0.7), math.log(1.4))))
+            joints = replace(plain.physics.joints, nut_stiffness=lot * plain.physics.joints.nut_stiffness)
+            other = replace(plain, physics=replace(plain.physics, joints=joints))
+            now, then = (
+                model.frequency_response(
+                    each.frequency, each.conditions, excitation=each.excitation, response=each.response_point
+                ).response
+                for model in (other, plain)
+            )
+            ratio = now / then
+            deviation = each.standard_deviation * np.abs(ratio)
+            changed.append(replace(each, response=each.response * ratio, standard_deviation=deviation))
+        return changed
+
+    _, answer, _ = described("none", "medium", 7, by_lot)
+    found = answer.described
+    assert answer.fitted is None
+    assert found.law is None
+    assert found.effects == ()
+    assert found.has_no_form
+    assert found.place == "nut"
+    true = np.array([lots[conditions] for conditions in dict.fromkeys(lots)])
+    assert len(found.factors) <= true.size
+    assert max(found.factors.values()) / min(found.factors.values()) == pytest.approx(true.max() / true.min(), rel=0.3)
 
 
 def test_a_healthy_axis_has_nothing_to_describe():

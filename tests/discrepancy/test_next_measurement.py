@@ -9,15 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor_core.discrepancy import Outcome
+from monitor_core.discrepancy import Described, FoundParameter, Outcome
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.next_measurement import next_measurement
 from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left
+from monitor_core.effects import Form, Law, Variable
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.uncertainty import Estimate
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 
 QUANTITY = re.compile(r"\d[\d.]* (mm|m|N|kg|K|Hz|s|m/s)\b")
@@ -46,8 +48,8 @@ def left(data, *, lines=True, pulled=False, effects=()):
     return fit(comparison, hypothesis, hypothesis.null)
 
 
-def advice(outcome, fitted, sizes=None, classes=()):
-    return next_measurement(SimpleNamespace(final=fitted), classes, outcome, (), sizes)
+def advice(outcome, fitted, sizes=None, classes=(), described=()):
+    return next_measurement(SimpleNamespace(final=fitted), classes, outcome, (), sizes, described=described)
 
 
 def misfit_at(chosen, size=20.0):
@@ -94,6 +96,83 @@ def test_effects_that_nothing_distinguishes_are_to_be_looked_at() -> None:
     assert text.startswith("no change of conditions distinguishes quantity-0 from quantity-1: look at the parts")
     assert text.endswith("change one of them on purpose and measure 100 mm, 250 N again")
     assert QUANTITY.search(text)
+
+
+VARIED = {
+    ConditionAxis.POSITION: (0.1, 0.35, 0.8), ConditionAxis.PRELOAD: (120.0, 250.0, 400.0),
+    ConditionAxis.PAYLOAD: (0.0, 6.0, 12.0), ConditionAxis.TEMPERATURE: (0.0, 8.0, 15.0),
+    ConditionAxis.LEVEL: (0.05, 0.15, 0.45),
+}  # fmt: skip
+
+
+def varied(fitted):
+    """Return the fit with settings in which everything is varied."""
+    layout = fitted.comparison.layout
+    settings_of_all = tuple(
+        replace(each, values={axis: values[n % 3] for axis, values in VARIED.items()})
+        for n, each in enumerate(layout.settings)
+    )
+    return replace(fitted, comparison=replace(fitted.comparison, layout=replace(layout, settings=settings_of_all)))
+
+
+def coefficients(law, size):
+    estimates = {item.name: Estimate(item.null + size * item.scale, 0.01) for item in law.parameters}
+    return {name: FoundParameter(value, "-", (-9.0, 9.0), plausible=True) for name, value in estimates.items()}
+
+
+@given(
+    variable=st.sampled_from(Variable),
+    form=st.sampled_from(Form),
+    reference=st.floats(0.01, 500.0),
+    size=st.floats(-3.0, 3.0),
+    swings=st.booleans(),
+    turns=st.booleans(),
+    frequency=st.floats(5.0, 2000.0),
+)
+@settings(max_examples=80, deadline=None)
+def test_a_law_that_was_described_is_followed_by_where_to_look_for_it(
+    *, variable, form, reference, size, swings, turns, frequency
+) -> None:
+    law = Law(variable, form, reference, 0.5 * reference)
+    parameter = "frequency_hz" if swings else "nut_stiffness_n_per_m"
+    found = Described(
+        "table", parameter, law, coefficients(law, size), (), (), 0.9, 200.0, 50.0,
+        frequency_hz=frequency if swings else None, mass_kg=None if turns else 0.4,
+        inertia_kg_m2=2e-5 if turns else None,
+    )  # fmt: skip
+    text = next_measurement(
+        SimpleNamespace(final=varied(left(misfit_at(SETTING < 0)))),
+        (),
+        Outcome.DESCRIBED,
+        (),
+        SIZES,
+        described=(found,),
+    )
+    steps = text.split("; ")
+    assert any(parameter in step for step in steps)
+    assert all(QUANTITY.search(step) for step in steps if parameter in step or "swings" in step), text
+    assert any("swings" in step for step in steps) == swings
+    assert not re.search(r"\b(nan|inf)\b", text)
+
+
+def test_what_swings_is_looked_for_at_its_port_and_about_its_frequency() -> None:
+    found = Described("motor", "impedance", None, {}, (), (), 1.0, 900.0, 80.0, 308.6, inertia_kg_m2=4.4e-5)
+    text = advice(Outcome.DESCRIBED, left(misfit_at(SETTING < 0)), described=(found,))
+    assert text.startswith(
+        "look at the motor for what swings at 309 Hz with 4.4e-05 kg·m², hold it fast or take it off"
+    )
+    assert "measure 100 mm, 250 N again from 247 to 370 Hz: the resonance must go" in text
+
+
+@pytest.mark.parametrize("outcome", [Outcome.UNKNOWN, Outcome.PARTIAL])
+def test_what_has_no_form_is_followed_by_the_two_settings_that_differ_most(outcome) -> None:
+    factors = {"100 mm, 250 N": 1.02, "200 mm, 250 N": 0.71, "300 mm, 250 N": 1.31}
+    found = Described("nut", "nut_stiffness_n_per_m", None, {}, (), (), 1.0, 300.0, 90.0, factors=factors)
+    first, *_ = advice(outcome, left(misfit_at(SETTING < 0)), described=(found,)).split("; ")
+    assert first.startswith(
+        "measure 200 mm, 250 N and 300 mm, 250 N again, three times in turns: nut_stiffness_n_per_m"
+    )
+    assert "0.71 times what it is at the first and 1.31 times at the second" in first
 
 
 def test_the_record_that_stands_out_is_named() -> None:

@@ -69,6 +69,19 @@ def _absorber(place: str) -> Callable[[float, np.random.Generator], Mechanism]:
     return build
 
 
+def _swinging_at(place: str, size: str, name: str) -> Callable[[float, np.random.Generator], Mechanism]:
+    def build(value: float, rng: np.random.Generator) -> Mechanism:
+        frequency, ratio = rng.uniform(150.0, 450.0), rng.uniform(0.01, 0.04)
+        hidden = {
+            f"{place}_absorber_{size}": value,
+            f"{place}_absorber_frequency": frequency,
+            f"{place}_absorber_damping_ratio": ratio,
+        }
+        return hidden, {name: value, "frequency_hz": frequency}
+
+    return build
+
+
 def _wandering(value: float, rng: np.random.Generator) -> Mechanism:
     frequency = rng.uniform(250.0, 450.0)
     return (
@@ -130,6 +143,8 @@ KINDS: dict[str, Kind] = {
     "outside:preload-drift": Kind((0.08, 0.2, 0.4), _plain("preload_drift", "share")),
     "outside:backlash": Kind((3e-9, 1e-8, 4e-8), _plain("nut_backlash", "half_width_m")),
     "outside:contact-loss": Kind((3e6, 6e6, 2e7), _contact_loss),
+    "outside:rotor-absorber": Kind((2e-6, 1e-5, 4e-5), _swinging_at("rotor", "inertia", "inertia_kg_m2")),
+    "outside:screw-end-absorber": Kind((0.5, 2.0, 6.0), _swinging_at("screw_end", "mass", "mass_kg")),
     "outside:screw-bending": Kind((2e-3, 6e-3, 2e-2), _plain("bend_eccentricity", "eccentricity_m")),
     "outside:cracked-coupling": Kind((3.0, 10.0, 30.0), _cracked),
 }

@@ -247,6 +247,12 @@ MECHANISMS = {
     "nut_absorber_mass": {
         "nut_absorber_mass": 0.3, "nut_absorber_frequency": 250.0, "nut_absorber_damping_ratio": 0.05
     },
+    "rotor_absorber_inertia": {
+        "rotor_absorber_inertia": 3e-5, "rotor_absorber_frequency": 250.0, "rotor_absorber_damping_ratio": 0.05
+    },
+    "screw_end_absorber_mass": {
+        "screw_end_absorber_mass": 2.0, "screw_end_absorber_frequency": 250.0, "screw_end_absorber_damping_ratio": 0.05
+    },
     "nut_mass_before_bracket": {"nut_mass_before_bracket": 2.0},
     "screw_loss_factor": {"screw_loss_factor": 0.03},
     "constant_loss_factor": {"constant_loss_factor": 0.03},

@@ -39,6 +39,12 @@ EFFECTS = {
     "nut_absorber_mass": {
         "nut_absorber_mass": 0.3, "nut_absorber_frequency": 180.0, "nut_absorber_damping_ratio": 0.05
     },
+    "rotor_absorber_inertia": {
+        "rotor_absorber_inertia": 3e-5, "rotor_absorber_frequency": 180.0, "rotor_absorber_damping_ratio": 0.05
+    },
+    "screw_end_absorber_mass": {
+        "screw_end_absorber_mass": 2.0, "screw_end_absorber_frequency": 180.0, "screw_end_absorber_damping_ratio": 0.05
+    },
     "guide_stiffness": {"guide_stiffness": 1e6},
     "guide_friction": {"guide_friction": 1.0},
     "servo_stiffness": {"servo_stiffness": 1e-3},

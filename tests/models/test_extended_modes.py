@@ -116,6 +116,11 @@ EXTRAS = {
     "all carried": {"nut_mass": 1.3, "table_absorber_mass": 0.8, "table_absorber_frequency": 170.0,
                     "nut_absorber_mass": 0.2, "nut_absorber_frequency": 450.0, "series_compliance": 4e-9,
                     "guide_stiffness": 4e6},
+    "on the rotor": {"rotor_absorber_inertia": 2e-4, "rotor_absorber_frequency": 60.0},
+    "at the end of the screw": {"screw_end_absorber_mass": 3.0, "screw_end_absorber_frequency": 400.0},
+    "at every port": {"rotor_absorber_inertia": 2e-4, "rotor_absorber_frequency": 60.0, "screw_end_absorber_mass": 3.0,
+                      "screw_end_absorber_frequency": 400.0, "base_compliance": 3e-9, "base_frequency": 240.0,
+                      "table_absorber_mass": 0.8, "table_absorber_frequency": 170.0, "servo_stiffness": 40.0},
     "all": {"base_compliance": 3e-9, "base_frequency": 700.0, "guide_stiffness": 4e6, "servo_stiffness": 40.0,
             "series_compliance": 2e-9, "table_mass": 3.0},
 }  # fmt: skip
@@ -138,6 +143,8 @@ def assembled(
     p, position, *, base_compliance=0.0, base_frequency=1.0, guide_stiffness=0.0, servo_stiffness=0.0,
     series_compliance=0.0, table_mass=0.0, nut_mass=0.0, table_absorber_mass=0.0, table_absorber_frequency=1.0,
     table_absorber_damping_ratio=0.0, nut_absorber_mass=0.0, nut_absorber_frequency=1.0, nut_absorber_damping_ratio=0.0,
+    rotor_absorber_inertia=0.0, rotor_absorber_frequency=1.0, rotor_absorber_damping_ratio=0.0,
+    screw_end_absorber_mass=0.0, screw_end_absorber_frequency=1.0, screw_end_absorber_damping_ratio=0.0,
 ):  # fmt: skip
     """Return finite elements of the axis; the base, under both bearings, is the elements' point that nobody is at."""
     n_near, n_far = 90, 150
@@ -168,6 +175,8 @@ def assembled(
     for place, mass, frequency, ratio in (
         (parts.table, table_absorber_mass, table_absorber_frequency, table_absorber_damping_ratio),
         (nut, nut_absorber_mass, nut_absorber_frequency, nut_absorber_damping_ratio),
+        (parts.rotor, rotor_absorber_inertia, rotor_absorber_frequency, rotor_absorber_damping_ratio),
+        (n_near + n_far, screw_end_absorber_mass, screw_end_absorber_frequency, screw_end_absorber_damping_ratio),
     ):
         if mass:
             omega = 2.0 * np.pi * frequency

@@ -3,14 +3,22 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from monitor_core.models.protocol import MotorEnd
+from monitor_core.effects import Form, Law, Variable, varying
+from monitor_core.fitting.observations import ModalObservation
+from monitor_core.fitting.residuals.natural_frequencies import NaturalFrequencyProblem
+from monitor_core.identification import IdentifyOptions
+from monitor_core.identification.cases import FrequencyCase
+from monitor_core.identification.question import question_of
+from monitor_core.models.protocol import DriveConditions, MotorEnd
 from monitor_core.models.published.receptance import ReceptanceParameters
+from monitor_core.recordings.effect_file import effect_file_text
 from monitor_core.recordings.frf_set import FrequencyResponseSet, MeasuredResponse, write_frf_set
 from monitor_core.recordings.modal_csv import read_modal_table
 from monitor_core.recordings.model_file import read_model_file
@@ -355,11 +363,78 @@ def test_joints_that_all_end_at_a_limit_are_refused(preload: Any, tmp_path: Path
     assert not out.exists()
 
 
-def test_effects_of_a_model_are_not_left_out_in_silence(preload: Any, tmp_path: Path) -> None:
+OWN_EFFECT = "\n[effects.bearing-along]\nchange = -0.5\n"
+ADDED_MASS = "\n[effects.added-mass]\nmass_kg = 3\n"
+
+
+@pytest.fixture
+def own_effects(tmp_path: Path) -> Path:
+    """Return a bearing that is half as stiff at 500 mm as at 100 mm, as a law in a file of a user."""
+    law = Law(Variable.POSITION, Form.LINEAR, 0.1, 0.4)
+    own = tmp_path / "mine.py"
+    own.write_text(effect_file_text([varying("joints", "bearing_stiffness", law, key="bearing-along")]), "utf-8")
+    return own
+
+
+@pytest.mark.slow
+def test_joints_are_identified_beside_the_effects_of_a_model(preload: Any, tmp_path: Path, own_effects: Path) -> None:
+    """The modes of a machine with an effect give its nut back to a model that states the effect, and to no other."""
+    text, effect = (MODEL.parent / "hybrid.toml").read_text(encoding="utf-8"), OWN_EFFECT
+    stated = read_model_file(MODEL.parent / "hybrid.toml").parameters["nut_stiffness_n_per_m"]
+    machine, model, out = (tmp_path / name for name in ("machine.toml", "model.toml", "out.toml"))
+    machine.write_text(text + effect, encoding="utf-8")
+    at = ("--position-mm", 100, 500, "--motor-end", "free", "--effects", own_effects, "--json")
+    rows = [
+        f"{place['position_mm']},{mode['frequency_hz']}"
+        for place in preload("modes", machine, *at).json()["positions"]
+        for mode in place["modes"][:1]
+    ]
+    lines = [line for line in text.splitlines() if not line.startswith("nut_stiffness")]
+    section = lines.index("[parameters]") + 1
+    lines.insert(section, f"nut_stiffness_n_per_m = {0.6 * stated!r}")
+    uncertain = "\n[uncertain]\nnut_stiffness_n_per_m = 0.9\n"
+    words = ("identify", modal_table(tmp_path, *rows), "--model", model, "--effects", own_effects)
+    model.write_text("\n".join(lines) + effect + uncertain, encoding="utf-8")
+    found = preload(*words, "--out", out, "--json").json()["joints"]["nut_stiffness_n_per_m"]
+    assert found["value"] == pytest.approx(stated, rel=2e-3)
+    assert read_model_file(out).effects == read_model_file(machine).effects
+    model.write_text("\n".join(lines) + uncertain, encoding="utf-8")
+    without = preload(*words, "--json").json()["joints"]["nut_stiffness_n_per_m"]
+    assert abs(without["value"] / stated - 1.0) > 0.02
+
+
+@pytest.mark.parametrize("family", ["lumped", "hybrid", "receptance", "transmission-line"])
+def test_the_model_of_a_fit_has_the_effects_of_its_file(family: str) -> None:
+    """At the values as stated it has the modes of the model that the file builds, and other ones than without."""
+    file = replace(read_model_file(MODEL.parent / f"{family}.toml"), effects={"added-mass": {"mass_kg": 3.0}})
+    where = [DriveConditions(x, 200.0 if family == "lumped" else None) for x in (0.2, 0.3, 0.4)]
+    model = file.build()
+    measured = [
+        ModalObservation(at, next(mode.frequency for mode in model.natural_frequencies(at) if mode.frequency > 0.0))
+        for at in where
+    ]
+    question = question_of(file, measured, IdentifyOptions())
+    assert isinstance(question.case, FrequencyCase)
+    drive, peaks = question.case.drive, [each.frequency for each in measured]
+    predicted = NaturalFrequencyProblem(drive, question.case.peaks).predict(drive.start)
+    assert predicted == pytest.approx(peaks, rel=1e-9)
+    plain = NaturalFrequencyProblem(replace(drive, effects={}), question.case.peaks).predict(drive.start)
+    assert np.all(plain > (1.0 + 1e-4) * predicted)
+
+
+def test_an_effect_that_nobody_defines_is_refused_before_the_search(preload: Any, tmp_path: Path) -> None:
     model = tmp_path / "effect.toml"
-    text = MODEL.read_text(encoding="utf-8")
-    model.write_text(text + "\n[effects.added-mass]\nmass_kg = 3\n", encoding="utf-8")
-    assert_refused(preload("identify", PEAKS, "--model", model), "a model without effects; got the effect 'added-mass'")
+    model.write_text(MODEL.read_text(encoding="utf-8") + OWN_EFFECT, encoding="utf-8")
+    assert_refused(preload("identify", PEAKS, "--model", model), "got 'bearing-along'")
+    missing = ("--effects", tmp_path / "none.py")
+    assert_refused(preload("identify", PEAKS, "--model", model, *missing), "none.py: expected a file; nothing is")
+
+
+def test_the_papers_objective_is_of_a_model_without_effects(preload: Any, tmp_path: Path) -> None:
+    model = tmp_path / "effect.toml"
+    model.write_text(MODEL.read_text(encoding="utf-8") + ADDED_MASS, encoding="utf-8")
+    answer = preload("identify", PEAKS, "--model", model, "--objective", "eq-26")
+    assert_refused(answer, "Eq. (26) compares peaks with a model of the receptance family; got one with the effect")
 
 
 @pytest.mark.slow

@@ -166,7 +166,7 @@ def explanation(outcome: Outcome) -> Explanation:
                 parameter="nut stiffness",
                 law=law,
                 parameters={"exponent": estimate},
-                effect=varying("joints", "nut_stiffness", law),
+                effects=(varying("joints", "nut_stiffness", law),),
                 alternatives=(),
                 share=0.97,
                 delta_bic=312.0,

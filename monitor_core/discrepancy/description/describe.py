@@ -1,24 +1,30 @@
-"""Describe a misfit that no effect of the catalogue explains: which quantity varies, where, and by which law.
+"""Describe a misfit that no effect of the catalogue explains: what swings where, which quantity varies by which law.
 
 One quantity at a time varies freely over the settings (:mod:`.free_variation`); the laws that come near to what the
-best of them would explain are refitted, with everything else, and judged on data that no fit saw.
+best of them would explain are refitted, with everything else. They stand beside what may swing at a port of the drive
+(:mod:`.bases`), and all are judged on data that no fit saw. Where none holds, that something varies may still be sure
+(:mod:`.no_form`).
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
-from monitor_core.discrepancy.description.bases import bases
-from monitor_core.discrepancy.description.free_variation import fitted_settings, vary_freely
+from monitor_core.discrepancy.description.bases import Base, bases, bases_at_ports
+from monitor_core.discrepancy.description.free_variation import FreeVariation, fitted_settings, vary_freely
 from monitor_core.discrepancy.description.laws import TriedLaw, tried_laws
-from monitor_core.discrepancy.description.quantities import Quantity, quantities_of
-from monitor_core.discrepancy.explanation import Described
+from monitor_core.discrepancy.description.no_form import without_form
+from monitor_core.discrepancy.description.quantities import Place, quantities_of
+from monitor_core.discrepancy.explanation import Described, FoundParameter
+from monitor_core.discrepancy.screening.sizes import measured_band
+from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
-from monitor_core.discrepancy.verdict.classes import Member, found_parameters
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import Effect, varying
+from monitor_core.effects import Effect, MachineSizes, Port, port_of, varying
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
 from monitor_core.fitting.hold_out import gain, gap_of
@@ -34,87 +40,126 @@ _WORTH_A_REFIT = 0.15
 _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
 _MOST_LEFT = 1.2
+_Varied = list[tuple[Base, FreeVariation]]
+_PLACES = {Port.ROTOR: Place.MOTOR, Port.SCREW_END: Place.SCREW_END, Port.BASE: Place.BASE}
 
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A fit with the law, and what it says."""
+    """What can be said, and the fit with it; of what has no form there is none."""
 
     described: Described
-    fitted: Fitted[Any]
+    fitted: Fitted[Any] | None
     keeps_found: bool  # whether it stands beside the effects that had been found, and not in their place
+
+    def put_into(
+        self, found: Found[Any], classes: Sequence[EquivalenceClass[Any]]
+    ) -> tuple[Found[Any], tuple[EquivalenceClass[Any], ...]]:
+        """Return what was found with the description, beside the classes of effects or in their place."""
+        if self.fitted is None:
+            return found, tuple(classes)
+        if not self.keeps_found:
+            return replace(found, final=self.fitted, steps=(self.fitted,), accepted=()), ()
+        return replace(found, final=self.fitted, steps=(*found.steps, self.fitted)), tuple(classes)
 
 
 @dataclass(frozen=True, eq=False)
-class _Refitted:
-    base: Fitted[AxisPhysics]
-    tried: TriedLaw
-    effect: Effect[AxisPhysics]
+class _Answer:
+    """A law of a quantity, or without one what swings at a port, in a fit of everything."""
+
+    base: Base
     fitted: Fitted[AxisPhysics]
+    effect: Effect[AxisPhysics]
+    tried: TriedLaw | None = None
+
+    @property
+    def before(self) -> Fitted[AxisPhysics]:
+        """The fit without it."""
+        return self.base.fitted if self.tried is not None or self.base.before is None else self.base.before
+
+    @property
+    def place(self) -> str:
+        port = port_of(self.effect)
+        return str(self.tried.variation.quantity.place if self.tried else "" if port is None else _PLACES[port])
 
     @property
     def words(self) -> str:
-        quantity = self.tried.variation.quantity
-        return f"{quantity.name} at the {quantity.place}, {self.tried.law.variable}"
+        if self.tried is None:
+            return f"something that swings at the {self.place}"
+        return f"{self.tried.variation.quantity.name} at the {self.place}, {self.tried.law.variable}"
 
-    @property
-    def subject(self) -> tuple[Quantity, str]:
-        return self.tried.variation.quantity, self.tried.law.variable
+    @cached_property
+    def scale(self) -> EvidenceScale:
+        """What it leaves counts as noise."""
+        return evidence_scale(self.fitted)
 
 
 def describe(
     baseline: Fitted[Any],
     final: Fitted[Any],
     candidates: Sequence[Effect[Any]],
+    sizes: MachineSizes | None,
     progress: Callable[[str], None],
 ) -> Description | None:
-    """Return what can be said of a misfit without a name; None where no law holds, of a rigid axis, or of few settings.
+    """Return what can be said of a misfit without a name; None where nothing holds, of a rigid axis, or few settings.
 
-    ``baseline`` is the fit without any effect, ``final`` that with what was found.
+    ``baseline`` is the fit without any effect, ``final`` that with what was found; ``sizes`` of the machine are those
+    in which something may swing at a port.
     """
     if not isinstance(baseline.physics(), AxisPhysics) or len(fitted_settings(baseline)) < _FEWEST_SETTINGS:
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
-        return _described(baseline, final, candidates, progress)
+        of_catalogue = tuple(bases(baseline, final, candidates))
+        described, varied = _described(baseline, final, of_catalogue, progress)
+        if described is None:  # what costs more is tried where there would be no answer
+            described, _ = _described(baseline, final, tuple(bases_at_ports(baseline, final, sizes)), progress)
+        return described or _without_form(baseline, final, varied)
     return None
 
 
 def _described(
     baseline: Fitted[AxisPhysics],
     final: Fitted[AxisPhysics],
-    candidates: Sequence[Effect[AxisPhysics]],
+    from_here: Sequence[Base],
     progress: Callable[[str], None],
-) -> Description | None:
-    hints = [(base, tried) for base in bases(baseline, final, candidates) for tried in _hints(base)]
+) -> tuple[Description | None, _Varied]:
+    """Return the law, or what swings at a port, that holds best from these fits; and what varied freely in them."""
+    varied = [(base, variation) for base in from_here for variation in _variations(base.fitted)]
+    hints = [(base, tried) for base, variation in varied for tried in _laws(base.fitted, variation)]
     hints.sort(key=lambda hint: hint[1].cost)
     promising = [hint for hint in hints[:_REFITS] if _is_near(hint[1], hints[0][1])]
-    refitted = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
-    if not refitted:
-        return None
-    scale = evidence_scale(min((answer.fitted for answer in refitted), key=lambda fitted: fitted.cost))
-    refitted.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
-    best = refitted[0]
+    answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
+    answers += [_Answer(base, base.fitted, base.port) for base in from_here if base.port is not None]
+    answers = [answer for answer in answers if _is_evident(answer)]
+    if not answers:
+        return None, varied
+    scale = min(answers, key=lambda answer: answer.fitted.cost).scale
+    answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
+    best, *others = answers
     if not _holds(baseline, best, scale):
-        return None
-    alike = [
-        answer
-        for answer in refitted[1:]
-        if answer.subject != best.subject
-        and delta_bic(baseline, best.fitted, scale) - delta_bic(baseline, answer.fitted, scale)
-        < least_difference(best.fitted.comparison)
-    ]
-    found = best.base is final and bool(final.hypothesis.effects)
-    return Description(_answer(best, alike, scale), best.fitted, found)
+        return None, varied
+    beside_found = bool(final.hypothesis.effects) and final in (best.base.fitted, best.base.before)
+    described = _answer(best, _alike(baseline, best, others, scale), scale)
+    return Description(described, best.fitted, beside_found), varied
 
 
-def _hints(base: Fitted[AxisPhysics]) -> Iterator[TriedLaw]:
-    """Yield the laws that promise most, of the quantities whose free variation leaves least."""
-    physics, settings = base.physics(), fitted_settings(base)
-    free = [vary_freely(base, quantity) for quantity in quantities_of(physics)]
-    variations = sorted((variation for variation in free if variation is not None), key=lambda each: each.free)
-    for variation in variations[:_QUANTITIES]:
-        yield from tried_laws(variation, settings, physics.screw.lead)[:_LAWS_OF_EACH]
+def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], varied: _Varied) -> Description | None:
+    """Return what varies by no law, in the axis as stated or with what was found."""
+    stated = [(base.fitted, variation) for base, variation in varied if base.fitted in (baseline, final)]
+    unformed = without_form(stated)
+    return None if unformed is None else Description(unformed, None, bool(final.hypothesis.effects))
+
+
+def _variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:
+    """Yield the quantities whose free variation leaves least, best first."""
+    free = [vary_freely(fitted, quantity) for quantity in quantities_of(fitted.physics())]
+    yield from sorted((each for each in free if each is not None), key=lambda each: each.free)[:_QUANTITIES]
+
+
+def _laws(fitted: Fitted[AxisPhysics], variation: FreeVariation) -> tuple[TriedLaw, ...]:
+    """Return the laws that promise most."""
+    return tried_laws(variation, fitted_settings(fitted), fitted.physics().screw.lead)[:_LAWS_OF_EACH]
 
 
 def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
@@ -122,52 +167,100 @@ def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
     return tried.cost <= best.cost + _WORTH_A_REFIT * (best.variation.alike - best.cost)
 
 
-def _refit(base: Fitted[AxisPhysics], tried: TriedLaw, progress: Callable[[str], None]) -> _Refitted | None:
-    quantity, law = tried.variation.quantity, tried.law
+def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> _Answer | None:
+    quantity, law, before = tried.variation.quantity, tried.law, base.fitted
     progress(f"refitting with {quantity.name} that varies with {law.variable}, {law.form}")
     effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, law)
-    hypothesis = base.hypothesis.with_effect(effect)
-    start = hypothesis.carried_over(base.hypothesis, base.coordinates)
+    hypothesis = before.hypothesis.with_effect(effect)
+    start = hypothesis.carried_over(before.hypothesis, before.coordinates)
     pairs = zip(tried.coefficients, effect.parameters, strict=True)
     start[start.size - len(effect.parameters) :] = [(value - item.null) / item.scale for value, item in pairs]
     try:
-        return _Refitted(base, tried, effect, fit(base.comparison, hypothesis, start, base.fitted))
+        return _Answer(base, fit(before.comparison, hypothesis, start, before.fitted), effect, tried)
     except OutsideValidityError:
         return None
 
 
-def _holds(baseline: Fitted[AxisPhysics], answer: _Refitted, scale: EvidenceScale) -> bool:
-    """Return whether a law explains most of what is missing, on data that were held out, too."""
+def _is_evident(answer: _Answer) -> bool:
+    """Return whether the data ask for it: a law beyond what swings without one, that beyond nothing."""
+    fitted = answer.fitted
+    if answer.tried is None and not _swings_in_the_band(answer):
+        return False
+    return delta_bic(answer.before, fitted, answer.scale) >= fitted.comparison.least_delta_bic
+
+
+def _swings_in_the_band(answer: _Answer) -> bool:
+    """Return whether what swings does so where it was measured, and is nothing that no axis could have."""
+    parameters, (lowest, highest) = _parameters(answer, answer.scale), measured_band(answer.fitted)
+    within = lowest < parameters["frequency_hz"].estimate.value < highest
+    return within and all(parameter.plausible for parameter in parameters.values())
+
+
+def _holds(baseline: Fitted[AxisPhysics], answer: _Answer, scale: EvidenceScale) -> bool:
+    """Return whether it explains most of what is missing, on data that were held out, too."""
     fitted, remainder = answer.fitted, remainder_of(answer.fitted)
-    enough = delta_bic(answer.base, fitted, scale) >= fitted.comparison.least_delta_bic
     of_missing = explained_share(baseline, fitted, remainder.misfit)
     gained = gain(baseline.held_out, fitted.held_out, scale)
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
-    return enough and held and of_missing >= _LEAST_EXPLAINED and _share_of_free(answer.tried) >= _LEAST_OF_FREE
+    return held and of_missing >= _LEAST_EXPLAINED and _share_of_free(answer) >= _LEAST_OF_FREE
 
 
-def _share_of_free(tried: TriedLaw) -> float:
-    variation = tried.variation
-    room = variation.alike - variation.free
-    return min((variation.alike - tried.cost) / room, 1.0) if room > 0.0 else 0.0
-
-
-def _answer(answer: _Refitted, alike: Sequence[_Refitted], scale: EvidenceScale) -> Described:
-    fitted, quantity, law = answer.fitted, answer.tried.variation.quantity, answer.tried.law
-    evidence = delta_bic(answer.base, fitted, scale)
-    added, own = fitted.physics().added, quantity.field.removesuffix("_frequency").removesuffix("_mass")
-    hangs = own.endswith("absorber")
-    return Described(
-        place=str(quantity.place),
-        parameter=quantity.name,
-        law=law,
-        parameters=found_parameters(Member(answer.effect, fitted, evidence, True), fitted, scale),
-        effect=answer.effect,
-        alternatives=tuple(dict.fromkeys(other.words for other in alike)),
-        share=_share_of_free(answer.tried),
-        delta_bic=evidence,
-        held_out_log_likelihood_gain=gain(answer.base.held_out, fitted.held_out, scale),
-        frequency_hz=getattr(added, f"{own}_frequency") if hangs else None,
-        mass_kg=getattr(added, f"{own}_mass") if hangs else None,
+def _alike(
+    baseline: Fitted[AxisPhysics], best: _Answer, others: Sequence[_Answer], scale: EvidenceScale
+) -> tuple[str, ...]:
+    """Return in words what the data do not distinguish from the best."""
+    least = delta_bic(baseline, best.fitted, scale) - least_difference(best.fitted.comparison)
+    return tuple(
+        dict.fromkeys(
+            other.words
+            for other in others
+            if other.words != best.words and delta_bic(baseline, other.fitted, scale) > least
+        )
     )
+
+
+def _share_of_free(answer: _Answer) -> float:
+    if answer.tried is None:
+        return 1.0
+    variation = answer.tried.variation
+    room = variation.alike - variation.free
+    return min((variation.alike - answer.tried.cost) / room, 1.0) if room > 0.0 else 0.0
+
+
+def _parameters(answer: _Answer, scale: EvidenceScale) -> dict[str, FoundParameter]:
+    evidence = delta_bic(answer.before, answer.fitted, scale)
+    return found_parameters(Member(answer.effect, answer.fitted, evidence, True), answer.fitted, scale)
+
+
+def _answer(answer: _Answer, alike: tuple[str, ...], scale: EvidenceScale) -> Described:
+    fitted, tried = answer.fitted, answer.tried
+    frequency, size, name = _swinging(answer)
+    return Described(
+        place=answer.place,
+        parameter="impedance" if tried is None else tried.variation.quantity.name,
+        law=None if tried is None else tried.law,
+        parameters=_parameters(answer, scale),
+        effects=(answer.effect,) if tried is None or answer.base.port is None else (answer.base.port, answer.effect),
+        alternatives=alike,
+        share=_share_of_free(answer),
+        delta_bic=delta_bic(answer.before, fitted, scale),
+        held_out_log_likelihood_gain=gain(answer.before.held_out, fitted.held_out, scale),
+        frequency_hz=frequency,
+        mass_kg=size if name == "mass" else None,
+        inertia_kg_m2=size if name == "inertia" else None,
+    )
+
+
+def _swinging(answer: _Answer) -> tuple[float | None, float | None, str]:
+    """Return frequency and size of what hangs where the answer is, and whether that is a mass or an inertia."""
+    added, port = answer.fitted.physics().added, port_of(answer.effect)
+    own = answer.tried.variation.quantity.field if answer.tried else f"{port}_absorber".replace("-", "_")
+    own = own.removesuffix("_frequency").removesuffix("_mass").removesuffix("_inertia")
+    if own.endswith("absorber") and port is not Port.BASE:
+        name = "inertia" if own == "rotor_absorber" else "mass"
+        return getattr(added, f"{own}_frequency"), getattr(added, f"{own}_{name}"), name
+    if own in ("base", "base_absorber"):
+        omega = 2.0 * math.pi * added.base_frequency
+        return added.base_frequency, 1.0 / (added.base_compliance * omega**2), "mass"
+    return None, None, ""

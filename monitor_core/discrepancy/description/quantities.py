@@ -14,6 +14,7 @@ class Place(StrEnum):
     TABLE = "table"
     NUT = "nut"
     SCREW = "screw"
+    SCREW_END = "screw end"
     BEARING = "bearing"
     MOTOR = "motor"
     BASE = "base"
@@ -62,16 +63,27 @@ QUANTITIES = (
     Quantity("added", "table_absorber_mass", Place.TABLE, "mass_kg"),
     Quantity("added", "nut_absorber_frequency", Place.NUT, "frequency_hz"),
     Quantity("added", "nut_absorber_mass", Place.NUT, "mass_kg"),
+    Quantity("added", "rotor_absorber_frequency", Place.MOTOR, "frequency_hz"),
+    Quantity("added", "rotor_absorber_inertia", Place.MOTOR, "inertia_kg_m2"),
+    Quantity("added", "screw_end_absorber_frequency", Place.SCREW_END, "frequency_hz"),
+    Quantity("added", "screw_end_absorber_mass", Place.SCREW_END, "mass_kg"),
     Quantity("added", "guide_stiffness", Place.TABLE, "guide_stiffness_n_per_m"),
     Quantity("added", "base_frequency", Place.BASE, "frequency_hz"),
 )
 
 
+#: Frequencies that stand for nothing without a size.
+_OF_SIZE = {
+    "table_absorber_frequency": "table_absorber_mass",
+    "nut_absorber_frequency": "nut_absorber_mass",
+    "rotor_absorber_frequency": "rotor_absorber_inertia",
+    "screw_end_absorber_frequency": "screw_end_absorber_mass",
+    "base_frequency": "base_compliance",
+}
+
+
 def quantities_of(axis: AxisPhysics) -> tuple[Quantity, ...]:
     """Return the quantities that a drive has; what is zero or infinite plays no part in it."""
-    absent = {f"{place}_absorber_frequency" for place in ("table", "nut")}
-    absent = {name for name in absent if not getattr(axis.added, name.replace("frequency", "mass"))}
-    if not axis.added.base_compliance:
-        absent.add("base_frequency")
+    absent = {frequency for frequency, size in _OF_SIZE.items() if not getattr(axis.added, size)}
     present = [quantity for quantity in QUANTITIES if quantity.field not in absent]
     return tuple(quantity for quantity in present if math.isfinite(value := quantity.of(axis)) and value != 0.0)

@@ -8,9 +8,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.explanation import Described, Outcome
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.what_is_described import checks_of_described
 from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left, plain
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.effects.sizes import MachineSizes, Reference
@@ -33,14 +34,17 @@ def next_measurement(
     outcome: Outcome,
     candidates: Sequence[Effect[Physics]],
     sizes: MachineSizes | None = None,
+    *,
+    described: Sequence[Described] = (),
 ) -> str:
     """Return in a few words what to vary or check next; empty where nothing is open.
 
-    Of an outcome that leaves something open, *unknown*, *partial* or *equivalent*, it never is. The ``sizes`` of the
-    machine give it masses, lengths, preloads and bands; without them it names those of the settings.
+    Of an outcome that leaves something open, *unknown*, *partial*, *equivalent* or *described*, it never is. The
+    ``sizes`` of the machine give it masses, lengths, preloads and bands; without them it names those of the settings.
     """
     layout = found.final.comparison.layout
     advice = [words for found_class in classes for words in _to_distinguish(found_class, sizes)]
+    advice += [words for found_there in described for words in checks_of_described(found_there, layout)]
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL):
         advice += checks_of_what_is_left(found.final, sizes)
     if outcome is not Outcome.NAMED:

@@ -26,6 +26,7 @@ from monitor_core.fitting.coordinates import FreeParameters
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation
 from monitor_core.fitting.problem import central_differences
 from monitor_core.fitting.residuals.peak_grid import IndexArray, relative_frequency_uncertainty
+from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
 
 #: Standard deviation of a frequency without a stated uncertainty: what two modal tests of one machine differ by.
@@ -148,8 +149,8 @@ class NaturalFrequencyProblem:
         Raises OutsideValidityError if the model has no such parameters, or fewer elastic modes than were measured.
         """
         model, predicted = self.drive.model(coordinates), np.zeros(len(self.peaks))
-        for conditions, members in self._places:
-            elastic = _elastic_frequencies(model, conditions, self.motor_end)
+        under = elastic_frequencies(model, [conditions for conditions, _ in self._places], self.motor_end)
+        for (_, members), elastic in zip(self._places, under, strict=True):
             for k in members:
                 mode = self.peaks[k].mode
                 if mode > elastic.size:
@@ -210,7 +211,7 @@ def assign_by_frequency(
     modes = np.zeros(len(observations), dtype=np.int_)
     for conditions in dict.fromkeys(observation.conditions for observation in observations):
         here = [k for k, observation in enumerate(observations) if observation.conditions == conditions]
-        elastic = _elastic_frequencies(model, conditions, motor_end)
+        (elastic,) = elastic_frequencies(model, [conditions], motor_end)
         modes[here] = _nearest_modes([observations[k] for k in here], elastic, largest_shift)
     return tuple(AssignedPeak(observation, int(mode)) for observation, mode in zip(observations, modes, strict=True))
 
@@ -235,7 +236,12 @@ def _nearest_modes(here: Sequence[ModalObservation], elastic: FloatArray, larges
     return np.array([placed[k] + 1 for k in range(len(here))])
 
 
-def _elastic_frequencies(model: DriveModel, conditions: DriveConditions, motor_end: MotorEnd | None) -> FloatArray:
-    """Return the natural frequencies above zero, rising, shape (n_modes,) [Hz]."""
-    found = model.natural_frequencies(conditions, motor_end)
-    return np.array([mode.frequency for mode in found if mode.frequency > 0.0])
+def elastic_frequencies(
+    model: DriveModel, conditions: Sequence[DriveConditions], motor_end: MotorEnd | None = None
+) -> list[FloatArray]:
+    """Return the natural frequencies above zero under each of the conditions, rising, shape (n_modes,) each [Hz]."""
+    if isinstance(model, ExtendedModel):
+        found = model.natural_frequencies_under(conditions, motor_end)
+    else:
+        found = tuple(model.natural_frequencies(where, motor_end) for where in conditions)
+    return [np.array([mode.frequency for mode in modes if mode.frequency > 0.0]) for modes in found]

@@ -20,7 +20,19 @@ def costs_of_settings(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
 
     Raises OutsideValidityError where the model has no answer.
     """
-    whitened_by = fitted.around.whitened_by
-    whitened = replace(whitened_by, common=None)(fitted.around.misfit(physics))
-    of_settings = np.add.reduceat(np.where(fitted.fitted, whitened**2, 0.0), whitened_by.starts)
+    return summed_by_setting(fitted, squares_of_values(fitted, physics))
+
+
+def squares_of_values(fitted: Fitted[Physics], physics: Physics) -> FloatArray:
+    """Return what each value adds to that χ², 0 where it was not fitted, shape (n_values,).
+
+    Raises OutsideValidityError where the model has no answer.
+    """
+    whitened = replace(fitted.around.whitened_by, common=None)(fitted.around.misfit(physics))
+    return np.where(fitted.fitted, whitened**2, 0.0)
+
+
+def summed_by_setting(fitted: Fitted[Physics], squares: FloatArray) -> FloatArray:
+    """Return the sums over the values of each setting that was fitted, shape (n_fitted_settings,)."""
+    of_settings = np.add.reduceat(squares, fitted.around.whitened_by.starts)
     return np.asarray(of_settings[fitted_numbers(fitted)])

@@ -14,7 +14,7 @@ looked for as it always is.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -24,6 +24,7 @@ from monitor_core.errors import MonitorCoreError, NotIdentifiableError, OutsideV
 from monitor_core.fitting.coordinates import FreeParameters, is_spring
 from monitor_core.fitting.observations import AssignedPeak, ModalObservation, conditions_in_order
 from monitor_core.fitting.problem import Bounds
+from monitor_core.fitting.residuals.natural_frequencies import elastic_frequencies
 from monitor_core.fitting.residuals.peak_grid import relative_frequency_uncertainty
 from monitor_core.fitting.solver.least_squares import FitSettings, fit_local
 from monitor_core.models.protocol import DriveConditions, DriveModel, MotorEnd
@@ -81,7 +82,7 @@ class _ByNumber:
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         model = self.drive.model(coordinates)
         places = conditions_in_order(peak.observation for peak in self.peaks)
-        elastic = {where: _elastic_frequencies(model, where) for where in places}
+        elastic = dict(zip(places, _elastic_frequencies(model, places), strict=True))
         if any(peak.mode > elastic[peak.observation.conditions].size for peak in self.peaks):
             raise OutsideValidityError("the model has fewer elastic modes than the table numbers")
         found = [elastic[peak.observation.conditions][peak.mode - 1] for peak in self.peaks]
@@ -118,7 +119,7 @@ def _approached(drive: FreeParameters, peaks: tuple[AssignedPeak, ...]) -> _Appr
     lossless = {name: value if is_spring(name) else 0.0 for name, value in drive.parameters.items()}
     if not springs:
         return None
-    problem = _ByNumber(FreeParameters(drive.family, lossless, springs), peaks)
+    problem = _ByNumber(replace(drive, parameters=lossless, free=springs, uncertain={}), peaks)
     stated = problem.drive.start
     bounds = Bounds(stated - _DECADES, stated + _DECADES)
     corners = _CORNER * scipy.linalg.hadamard(2 ** math.ceil(math.log2(stated.size + 1)))[:, 1 : stated.size + 1]
@@ -133,7 +134,7 @@ def _approached(drive: FreeParameters, peaks: tuple[AssignedPeak, ...]) -> _Appr
     best = min(fits, key=lambda fit: fit.chi_squared)
     factors = {name: 10.0**moved for name, moved in zip(springs, best.coordinates.values - stated, strict=True)}
     near = {name: value * factors.get(_spring_of(name), 1.0) for name, value in drive.parameters.items()}
-    return _Approach(FreeParameters(drive.family, near, drive.free), best.chi_squared)
+    return _Approach(replace(drive, parameters=near, uncertain={}), best.chi_squared)
 
 
 def _spring_of(name: str) -> str:
@@ -142,8 +143,9 @@ def _spring_of(name: str) -> str:
     return f"{joint}_stiffness_{unit.replace('ns', 'n').replace('nms', 'nm')}" if unit else name
 
 
-def _elastic_frequencies(model: DriveModel, where: DriveConditions) -> FloatArray:
+def _elastic_frequencies(model: DriveModel, places: Sequence[DriveConditions]) -> list[FloatArray]:
     """Return natural frequencies above zero, rising [Hz]; those of a chain are had in a tenth of the time."""
     if isinstance(model, ReceptanceModel):
-        return undamped_frequencies(discretise(model.parameters, where, MotorEnd.FREE)) / (2.0 * math.pi)
-    return np.array([mode.frequency for mode in model.natural_frequencies(where) if mode.frequency > 0.0])
+        chains = (discretise(model.parameters, where, MotorEnd.FREE) for where in places)
+        return [undamped_frequencies(chain) / (2.0 * math.pi) for chain in chains]
+    return elastic_frequencies(model, places)

@@ -94,19 +94,28 @@ def carried_by_contacts(added: AddedPhysics, omega: NumberArray, bracket: Number
     e: NumberArray = d
     z, n = table + squared * added.nut_mass, -squared * added.nut_mass
     if added.table_absorber_mass:
-        damper, d = _absorber(omega, added.table_absorber_frequency, added.table_absorber_damping_ratio)
-        z = z * d - squared * added.table_absorber_mass * (1.0 + damper)
+        d, load = absorber(
+            omega, added.table_absorber_mass, added.table_absorber_frequency, added.table_absorber_damping_ratio
+        )
+        z = z * d + load
     if added.nut_absorber_mass:
-        damper, e = _absorber(omega, added.nut_absorber_frequency, added.nut_absorber_damping_ratio)
-        n = n * e - squared * added.nut_absorber_mass * (1.0 + damper)
+        e, load = absorber(
+            omega, added.nut_absorber_mass, added.nut_absorber_frequency, added.nut_absorber_damping_ratio
+        )
+        n = n * e + load
     return Carried(bracket, z, d, n, e)
 
 
-def _absorber(omega: NumberArray, frequency: float, damping_ratio: float) -> tuple[_Function, NumberArray]:
-    """Return 2jζr, a plain number where nothing damps, and 1 − r² + 2jζr."""
+def absorber(
+    omega: NumberArray, mass: float, frequency: float, damping_ratio: float
+) -> tuple[NumberArray, NumberArray]:
+    """Return 1 − r² + 2jζr and −ω² m (1 + 2jζr): over the first, the second is Z_a of the module's docstring.
+
+    Of what turns, with an inertia [kg·m²] in place of the mass, it is in N·m/rad.
+    """
     ratio = omega / (2.0 * np.pi * frequency)
     damper = 2j * damping_ratio * ratio if damping_ratio else 0.0
-    return damper, 1.0 - ratio * ratio + damper
+    return 1.0 - ratio * ratio + damper, -omega * omega * mass * (1.0 + damper)
 
 
 def own_frequencies(added: AddedPhysics, bracket: FloatArray, moving_mass: FloatArray) -> FloatArray:

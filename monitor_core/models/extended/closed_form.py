@@ -18,7 +18,8 @@ compliance of the screw go to zero nothing in it becomes singular, so that a lum
 other numbers.
 
 Where the nut has a mass of its own before the bracket, or something hangs on nut or table, the contacts carry more than
-a table; :mod:`monitor_core.models.extended.carried` says what.
+a table; :mod:`monitor_core.models.extended.carried` says what. What hangs on the rotor or on the far end of the screw
+has a dynamic stiffness Z/d in parallel with theirs, and all of its part is multiplied out with d.
 """
 
 from dataclasses import dataclass
@@ -27,10 +28,10 @@ from typing import Any
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray, reciprocal
-from monitor_core.models.extended.carried import Carried, carried_by_contacts
+from monitor_core.models.extended.carried import Carried, absorber, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.memory import Memory
-from monitor_core.models.extended.physics import AxisPhysics, JointPhysics
+from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, JointPhysics
 from monitor_core.models.rod import RodWaves
 
 #: Where springs with a causal loss factor have their stated stiffness: near a drive's first axial mode. [rad/s]
@@ -82,6 +83,17 @@ class Receptances:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _FarRod:
+    """The rod beyond the nut with what hangs on its end, all of it times d; shape (n_lines,)."""
+
+    at_nut: NumberArray  # d c
+    at_end: NumberArray  # d c + Z s
+    sine_over_z: NumberArray  # d s
+    z_sine: NumberArray  # d z − Z c [N/m]
+    scale: NumberArray | float  # d
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
     """What the screw depends on."""
 
@@ -124,8 +136,10 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
     r"""Return A and B: both rods in parallel at the nut, each held by its bearing, the bearings held by the base.
 
     Of a rod and its bearing κ, the dynamic stiffness between nut (n) and base (b), all over :math:`e = c + \kappa s`:
-    :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. On a base of stiffness
-    :math:`g/c_b` the sums over both rods leave :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
+    :math:`k_{nn} = (\kappa c - z)/e,\; k_{nb} = \kappa/e,\; k_{bb} = \kappa c/e`. What hangs on its end, of stiffness
+    Z, makes that :math:`e = c + (\kappa + Z) s`, :math:`k_{nn} = ((\kappa + Z) c - z)/e` and
+    :math:`k_{bb} = \kappa (c + Z s)/e`. On a base of stiffness :math:`g/c_b` the sums over both rods leave
+    :math:`k_{nn} - k_{nb}^2/(g/c_b + k_{bb})` at the nut.
     """
     physics, states = drive.physics, drive.states
     screw, joints, added, position = physics.screw, physics.joints, physics.added, states.position
@@ -135,12 +149,13 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
     mass = screw.axial_mass_share * screw.mass_per_length
     compliance = 1.0 / (screw.axial_rigidity * states.softening * _steel(physics, omega))
     rods = position, screw.length, (compliance, compliance), mass
-    near, far = memory.recall(_waves_of_both, omega, *rods)
+    near, unloaded = memory.recall(_waves_of_both, omega, *rods)
+    far = _with_load_at_end(added, unloaded, omega)
     near_end = near.cosine + near_bearing * near.sine_over_z
-    far_end = far.cosine + far_bearing * far.sine_over_z
+    far_end = far.at_end + far_bearing * far.sine_over_z
     segment = omega * omega * screw.nut_segment_mass
-    near_base, far_base = near_bearing * near.cosine, far_bearing * far.cosine
-    near_nut, far_nut = near_base - near.z_sine, far_base - far.z_sine
+    near_base, far_base = near_bearing * near.cosine, far_bearing * far.at_end
+    near_nut, far_nut = near_base - near.z_sine, far_bearing * far.at_nut - far.z_sine
     stiffness = near_nut * far_end + near_end * (far_nut - segment * far_end)
     if not added.base_compliance:
         return stiffness, near_end * far_end
@@ -148,9 +163,23 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
     base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
     on_base = near_base * far_end + near_end * far_base
     # (Σk_nn Σk_bb − (Σk_nb)²) e e', in which c² + s z = 1 has cancelled one e e'
-    both = near_nut * far_base + far_nut * near_base - 2.0 * near_bearing * far_bearing - segment * on_base
+    both = near_nut * far_base + far_nut * near_base - 2.0 * near_bearing * far_bearing * far.scale - segment * on_base
     both = both - near_bearing * near.z_sine * far_end - far_bearing * far.z_sine * near_end
     return stiffness * base + added.base_compliance * both, near_end * far_end * base + added.base_compliance * on_base
+
+
+def _with_load_at_end(added: AddedPhysics, far: RodWaves[Any], omega: NumberArray) -> _FarRod:
+    """Return the rod beyond the nut with what hangs on the far end of the screw."""
+    if not added.screw_end_absorber_mass:
+        return _FarRod(far.cosine, far.cosine, far.sine_over_z, far.z_sine, 1.0)
+    d, load = absorber(
+        omega,
+        added.screw_end_absorber_mass,
+        added.screw_end_absorber_frequency,
+        added.screw_end_absorber_damping_ratio,
+    )
+    at_nut = d * far.cosine
+    return _FarRod(at_nut, at_nut + load * far.sine_over_z, d * far.sine_over_z, d * far.z_sine - load * far.cosine, d)
 
 
 def _torsion(
@@ -178,16 +207,24 @@ def _torsion(
     coupling = joints.coupling_stiffness * elastic + _damper(omega, joints.coupling_damping)
     rotor = physics.added.servo_stiffness - squared * (bodies.rotor_inertia + at_motor_end)
     rotor = rotor + _damper(omega, bodies.motor_damping)
+    free: NumberArray | FloatArray = ends.free
+    turns = free * rotor
+    if physics.added.rotor_absorber_inertia:
+        added = physics.added
+        d, load = absorber(
+            omega, added.rotor_absorber_inertia, added.rotor_absorber_frequency, added.rotor_absorber_damping_ratio
+        )
+        free, turns = free * d, turns * d + free * load
     # held behind the coupling; a free rotor is in series with it, κ Z/(κ + Z), multiplied through with κ + Z
     held = torsion_0 + coupling * torsion_1
-    loose = ends.prescribed + ends.free * coupling
-    fixed = ends.clamped + ends.free * rotor
+    loose = ends.prescribed + free * coupling
+    fixed = ends.clamped + turns
     turning = far.cosine * (loose * end_0 + fixed * (end_0 + coupling * near.sine_over_z))
     return (
         loose * torsion_0 + fixed * held,
         i**2 * turning,
         i * loose * far.cosine,
-        ends.prescribed * torsion_1 + ends.free * held,
+        ends.prescribed * torsion_1 + free * held,
     )
 
 

@@ -99,7 +99,16 @@ _LOWEST = 1e-6
 #: Relative distance from which a natural frequency is distinguished from a pole of a part.
 _APART = 1e-9
 #: Damping ratios of what is part of the drive.
-_RATIOS = ("base_damping_ratio", "table_absorber_damping_ratio", "nut_absorber_damping_ratio")
+_RATIOS = (
+    "base_damping_ratio", "table_absorber_damping_ratio", "nut_absorber_damping_ratio", "rotor_absorber_damping_ratio",
+    "screw_end_absorber_damping_ratio",
+)  # fmt: skip
+#: What resonates within a part of the drive: the resonance may lie arbitrarily near those that the part has without.
+_WITHIN_PARTS = {
+    "base_compliance": "base_frequency",
+    "screw_end_absorber_mass": "screw_end_absorber_frequency",
+    "rotor_absorber_inertia": "rotor_absorber_frequency",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,9 +244,10 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     )
     n_lines = max(_FEWEST_LINES, math.ceil(_PER_HALF_WAVE * highest * slowness * screw.length / math.pi))
     grid = np.linspace(_LOWEST * highest, highest, n_lines)
-    if added.base_compliance:  # its resonance may lie arbitrarily near those of the screw on a base held still
-        held = replace(drives, physics=replace(drives.physics, added=replace(added, base_compliance=0.0)))
-        own = 2.0 * math.pi * added.base_frequency
+    within = next((name for name in _WITHIN_PARTS if getattr(added, name)), None)
+    if within is not None:  # poles with it lie between those without it and its own, one between each two (Rayleigh)
+        held = replace(drives, physics=replace(drives.physics, added=replace(added, **{within: 0.0})))
+        own = 2.0 * math.pi * getattr(added, _WITHIN_PARTS[within])
         grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(own, highest)])
         n_lines = grid.size
     n_conditions = drives.states.position.size

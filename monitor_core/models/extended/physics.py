@@ -88,6 +88,10 @@ class BodyPhysics:
         _require_not_negative(self, "nut_mass", "rotor_inertia", "table_damping", "motor_damping")
 
 
+#: Where something may hang on a spring, and what it has there.
+_ABSORBERS = {"table": "mass", "nut": "mass", "rotor": "inertia", "screw_end": "mass"}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddedPhysics:
     """What none of the published models has; every default is the value at which it is absent.
@@ -104,6 +108,12 @@ class AddedPhysics:
     nut_absorber_mass: float = 0.0  # the same on the nut, before the bracket [kg]
     nut_absorber_frequency: float = 0.0  # [Hz]
     nut_absorber_damping_ratio: float = 0.0  # [-]
+    rotor_absorber_inertia: float = 0.0  # of what turns on a spring of its own behind the rotor [kg·m²]
+    rotor_absorber_frequency: float = 0.0  # with the rotor held still [Hz]
+    rotor_absorber_damping_ratio: float = 0.0  # [-]
+    screw_end_absorber_mass: float = 0.0  # of a mass on a spring at the far end of the screw, along it [kg]
+    screw_end_absorber_frequency: float = 0.0  # with the end held still [Hz]
+    screw_end_absorber_damping_ratio: float = 0.0  # [-]
     payload_error: float = 0.0  # true payload less the stated one, wherever one is stated [kg]
     series_compliance: float = 0.0  # in the force path, with the loss factor of the joints [m/N]
     guide_stiffness: float = 0.0  # table to ground [N/m]
@@ -139,13 +149,14 @@ class AddedPhysics:
         _require_not_negative(
             self, "guide_friction", "base_compliance", "base_damping_ratio", "mounting_inverse_square",
             "mounting_damping_ratio", "second_mode_damping_ratio", "nut_mass", "table_absorber_mass",
-            "table_absorber_damping_ratio", "nut_absorber_mass", "nut_absorber_damping_ratio",
+            "table_absorber_damping_ratio", "nut_absorber_mass", "nut_absorber_damping_ratio", "rotor_absorber_inertia",
+            "rotor_absorber_damping_ratio", "screw_end_absorber_mass", "screw_end_absorber_damping_ratio",
         )  # fmt: skip
-        for place in ("table", "nut"):
+        for place, body in _ABSORBERS.items():
             frequency = getattr(self, f"{place}_absorber_frequency")
-            if getattr(self, f"{place}_absorber_mass") and not frequency > 0.0:
+            if getattr(self, f"{place}_absorber_{body}") and not frequency > 0.0:
                 raise OutsideValidityError(
-                    f"{place}_absorber_frequency must be positive where the absorber has a mass; got {frequency} Hz"
+                    f"{place}_absorber_frequency must be positive where the absorber has a {body}; got {frequency} Hz"
                 )
         if not self.base_frequency > 0.0:
             raise OutsideValidityError(f"base_frequency must be positive; got {self.base_frequency} Hz")

@@ -98,6 +98,12 @@ class Hidden:
     #: The force of the nut acts so far beside the screw, which bends between supports that let it turn. [m]
     bend_eccentricity: float = 0.0
     coupling_crack: float = 0.0  # the coupling yields more, by so many times, where a crack opens, once a turn [-]
+    rotor_absorber_inertia: float = 0.0  # what turns on a spring of its own behind the rotor [kg·m²]
+    rotor_absorber_frequency: float = 300.0  # [Hz]
+    rotor_absorber_damping_ratio: float = 0.02
+    screw_end_absorber_mass: float = 0.0  # a mass on a spring at the far end of the screw, along it [kg]
+    screw_end_absorber_frequency: float = 300.0  # [Hz]
+    screw_end_absorber_damping_ratio: float = 0.02
     coupling_crack_phase: float = 0.0  # [rad]: compliance (1 + crack (1 + cos(2πx/lead − phase))/2)
 
 

@@ -136,6 +136,10 @@ def assemble(axis: Axis, setting: Setting, element_length: float | None = None) 
         ("table", "absorber", hidden.absorber_mass, hidden.absorber_frequency, hidden.absorber_damping_ratio),
         ("nut_body", "nut_absorber", hidden.nut_absorber_mass, hidden.nut_absorber_frequency,
          hidden.nut_absorber_damping_ratio),
+        ("rotor", "rotor_absorber", hidden.rotor_absorber_inertia, hidden.rotor_absorber_frequency,
+         hidden.rotor_absorber_damping_ratio),
+        ("far_end", "screw_end_absorber", hidden.screw_end_absorber_mass, hidden.screw_end_absorber_frequency,
+         hidden.screw_end_absorber_damping_ratio),
     ):  # fmt: skip
         if mass_of:
             wander = hidden.absorber_frequency_slope * (x - 0.5 * parts.screw_length) if place == "table" else 0.0
@@ -199,6 +203,10 @@ def _bodies(axis: Axis, setting: Setting, on_nut: float) -> dict[str, float]:
         bodies["absorber"] = hidden.absorber_mass
     if hidden.nut_absorber_mass:
         bodies["nut_absorber"] = hidden.nut_absorber_mass
+    if hidden.rotor_absorber_inertia:
+        bodies["rotor_absorber"] = hidden.rotor_absorber_inertia
+    if hidden.screw_end_absorber_mass:
+        bodies["screw_end_absorber"] = hidden.screw_end_absorber_mass
     return bodies
 
 

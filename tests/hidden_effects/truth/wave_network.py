@@ -204,7 +204,11 @@ def _tension(axis: Axis, setting: Setting, lines: Lines) -> ComplexArray:
         p.bearing_stiffness * lines.joints + s * p.bearing_damping,
         far * lines.joints + s * p.far_bearing_damping,
     )
+    at_end = _hanging(s, h.screw_end_absorber_mass, h.screw_end_absorber_frequency, h.screw_end_absorber_damping_ratio)
+    if h.screw_end_absorber_mass and h.base_compliance:
+        raise ValueError("here nothing hangs on the end of a screw whose bearings stand on a base that yields")
     lengths = position, p.screw_length - position
+    bearings = bearings[0], bearings[1] + at_end
     rods = [held_rod(s, rigidity, p.density * area, *end) for end in zip(lengths, bearings, strict=True)]
     at_nut = rods[0].at_nut + rods[1].at_nut
     if not h.base_compliance:
@@ -226,6 +230,7 @@ def _torsion(axis: Axis, setting: Setting, lines: Lines) -> tuple[ComplexArray, 
     far = held_rod(s, rigidity, p.density * polar, p.screw_length - position, 0.0)
     rotor = s**2 * (p.motor_inertia + p.coupling_inertia) + s * (p.motor_damping + h.motor_damping)
     rotor = rotor + h.servo_stiffness + near.at_body
+    rotor = rotor + _hanging(s, h.rotor_absorber_inertia, h.rotor_absorber_frequency, h.rotor_absorber_damping_ratio)
     free_screw = near.at_nut + far.at_nut
     at_nut = free_screw - near.across**2 / rotor
     unloaded = -near.across / (rotor * at_nut)  # angle at the nut per torque
