@@ -1,4 +1,4 @@
-"""Every action of the pages in both themes and widths: each control of its form can be seen and hit, and it is done."""
+"""Every action in both themes and widths, by click and by keyboard: each control can be seen and hit; it is done."""
 
 import itertools
 import re
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 from tests.browser.conftest import SIZES, THEMES, Site, Visit
 from tests.browser.states import CONFIGURATION
@@ -39,22 +39,39 @@ _WRONG = """button => [...button.form.elements].filter(control =>
 })"""
 
 
-def submit(page: Page, name: str) -> None:
+Submit = Callable[[Page, str], None]
+
+
+def by_click(page: Page, name: str) -> None:
     """Click a button after a look at every control of its form."""
+    _looked_at(page, name).click()
+
+
+def by_keyboard(page: Page, name: str) -> None:
+    """Come to a button with the tabulator, after a look at every control of its form, and press Enter."""
+    button = _looked_at(page, name)
+    button.focus()
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("Tab")
+    expect(button).to_be_focused()
+    page.keyboard.press("Enter")
+
+
+def _looked_at(page: Page, name: str) -> Locator:
     button = page.get_by_role("button", name=name, exact=True).first
     button.wait_for()
     assert button.evaluate(_WRONG) == []
-    button.click()
+    return button
 
 
-def register(page: Page, site: Site, _: Path) -> None:
+def register(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/new")
     page.locator("#name").fill("Lathe Z")
     submit(page, "Register")
     expect(page.locator("h1")).to_have_text("Import a recording of Lathe Z")
 
 
-def import_recording(page: Page, site: Site, folder: Path) -> None:
+def import_recording(page: Page, submit: Submit, site: Site, folder: Path) -> None:
     page.goto(f"{site.url}/axes/uncalibrated/import")
     page.locator("#file").set_input_files(csv_file(folder))
     submit(page, "Look into it")
@@ -70,7 +87,7 @@ def import_recording(page: Page, site: Site, folder: Path) -> None:
     expect(page.locator("#taken")).to_contain_text(f"Imported: {N_SECONDS} windows", timeout=30_000)
 
 
-def calibrate_activate_and_roll_back(page: Page, site: Site, _: Path) -> None:
+def calibrate_activate_and_roll_back(page: Page, submit: Submit, site: Site, _: Path) -> None:
     site.api.register(TO_CALIBRATE, **CONFIGURATION | {"search_band_hz": [140, 230]})
     measure_settings(site.api, range(len(SETTINGS)))
     first = site.api.calibrate(TO_CALIBRATE)
@@ -87,7 +104,7 @@ def calibrate_activate_and_roll_back(page: Page, site: Site, _: Path) -> None:
     assert site.api.axis(TO_CALIBRATE)["active_calibration"] == first
 
 
-def change_settings(page: Page, site: Site, _: Path) -> None:
+def change_settings(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/alarm/settings")
     fill_in(page)
     submit(page, "What would this change?")
@@ -96,7 +113,7 @@ def change_settings(page: Page, site: Site, _: Path) -> None:
     expect(page.locator("#said")).to_have_text("The settings are saved.")
 
 
-def answer_an_alarm(page: Page, site: Site, _: Path) -> None:
+def answer_an_alarm(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(site.url + alarm_path(site))
     submit(page, "I have seen it")
     expect(page.locator("#said")).to_have_text("Noted: you have seen the alarm.")
@@ -111,7 +128,7 @@ def answer_an_alarm(page: Page, site: Site, _: Path) -> None:
     expect(page.locator("#status")).to_contain_text("cleared")
 
 
-def log_work(page: Page, site: Site, _: Path) -> None:
+def log_work(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/normal/work")
     page.get_by_label("What was done").select_option("lubricated")
     page.get_by_label(re.compile("^When")).fill(DAY)
@@ -120,7 +137,7 @@ def log_work(page: Page, site: Site, _: Path) -> None:
     expect(page.locator("#work")).to_contain_text("grease gun")
 
 
-def pin_a_period(page: Page, site: Site, _: Path) -> None:
+def pin_a_period(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/normal/stored")
     page.locator("#pin-from").fill("2026-03-02T00:00")
     page.locator("#pin-to").fill(DAY)
@@ -130,14 +147,14 @@ def pin_a_period(page: Page, site: Site, _: Path) -> None:
     expect(page.locator("#said")).to_contain_text("The rule decides")
 
 
-def replay_a_stored_period(page: Page, site: Site, _: Path) -> None:
+def replay_a_stored_period(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/acknowledged/stored")
     page.locator("#to").fill(DAY)
     submit(page, "Compare")
     expect(page.locator("#compared")).to_contain_text("compare without an end", timeout=30_000)
 
 
-def judge_again_by_another_calibration(page: Page, site: Site, _: Path) -> None:
+def judge_again_by_another_calibration(page: Page, submit: Submit, site: Site, _: Path) -> None:
     document = site.api.http.get("/v1/axes/acknowledged/calibrations").json()["calibrations"][0]["document"]
     other = site.api.http.post("/v1/axes/acknowledged/calibrations", json={"document": document}).json()["id"]
     page.goto(f"{site.url}/axes/acknowledged/stored")
@@ -145,12 +162,14 @@ def judge_again_by_another_calibration(page: Page, site: Site, _: Path) -> None:
     submit(page, "Compare")
     expect(page.locator("#compared")).to_contain_text("The alarms are the same.", timeout=30_000)
     page.get_by_label("Why").fill("reviewed")
+    compared = page.url
     submit(page, "Let it stand")
+    page.wait_for_url(lambda url: url != compared)
     wait_for(site.api, page.url.split("?")[0].rpartition("/")[2], "done")
     assert site.api.axis("acknowledged")["active_calibration"] == other
 
 
-def archive_and_take_back(page: Page, site: Site, _: Path) -> None:
+def archive_and_take_back(page: Page, submit: Submit, site: Site, _: Path) -> None:
     page.goto(f"{site.url}/axes/alert")
     page.locator("#archive summary").click()
     submit(page, "Archive")
@@ -160,17 +179,18 @@ def archive_and_take_back(page: Page, site: Site, _: Path) -> None:
     expect(page.locator("#said")).to_contain_text("Taken back")
 
 
-ACTIONS: tuple[Callable[[Page, Site, Path], None], ...] = (
+ACTIONS: tuple[Callable[[Page, Submit, Site, Path], None], ...] = (
     register, import_recording, calibrate_activate_and_roll_back, change_settings, answer_an_alarm, log_work,
     pin_a_period, replay_a_stored_period, judge_again_by_another_calibration, archive_and_take_back,
 )  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "theme"), list(itertools.product(SIZES, THEMES)))
+@pytest.mark.parametrize("look", list(itertools.product(SIZES, THEMES)), ids="-".join)
+@pytest.mark.parametrize("submit", [by_click, by_keyboard])
 def test_every_action_can_be_seen_hit_and_done(
-    fresh_service: Site, visit: Visit, tmp_path: Path, size: str, theme: str
+    fresh_service: Site, visit: Visit, tmp_path: Path, look: tuple[str, str], submit: Submit
 ) -> None:
-    page = visit(fresh_service.url, "/", size, theme)
+    page = visit(fresh_service.url, "/", *look)
     for act in ACTIONS:
-        act(page, fresh_service, tmp_path)
+        act(page, submit, fresh_service, tmp_path)
