@@ -395,11 +395,11 @@ def test_joints_are_identified_beside_the_effects_of_a_model(preload: Any, tmp_p
     uncertain = "\n[uncertain]\nnut_stiffness_n_per_m = 0.9\n"
     words = ("identify", modal_table(tmp_path, *rows), "--model", model, "--effects", own_effects)
     model.write_text("\n".join(lines) + effect + uncertain, encoding="utf-8")
-    found = preload(*words, "--out", out, "--json").json()["joints"]["nut_stiffness_n_per_m"]
+    found = preload(*words, "--out", out, "--json").json()["parameters"]["nut_stiffness_n_per_m"]
     assert found["value"] == pytest.approx(stated, rel=2e-3)
     assert read_model_file(out).effects == read_model_file(machine).effects
     model.write_text("\n".join(lines) + uncertain, encoding="utf-8")
-    without = preload(*words, "--json").json()["joints"]["nut_stiffness_n_per_m"]
+    without = preload(*words, "--json").json()["parameters"]["nut_stiffness_n_per_m"]
     assert abs(without["value"] / stated - 1.0) > 0.02
 
 
