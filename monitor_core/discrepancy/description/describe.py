@@ -1,7 +1,7 @@
 """Describe a misfit that no effect of the catalogue explains: what swings where, which quantity varies by which law.
 
 One quantity at a time varies freely over the settings (:mod:`.free_variation`); the laws that come near to what the
-best of them would explain are refitted, with everything else. They stand beside what may swing at a port of the drive
+best of them would explain are refitted, with everything else. They compete with what may swing at a port of the drive
 (:mod:`.bases`), and all are judged on data that no fit saw. Where none holds, that something varies may still be sure
 (:mod:`.no_form`).
 """
