@@ -11,6 +11,7 @@ from monitor_core.discrepancy import (
     MisfitMap,
     WrongRecord,
 )
+from monitor_core.discrepancy.description.quantities import Place
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
 
@@ -78,9 +79,9 @@ def _described(found: Described) -> JsonObject:
     """
     parameters, law = {name: _parameter(value) for name, value in found.parameters.items()}, found.law
     return {
-        "place": found.place,
+        "place": "screw" if found.place == Place.SCREW_END else found.place,
         "parameter": found.parameter,
-        "varies_with": None if law is None else str(law.variable),
+        "varies_with": "none" if law is None else str(law.variable),
         "law": None if law is None else {
             "form": str(law.form),
             "parameters": parameters,
