@@ -21,6 +21,7 @@ from tests.service.test_jobs import wait_for
 
 preload = test_cli.preload  # a fixture
 TEXT = MODEL.read_text(encoding="utf-8")
+ADDED_MASS = "\n[effects.added-mass]\nmass_kg = 3\n"
 NUT = TEXT + "\n[uncertain]\nnut_stiffness_n_per_m = 0.5\n"
 N_WINDOWS = 10
 
@@ -182,9 +183,14 @@ def test_joints_that_all_end_at_a_limit_fail_the_job_with_a_sentence(shared_api:
         ({"peaks": [peak(600, 118, preload_n=300), peak(800, 118)]}, "outside-validity", "state the rating"),
         ({"model": "family = ", "peaks": published_peaks()}, "recording-format", "model: expected a drive model"),
         (
-            {"model": TEXT + "\n[effects.added-mass]\nmass_kg = 3\n", "peaks": published_peaks()},
+            {"model": TEXT + "\n[effects.bearing-along]\nchange = -0.5\n", "peaks": published_peaks()},
+            "outside-validity",
+            "got 'bearing-along'",
+        ),
+        (
+            {"model": TEXT + ADDED_MASS, "peaks": published_peaks(), "objective": "eq-26"},
             "not-identifiable",
-            "without effects; got the effect 'added-mass'",
+            "got one with the effect",
         ),
         ({"model": "family = ", "measurements": {}}, "recording-format", "model: expected a drive model in TOML"),
         (
