@@ -160,3 +160,14 @@ def violations(page: Page) -> list[str]:
     return [
         f"{rule['id']}: {node['target']} {node['failureSummary'][:200]}" for rule in found for node in rule["nodes"]
     ]
+
+
+def zoom_by_dragging(page: Page) -> None:
+    """Drag over the third quarter of the trend of an axis, and wait for the page that shows it alone."""
+    box = page.locator("#preload-chart .wide svg").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.75, box["y"] + 60, steps=3)
+    page.mouse.up()
+    page.wait_for_url("**from=*")

@@ -6,7 +6,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, bytes_of, violations
+from tests.browser.conftest import SIZES, THEMES, Site, Visit, bytes_of, violations, zoom_by_dragging
 from tests.browser.states import MISSING, STATES
 from tests.browser.test_fleet_page import small_targets, small_texts
 
@@ -133,13 +133,7 @@ def test_ranges_and_zoom_show_less_and_more(served: Site, visit: Visit) -> None:
     assert spans["day"] < 2 < spans["month"] < 40 < spans["year"] < 400 < spans["all"]
     page.get_by_role("link", name="closer").click()
     assert span() == pytest.approx(spans["all"] / 2, rel=0.01)
-    box = page.locator("#preload-chart .wide svg").bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] * 0.75, box["y"] + 60, steps=3)
-    page.mouse.up()
-    page.wait_for_url("**from=*")
+    zoom_by_dragging(page)
     assert span() == pytest.approx(spans["all"] / 2 * 0.25 * 1180 / 1082, rel=0.05)
 
 

@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from service.web.pages import PAGES
-from tests.browser.conftest import SIZES, THEMES, Site, Visit, sites, violations
+from tests.browser.conftest import SIZES, THEMES, Site, Visit, sites, violations, zoom_by_dragging
 from tests.browser.states import measure
 from tests.browser.test_alarm_page import number, press
 from tests.browser.test_fleet_page import small_targets
@@ -134,10 +134,4 @@ def test_the_trend_is_read_by_keyboard_and_zoomed_by_dragging(
     page.locator("#preload-chart").focus()
     page.keyboard.press("ArrowLeft")
     expect(page.locator("#reading")).to_contain_text("N ±")
-    box = page.locator("#preload-chart .wide svg").bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] * 0.75, box["y"] + 60, steps=3)
-    page.mouse.up()
-    page.wait_for_url("**from=*")
+    zoom_by_dragging(page)
