@@ -4,6 +4,7 @@
 judges what was found, and answers with an :class:`Explanation`.
 """
 
+from monitor_core.discrepancy.description.quantities import Place
 from monitor_core.discrepancy.explain_axis import ExplainOptions, Measured, explain, require_explainable
 from monitor_core.discrepancy.explanation import (
     Candidate,
@@ -32,6 +33,7 @@ __all__ = [
     "Misfit",
     "MisfitMap",
     "Outcome",
+    "Place",
     "RecordFault",
     "SettingTolerances",
     "WrongRecord",

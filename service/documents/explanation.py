@@ -9,9 +9,9 @@ from monitor_core.discrepancy import (
     GapPair,
     Misfit,
     MisfitMap,
+    Place,
     WrongRecord,
 )
-from monitor_core.discrepancy.description.quantities import Place
 from service.documents.measurement import finite_or_null
 from service.json_types import JsonObject
 
