@@ -1,24 +1,20 @@
 """Purges in the service: once a day by themselves, or because somebody asks; jobs of kind ``purge``."""
 
-import logging
-import threading
 from functools import partial
 
 from pydantic import BaseModel
 from sqlalchemy.orm import Session
 
 from service.clock import now
-from service.errors import ServiceError
 from service.jobs import JobHandle, JobRunner
 from service.json_types import JsonObject
 from service.operations.keeping.purge import Purge
 from service.operations.keeping.rule import Rule
+from service.repeatedly import Repeatedly
 from service.store import jobs, retention
 from service.store.database import Database
 from service.store.tables import JobRow
 from service.store.waveforms import folder_of_day
-
-log = logging.getLogger(__name__)
 
 KIND = "purge"
 #: How often it is looked whether today's purge has begun.
@@ -39,20 +35,17 @@ class Purges:
         self._jobs = runner
         self._purge = purge
         self._rule = rule
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="purges", daemon=True)
+        self._looking = Repeatedly("purges", self.begin_if_due, every_s=LOOKED_EVERY_S, waits="today's purge")
 
     def start(self) -> None:
         """Remove what a crash left over, and begin a purge a day; jobs are resumed after this."""
         self._purge.settle()
         if self._rule.keep_raw_days is not None:
-            self._thread.start()
+            self._looking.start()
 
     def close(self) -> None:
         """Begin no more."""
-        self._stopping.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._looking.close()
 
     def begin(self, who: str) -> JobRow:
         """Begin a purge, or return the one that is not done yet; raises ConflictError if there is no rule."""
@@ -89,13 +82,3 @@ class Purges:
     def _stored(self, who: str, session: Session, job: JobRow) -> JsonObject:
         del job
         return _Arguments(purge=self._purge.begin(session, who, now()).id).model_dump()
-
-    def _serve(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                self.begin_if_due()
-            except ServiceError as error:
-                log.warning("today's purge waits: %s", error)
-            except Exception:  # the edge of this thread, which must live on
-                log.exception("today's purge waits")
-            self._stopping.wait(LOOKED_EVERY_S)

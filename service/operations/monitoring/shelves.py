@@ -1,15 +1,10 @@
 """Bring alarms back whose shelf has ended: an event of each, which receivers are told of like any other."""
 
-import logging
-import threading
-
 from service.clock import now
-from service.errors import ServiceError
 from service.operations.monitoring.alarm_changes import bring_back
+from service.repeatedly import Repeatedly
 from service.store import alarms
 from service.store.database import Database
-
-log = logging.getLogger(__name__)
 
 #: How often it is looked whether a shelf has ended.
 LOOKED_EVERY_S = 2.0
@@ -20,18 +15,16 @@ class Shelves:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="shelves", daemon=True)
+        waits = "an alarm whose shelf has ended"
+        self._looking = Repeatedly("shelves", self.end, every_s=LOOKED_EVERY_S, waits=waits)
 
     def start(self) -> None:
         """Begin to look, first for what ended while no service ran."""
-        self._thread.start()
+        self._looking.start()
 
     def close(self) -> None:
         """Look no more."""
-        self._stopping.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._looking.close()
 
     def end(self) -> int:
         """Bring back every alarm whose shelf has ended, and return how many."""
@@ -43,13 +36,3 @@ class Shelves:
             for row in ended:
                 bring_back(session, row)
         return len(ended)
-
-    def _serve(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                self.end()
-            except ServiceError as error:
-                log.warning("an alarm whose shelf has ended waits: %s", error)
-            except Exception:  # the edge of this thread, which must live on
-                log.exception("an alarm whose shelf has ended waits")
-            self._stopping.wait(LOOKED_EVERY_S)
