@@ -59,15 +59,22 @@ class PreparedSelect(_Prepared):
         self._kinds = [column.type for column in statement.selected_columns]
         self._from_driver: dict[str, list[tuple[int, Callable[[Any], Any]]]] = {}  # by dialect, of columns that want it
 
-    def rows(self, connection: Connection, values: dict[str, object]) -> list[list[Any]]:
+    def rows(self, connection: Connection, values: dict[str, object]) -> Sequence[Sequence[Any]]:
         """Return what it finds."""
         cursor, dialect = self._run(connection, values), connection.dialect
         convert = self._from_driver.get(dialect.name)
         if convert is None:
             kinds = zip(self._kinds, cursor.description, strict=True)
-            found = [kind.dialect_impl(dialect).result_processor(dialect, described[1]) for kind, described in kinds]
-            convert = self._from_driver[dialect.name] = [(i, own) for i, own in enumerate(found) if own is not None]
-        rows = [list(row) for row in cursor.fetchall()]
+            processors = [
+                kind.dialect_impl(dialect).result_processor(dialect, described[1]) for kind, described in kinds
+            ]
+            convert = self._from_driver[dialect.name] = [
+                (i, own) for i, own in enumerate(processors) if own is not None
+            ]
+        found: list[tuple[Any, ...]] = cursor.fetchall()
+        if not convert:
+            return found
+        rows = [list(row) for row in found]
         for row in rows:
             for i, own in convert:
                 row[i] = own(row[i])

@@ -50,11 +50,16 @@ class UtcMicroseconds(TypeDecorator[datetime]):
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> int | None:
         """Count the microseconds."""
-        return None if value is None else (value - _EPOCH) // timedelta(microseconds=1)
+        return None if value is None else microseconds_of(value)
 
     def process_result_value(self, value: int | None, dialect: Dialect) -> datetime | None:
         """Return the moment."""
         return None if value is None else _EPOCH + timedelta(microseconds=value)
+
+
+def microseconds_of(moment: datetime) -> int:
+    """Return a moment as microseconds since 1970."""
+    return (moment - _EPOCH) // timedelta(microseconds=1)
 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -268,7 +273,10 @@ class AlarmRow(Base):
     """An alarm with the evidence it rests on."""
 
     __tablename__ = "alarms"
-    __table_args__ = (Index("ix_alarms_axis_status", "axis_id", "status", "id"),)
+    __table_args__ = (
+        Index("ix_alarms_axis_status", "axis_id", "status", "id"),
+        Index("ix_alarms_status", "status", "axis_id"),
+    )
 
     id: Mapped[int] = mapped_column(Identity, primary_key=True)
     axis_id: Mapped[str] = mapped_column(ForeignKey("axes.id"))

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sqlalchemy import Engine, event
+from sqlalchemy import Engine, event, insert, select
 
+from service.store import alarms
+from service.store.database import Database
+from service.store.tables import AlarmRow, MeasurementRow
 from tests.service.conftest import START, Api, running_service, simulated_measurement
 from tests.service.long_history import lengthen
 
@@ -99,3 +102,36 @@ def test_steps_are_counted(tmp_path: Path) -> None:
         before = steps.counted
         api.trend("axis")
         assert steps.counted > before
+
+
+def test_open_alarms_are_found_without_passing_the_cleared(tmp_path: Path) -> None:
+    with running_service(tmp_path) as api:
+        api.register("axis", windows_per_measurement=2, minimum_averages=2)
+        api.calibrate("axis")
+        api.accept("axis", simulated_measurement(np.random.default_rng(1), "first", n_windows=2))
+    steps, found = Steps(), []
+    event.listen(Engine, "connect", steps.watch)
+    try:
+        database = Database(f"sqlite:///{api.data_dir}/preload.db")
+        for n_cleared in (10, 5000):
+            with database.write() as session:
+                measurement = session.scalars(select(MeasurementRow.id)).first()
+                cleared = {"axis_id": "axis", "measurement_id": measurement, "kind": "preload-loss", "epoch": 1}
+                cleared |= {"raised_at": START, "measured_at": START, "status": "cleared"}
+                cleared |= {"evidence": {}, "explanation": {}, "shelved_until": START}
+                session.execute(insert(AlarmRow), [cleared] * n_cleared)
+            found.append({})
+            for look in (alarms.list_open, alarms.open_by_axis, alarms.ends_of_shelves):
+                with database.read() as session:
+                    steps.counted = 0
+                    assert not look(session)
+                    found[-1][look.__name__] = steps.counted
+            with database.read() as session:
+                steps.counted = 0
+                assert not alarms.has_ended_shelves(session, START)
+                found[-1]["has_ended_shelves"] = steps.counted
+        database.close()
+    finally:
+        event.remove(Engine, "connect", steps.watch)
+    few, many = found
+    assert all(many[name] <= MOST_GROWTH * few[name] + MOST_MORE for name in few), found

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
+from operator import attrgetter
 from typing import Literal
 
 from sqlalchemy import Connection
@@ -24,7 +25,7 @@ from service.store import alarms, axes, measurements
 from service.store.database import Database, document_of
 from service.store.intake import outcomes_of
 from service.store.retention import LetGo, let_go
-from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow
+from service.store.tables import AxisRow, MeasurementDocumentRow, MeasurementRow, WindowRow, microseconds_of
 from service.store.trend.points import (
     Cursor,
     Span,
@@ -35,12 +36,13 @@ from service.store.trend.points import (
     points_at,
     preloads,
 )
-from service.store.trend.rollups import DAY, HOUR, Rollup, begin_of, merge, number_held, rollups
+from service.store.trend.rollups import DAY, HOUR, Extremes, begin_of, extremes_held, number_held
 
 #: Which measurements a page of the trend is asked for.
 Only = Literal["refused", "in-doubt"]
 #: A page of some of the measurements looks at so many.
 LOOKED_AT = 2000
+_LOWEST, _HIGHEST = attrgetter("lowest_n", "lowest_at"), attrgetter("highest_n")
 #: So many measurements, or hours, are read for each point that is wanted at most.
 READ_PER_POINT = 4
 
@@ -65,17 +67,18 @@ def thin_out(points: Sequence[TrendPoint], most: int) -> list[TrendPoint]:
     """Keep so many points at most, as :func:`extremes` does."""
     if len(points) <= most:
         return list(points)
-    kept = _extremes_of([_rollup(point) for point in points], max(most // 2, 1))
-    return [point for point in points if point.at in kept]
+    each = [_extremes_at(point) for point in points]
+    kept = _extremes_of(each, max(most // 2, 1))
+    return [point for point, alone in zip(points, each, strict=True) if alone.first_at in kept]
 
 
-def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[timedelta]) -> list[Rollup]:
+def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[timedelta]) -> list[Extremes]:
     """Return what a span holds: whole days and hours as they are summed up, measurements at its edges."""
     if span.start is not None and span.end is not None and span.start >= span.end:
         return []
     if not units:
         points = page_of_points(connection, axis_number, span, after=None, limit=10**6, newest_first=False)
-        return [_rollup(point) for point in points]
+        return [_extremes_at(point) for point in points]
     unit, smaller = units[0], units[1:]
     begin = None if span.start is None else begin_of(span.start + unit - timedelta(microseconds=1), unit)
     end = None if span.end is None else begin_of(span.end, unit)
@@ -83,21 +86,28 @@ def _held(connection: Connection, axis_number: int, span: Span, units: Sequence[
         return _held(connection, axis_number, span, smaller)
     before = [] if begin is None else _held(connection, axis_number, Span(span.start, begin), smaller)
     after = [] if end is None else _held(connection, axis_number, Span(end, span.end), smaller)
-    return before + rollups(connection, axis_number, unit, Span(begin, end)) + after
+    return before + extremes_held(connection, axis_number, unit, Span(begin, end)) + after
 
 
-def _extremes_of(held: Sequence[Rollup], n_stretches: int) -> set[datetime]:
-    """Return when the extremes of each of so many stretches were measured, alike in how much they hold."""
+def _extremes_of(held: Sequence[Extremes], n_stretches: int) -> set[int]:
+    """Return when the extremes of each of so many stretches were measured, alike in how much they hold [µs]."""
     edges = [i * len(held) // n_stretches for i in range(n_stretches + 1)]
-    stretches = (merge(held[first].starts_at, held[first:end]) for first, end in pairwise(edges) if first < end)
-    return {moment for stretch in stretches if stretch is not None for moment in stretch.extremes}
+    moments = set[int]()
+    for first, end in pairwise(edges):
+        stretch = held[first:end]
+        valued = [part for part in stretch if part.lowest_at is not None]
+        if valued:
+            found = min(valued, key=_LOWEST).lowest_at, max(valued, key=_HIGHEST).highest_at
+            moments.update(at for at in found if at is not None)
+        elif stretch:
+            moments.add(min(part.first_at for part in stretch))
+    return moments
 
 
-def _rollup(point: TrendPoint) -> Rollup:
-    valued = None if point.preload_n is None else point.at
-    return Rollup(
-        point.at, 1, int(point.refusal_reason is not None), point.at, point.preload_n, valued, point.preload_n, valued
-    )
+def _extremes_at(point: TrendPoint) -> Extremes:
+    at = microseconds_of(point.at)
+    valued = None if point.preload_n is None else at
+    return Extremes(at, point.preload_n, valued, point.preload_n, valued)
 
 
 #: Readings in each group of the paper's rule (Nguyen et al. 2018, section 3.3).

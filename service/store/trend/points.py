@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, func, insert, literal, select, tuple_, update
+from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func, insert, literal, select, tuple_, update
 
 from monitor_core.preload import DoubtReason
 from service.json_types import JsonObject
+from service.store.one_of import at_moments, named
 from service.store.prepared import PreparedChange
 from service.store.tables import AxisRow
 from service.store.trend.tables import ChartCheckpointRow, TrendPointRow
@@ -109,8 +110,6 @@ class Span:
 
 
 MOST_SEARCHED = 200
-#: Of moments that one statement names.
-AT_ONCE = 500
 #: Where a page of the trend begins: after this moment and measurement.
 Cursor = tuple[datetime, int]
 
@@ -121,6 +120,12 @@ _KEY = tuple_(_POINTS.c.at, _POINTS.c.measurement_id)
 TOO_LATE = "too-late"
 _IN_TIME = _POINTS.c.uncharted.is_distinct_from(TOO_LATE)
 _ADD = PreparedChange(insert(_POINTS), list(TrendPoint.__slots__))
+_AT_MOMENTS = at_moments(
+    select(*_COLUMNS)
+    .where(_POINTS.c.axis_number == bindparam("axis"))
+    .order_by(_POINTS.c.at, _POINTS.c.measurement_id),
+    _POINTS.c.at,
+)
 
 
 def add_point(connection: Connection, point: TrendPoint) -> None:
@@ -234,14 +239,11 @@ def count_uncharted(connection: Connection, axis_number: int) -> dict[str, int]:
     return {row.uncharted: row.number for row in connection.execute(query.group_by(_POINTS.c.uncharted))}
 
 
-def points_at(connection: Connection, axis_number: int, moments: Iterable[datetime]) -> list[TrendPoint]:
-    """Return the points at these moments, in time order."""
-    found = []
-    for chosen in _in_parts(sorted(moments)):
-        query = select(*_COLUMNS).where(_POINTS.c.axis_number == axis_number, _POINTS.c.at.in_(chosen))
-        ordered = query.order_by(_POINTS.c.at, _POINTS.c.measurement_id)
-        found += [TrendPoint(*row) for row in connection.execute(ordered)]
-    return found
+def points_at(connection: Connection, axis_number: int, moments: Iterable[int]) -> list[TrendPoint]:
+    """Return the points at these moments, in microseconds since 1970, in time order."""
+    database = connection.dialect.name
+    values: dict[str, object] = {"axis": axis_number, "moments": named(sorted(moments), database)}
+    return [TrendPoint(*row) for row in _AT_MOMENTS[database].rows(connection, values)]
 
 
 def last_points(connection: Connection) -> dict[int, TrendPoint]:
@@ -285,8 +287,3 @@ def _within(span: Span) -> list[ColumnElement[bool]]:
     if span.end is not None:
         conditions.append(_POINTS.c.at < span.end)
     return conditions
-
-
-def _in_parts(moments: list[datetime]) -> list[list[datetime]]:
-    """Return so many moments at a time as a statement may name."""
-    return [moments[first : first + AT_ONCE] for first in range(0, len(moments), AT_ONCE)]

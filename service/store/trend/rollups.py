@@ -3,10 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import Any, NamedTuple
 
-from sqlalchemy import Connection, bindparam, delete, func, insert, select
+from sqlalchemy import BigInteger, ColumnElement, Connection, bindparam, delete, func, insert, select, type_coerce
 
 from service.store.prepared import PreparedChange, PreparedSelect
+from service.store.tables import UtcMicroseconds
 from service.store.trend.points import Span
 from service.store.trend.tables import TrendPointRow, TrendRollupRow
 
@@ -29,11 +31,20 @@ class Rollup:
     highest_n: float | None
     highest_at: datetime | None
 
-    @property
-    def extremes(self) -> frozenset[datetime]:
-        """When the lowest and the highest preload were measured, or the first measurement where there is none."""
-        found = {self.lowest_at, self.highest_at} - {None}
-        return frozenset(found or {self.first_at})  # type: ignore[arg-type]
+
+class Extremes(NamedTuple):
+    """When preload was lowest and highest in a stretch of time: the moments as they are stored [µs since 1970]."""
+
+    first_at: int
+    lowest_n: float | None
+    lowest_at: int | None
+    highest_n: float | None
+    highest_at: int | None
+
+
+def _as_stored(column: ColumnElement[Any]) -> ColumnElement[Any]:
+    """Leave a moment a number: years are drawn from thousands of them, of which few are shown."""
+    return type_coerce(column, BigInteger) if isinstance(column.type, UtcMicroseconds) else column
 
 
 _COLUMNS = [_ROLLUPS.c[name] for name in Rollup.__slots__]
@@ -49,6 +60,11 @@ _BEGIN_WITHIN = (
     _ROLLUPS.c.starts_at < bindparam("end"),
 )
 _HELD = PreparedSelect(select(*_COLUMNS).where(*_BEGIN_WITHIN).order_by(_ROLLUPS.c.starts_at))
+_EXTREMES = PreparedSelect(
+    select(*(_as_stored(_ROLLUPS.c[name]) for name in Extremes._fields))
+    .where(*_BEGIN_WITHIN)
+    .order_by(_ROLLUPS.c.starts_at)
+)
 _NUMBER_HELD = PreparedSelect(
     select(func.coalesce(func.sum(_ROLLUPS.c.n_measurements), 0), func.count()).where(*_BEGIN_WITHIN)
 )
@@ -75,6 +91,11 @@ def sum_up(connection: Connection, axis_number: int, moments: Iterable[datetime]
 def rollups(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Rollup]:
     """Return the hours or the days that begin within a span of time."""
     return [Rollup(*row) for row in _HELD.rows(connection, _begin_within(axis_number, span, within))]
+
+
+def extremes_held(connection: Connection, axis_number: int, span: timedelta, within: Span) -> list[Extremes]:
+    """Return the extremes of the hours or the days that begin within a span of time."""
+    return list(map(Extremes._make, _EXTREMES.rows(connection, _begin_within(axis_number, span, within))))
 
 
 def number_held(connection: Connection, axis_number: int, within: Span) -> tuple[int, int]:
