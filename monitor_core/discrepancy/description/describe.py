@@ -129,6 +129,9 @@ def _described(
     hints = [(base, tried) for base, variation in varied for tried in _laws(base.fitted, variation)]
     hints.sort(key=lambda hint: hint[1].cost)
     promising = [hint for hint in hints[:_REFITS] if _is_near(hint[1], hints[0][1])]
+    # a law of the axis as stated has an answer, too, where an effect that was found stands in its way
+    of_stated = [hint for hint in hints if hint[0].fitted is baseline][:1]
+    promising += [hint for hint in of_stated if hint not in promising]
     answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
     answers += [_Answer(base, base.fitted, base.port) for base in from_here if base.port is not None]
     answers = [answer for answer in answers if _is_evident(answer)]

@@ -1,9 +1,10 @@
 """Let the physics of an axis depend on how it is set: a stiffness that follows the excitation, a drift of a preload.
 
-An axis states such a dependence as functions that return it as it is at one setting; each setting is then a drive of
-its own, evaluated by itself.
+An axis states such a dependence as functions that return it as it is at one setting. Settings at which it is the same,
+as those of one excitation where a stiffness follows that, are evaluated together.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -21,7 +22,7 @@ _Index = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SettingLines:
-    """The lines of one setting and one excitation among those of all."""
+    """The lines of some settings among those of all."""
 
     place: _Index  # of its lines among all, shape (n_lines_here,)
     cases: _Index  # its cases among all, shape (n_cases_here,)
@@ -43,9 +44,17 @@ def axis_at(physics: AxisPhysics, setting: AxisSetting) -> AxisPhysics:
     return axis
 
 
-def lines_by_setting(lines: PreparedLines) -> tuple[SettingLines, ...]:
-    """Return the lines of each setting by themselves; the same lines under other conditions share what is prepared."""
-    return _Split(lines).parts
+def axes_by_setting(physics: AxisPhysics, lines: PreparedLines) -> Iterator[tuple[AxisPhysics, SettingLines]]:
+    """Yield the axes that it is at the settings, each with the lines of those at which it is that one.
+
+    The same lines under other conditions share what is prepared.
+    """
+    alike: dict[AxisPhysics, list[int]] = {}
+    for number in np.unique(lines.drive.case).tolist():
+        alike.setdefault(axis_at(physics, lines.conditions.setting(number)), []).append(number)
+    split = _Split(lines)
+    for axis, numbers in alike.items():
+        yield axis, _part(split, tuple(numbers))
 
 
 class _Split:
@@ -60,16 +69,11 @@ class _Split:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Split) and other._lines.drive is self._lines.drive
 
-    @property
-    def parts(self) -> tuple[SettingLines, ...]:
-        """The lines of each setting."""
-        return _parts(self)
-
-    def of(self, drive_case: int) -> SettingLines:
-        """Return the lines whose drive is evaluated under the conditions of one case."""
+    def of(self, drive_cases: tuple[int, ...]) -> SettingLines:
+        """Return the lines whose drive is evaluated under the conditions of some cases."""
         lines, drive = self._lines, self._lines.drive
-        on_drive = np.flatnonzero(drive.case == drive_case)
-        place = np.flatnonzero(drive.case[lines.drive_line] == drive_case)
+        on_drive = np.flatnonzero(np.isin(drive.case, drive_cases))
+        place = np.flatnonzero(np.isin(drive.case[lines.drive_line], drive_cases))
         cases = np.unique(lines.case[place])
 
         def among(chosen: _Index) -> _Index:
@@ -92,34 +96,33 @@ class _Split:
             at_nut=among(lines.at_nut),
             angle_per_torque=among(lines.angle_per_torque),
             beyond_screw=among(lines.beyond_screw),
-            excitations=_excitation(lines.excitations, cases),
+            excitations=_excitations(lines.excitations, cases),
         )
         return SettingLines(place, cases, here)
 
-    def numbers(self) -> list[int]:
-        """Return the cases under whose conditions the drive is evaluated."""
-        return [int(case) for case in np.unique(self._lines.drive.case)]
+
+@lru_cache(maxsize=256)
+def _part(split: _Split, drive_cases: tuple[int, ...]) -> SettingLines:
+    return split.of(drive_cases)
 
 
-@lru_cache(maxsize=8)
-def _parts(split: _Split) -> tuple[SettingLines, ...]:
-    return tuple(split.of(number) for number in split.numbers())
-
-
-def _excitation(excitations: Excitations, cases: _Index) -> Excitations:
-    """Return the one excitation of cases that were taken together, none where they are of small signals."""
-    number = int(excitations.of_case[cases[0]])
-    knots, points = np.flatnonzero(excitations.of_knot == number), np.flatnonzero(excitations.of_point == number)
-    stated = number >= 0
+def _excitations(excitations: Excitations, cases: _Index) -> Excitations:
+    """Return the excitations of some of the cases."""
+    numbers, first = np.unique(excitations.of_case[cases], return_index=True)
+    numbers, first = numbers[numbers >= 0], first[numbers >= 0]  # small signals have none
+    of_case = np.where(excitations.of_case[cases] < 0, -1, np.searchsorted(numbers, excitations.of_case[cases]))
+    knots = np.flatnonzero(np.isin(excitations.of_knot, numbers))
+    points = np.flatnonzero(np.isin(excitations.of_point, numbers))
+    of_point = np.searchsorted(numbers, excitations.of_point[points])
     return Excitations(
-        of_case=np.full(cases.size, 0 if stated else -1),
-        case=np.zeros(1 if stated else 0, dtype=np.intp),
-        of_knot=np.zeros(knots.size, dtype=np.intp),
+        of_case=of_case,
+        case=first,
+        of_knot=np.searchsorted(numbers, excitations.of_knot[knots]),
         omega=excitations.omega[knots],
         ends=excitations.ends.at(knots),
         by_torque=excitations.by_torque[knots],
-        interpolation=excitations.interpolation[points][:, knots] if stated else None,
-        of_point=np.zeros(points.size, dtype=np.intp),
-        first_point=np.zeros(1 if stated else 0, dtype=np.intp),
+        interpolation=excitations.interpolation[points][:, knots] if numbers.size else None,
+        of_point=of_point,
+        first_point=np.searchsorted(of_point, np.arange(numbers.size)),
         weight=excitations.weight[points],
     )

@@ -4,7 +4,7 @@ import numpy as np
 
 from monitor_core.arrays import ComplexArray
 from monitor_core.models.extended.amplitude import linearise
-from monitor_core.models.extended.by_setting import axis_at, lines_by_setting
+from monitor_core.models.extended.by_setting import axes_by_setting
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
 from monitor_core.models.extended.conditions import axis_states
 from monitor_core.models.extended.lines import PreparedLines
@@ -34,8 +34,7 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
 def _by_setting(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     """Return the responses of an axis that is another one at each setting."""
     values = np.empty(lines.omega.size, dtype=np.complex128)
-    for part in lines_by_setting(lines):
-        here = axis_at(physics, lines.conditions.setting(int(part.cases[0])))
+    for here, part in axes_by_setting(physics, lines):
         values[part.place] = responses(here, part.under(lines.conditions))
     return values
 
