@@ -25,6 +25,12 @@ from tests.hidden_effects.truth import transmission_line
 
 def described(kind, size, seed, changed=lambda observations, _drive: observations):
     """Return the case, what was said of it from the model as stated, and the fit before."""
+    case, baseline, candidates, sizes = stated(kind, size, seed, changed)
+    return case, describe(baseline, baseline, candidates, sizes, lambda _sentence: None), baseline
+
+
+def stated(kind, size, seed, changed=lambda observations, _drive: observations):
+    """Return the case, the fit of the model as stated, the candidates and the sizes of the machine."""
     case = cases.draw_case(kind, size, seed=seed, respond=transmission_line.respond)
     measured = frf_file.observations(case)
     file = parse_model(case.baseline, kind)
@@ -34,8 +40,7 @@ def described(kind, size, seed, changed=lambda observations, _drive: observation
     plain = Hypothesis(drive)
     baseline = fit(comparison, plain, plain.null, fitted_values(comparison.layout))
     sizes = sizes_of_drive(drive.physics({}), measured)
-    answer = describe(baseline, baseline, drive.candidates(sizes), sizes, lambda _sentence: None)
-    return case, answer, baseline
+    return case, baseline, drive.candidates(sizes), sizes
 
 
 @pytest.mark.slow
@@ -60,6 +65,20 @@ def test_a_nut_that_softens_is_described_at_the_nut():
     found = answer.described
     assert (found.place, found.law.variable) == ("nut", Variable.EXCITATION)
     assert found.parameters[found.law.parameters[0].name].interval_95[1] < 0.0
+
+
+@pytest.mark.slow
+def test_what_was_found_does_not_stand_in_the_way_of_a_law_of_the_axis_as_stated():
+    """A nut that softens was taken for one whose stiffness is cubic; with both it would soften to nothing."""
+    _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
+    (cubic,) = (effect for effect in candidates if effect.key == "cubic-stiffness")
+    hypothesis = baseline.hypothesis.with_effect(cubic)
+    start = hypothesis.carried_over(baseline.hypothesis, baseline.coordinates)
+    final = fit(baseline.comparison, hypothesis, start, baseline.fitted)
+    answer = describe(baseline, final, [], None, lambda _sentence: None)  # from these two fits alone
+    assert (answer.described.place, answer.described.law.variable) == ("nut", Variable.EXCITATION)
+    assert len(answer.described.effects) == 1
+    assert [effect.key for effect in answer.fitted.hypothesis.effects] == [answer.described.effects[0].key]
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from monitor_core.models.extended import natural_frequencies, physics_of, prepare_lines, responses
+from monitor_core.models.extended.by_setting import axes_by_setting
 from monitor_core.models.protocol import ExcitationPoint, MotorEnd, ResponsePoint
 from tests.models.extended_axes import add, bundled, case_of, conditions_of
 
@@ -49,6 +50,16 @@ def test_every_setting_answers_as_the_axis_that_it_has(added):
     found = responses(replace(physics, by_setting=(Softer(),)), prepare_lines(cases))
     alone = [responses(plain_at(case.conditions, physics), prepare_lines([case])) for case in cases]
     np.testing.assert_allclose(found, np.concatenate(alone), rtol=1e-12)
+
+
+def test_settings_at_which_the_axis_is_the_same_are_evaluated_together():
+    """The axis follows the excitation alone: there are as many axes as levels, each with all of its positions."""
+    pair = ExcitationPoint.TORQUE_AT_MOTOR, ResponsePoint.ACCELERATION_AT_TABLE
+    lines = prepare_lines([case_of(PARAMETERS, BAND, at, *pair) for at in settings()])
+    axes = list(axes_by_setting(replace(physics_of(PARAMETERS), by_setting=(Softer(),)), lines))
+    assert len(axes) == len(LEVELS)
+    assert all(part.cases.size == len(SHARES) for _, part in axes)
+    assert np.array_equal(np.sort(np.concatenate([part.place for _, part in axes])), np.arange(lines.omega.size))
 
 
 def test_every_setting_has_the_modes_of_its_axis():
