@@ -118,7 +118,7 @@ FORCE_SCALE = Effect(
         "one factor, which only a mass that is well known can tell from a heavier axis with more friction."
     ),
     source="Janot, Gautier & Brunot (2019): the gain from voltage to force is a stated constant",
-    parameters=(EffectParameter("gain_error", "-", lower=-0.5, upper=1.0, scale=0.02),),
+    parameters=(EffectParameter("gain_error", "-", lower=-0.5, upper=1.0, scale=0.02, beyond=False),),
     add=_add_force_scale,
 )
 

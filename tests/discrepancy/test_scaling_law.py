@@ -4,11 +4,13 @@ Times are then 1/b, forces a b² c, torques a b² c² as large. The data are tho
 no formula with the models, and of a motion in closed form; scaled they are exact, since mechanics knows no other scale.
 """
 
+import math
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from monitor_core.discrepancy.explain_axis import explain
 from monitor_core.discrepancy.explain_comparison import explain_comparison
@@ -261,6 +263,51 @@ def test_the_emps_at_fifty_times_its_force_has_its_four_effects(measured_data) -
     """4.75 t: three of the four were called implausible while ranges were those of 95 kg."""
     found = assert_force_scales(emps_record(measured_data), 50.0)
     assert sorted(effect.key for effect in found.effects) == sorted(OF_THE_EMPS)
+    assert found.gap.after.held_out < 2.4
+
+
+@pytest.mark.slow
+def test_the_emps_without_its_reference_has_the_same_effects(measured_data) -> None:
+    record = emps_record(measured_data)
+    usual, found = motion_answer(record, 1.0), motion_answer(replace(record, reference=None), 1.0)
+    assert [effect.key for effect in found.effects] == [effect.key for effect in usual.effects]
+    assert usual.gap.before.held_out == pytest.approx(17.9, abs=0.1)  # [%]
+    assert max(usual.gap.after.held_out, found.gap.after.held_out) < 2.4
+
+
+@pytest.mark.slow
+def test_the_emps_with_a_mass_hung_on_it_has_the_same_effects(measured_data) -> None:
+    """The force that 92 kg need besides: at the acceleration that was measured, below 60 Hz."""
+    record = emps_record(measured_data)
+    low_pass = scipy.signal.butter(4, 60.0, fs=record.sample_rate, output="sos")
+    speed = np.gradient(scipy.signal.sosfiltfilt(low_pass, record.position)) * record.sample_rate
+    force = 92.0 * np.gradient(speed) * record.sample_rate
+    stated = {"moving_mass_kg": 95.0 + 92.0, "viscous_friction_ns_per_m": 200.0}
+    heavier = replace(record, drive=record.drive + force)
+    found = explain(AxisDescription("motion", stated, dict.fromkeys(stated, 0.3)), heavier)
+    usual = motion_answer(record, 1.0)
+    assert [effect.key for effect in found.effects] == [effect.key for effect in usual.effects]
+    assert found.gap.after.held_out < 2.4
+    for name in ("coulomb-friction", "direction-dependent-friction"):
+        (size,), (before,) = (
+            [next(iter(effect.parameters.values())).estimate.value for effect in answer.effects if effect.key == name]
+            for answer in (found, usual)
+        )
+        assert size == pytest.approx(before, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [0.05, 0.3, 0.5])
+def test_the_emps_in_volts_is_in_another_unit(measured_data, tolerance) -> None:
+    """However well mass and friction are known: 35 times too small is no wrong scale of a force."""
+    record, volts_per_newton = emps_record(measured_data), 1.0 / 35.15065
+    stated = {"moving_mass_kg": 95.0, "viscous_friction_ns_per_m": 200.0}
+    in_volts = replace(record, drive=volts_per_newton * record.drive)
+    found = explain(AxisDescription("motion", stated, dict.fromkeys(stated, tolerance)), in_volts)
+    assert {effect.key for effect in found.effects} == {"unit", *OF_THE_EMPS}
+    (unit,) = (effect for effect in found.effects if effect.key == "unit")
+    assert unit.plausible
+    assert math.exp(unit.parameters["ln_factor"].estimate.value) == pytest.approx(volts_per_newton, rel=0.05)
     assert found.gap.after.held_out < 2.4
 
 
