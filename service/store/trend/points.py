@@ -11,9 +11,9 @@ from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func,
 
 from monitor_core.preload import DoubtReason
 from service.json_types import JsonObject
-from service.store.one_of import at_moments, named
 from service.store.prepared import PreparedChange
 from service.store.tables import AxisRow
+from service.store.trend.moments import at_moments, named
 from service.store.trend.tables import ChartCheckpointRow, TrendPointRow
 
 _CHECKPOINTS = ChartCheckpointRow.metadata.tables[ChartCheckpointRow.__tablename__]
