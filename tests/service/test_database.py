@@ -16,11 +16,13 @@ from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
 from service.documents.measurement import with_trend
 from service.errors import DataFolderError
+from service.operations.monitoring.trend import extremes
 from service.store import intake
 from service.store.database import Database, alembic_config, reading, writing
 from service.store.intake import MeasurementRecord
 from service.store.tables import AxisRow, Base, MeasurementDocumentRow, MeasurementRow, WindowRow
-from service.store.trend.points import TrendPoint, point_of
+from service.store.trend.points import Span, TrendPoint, add_point, point_of
+from service.store.trend.rollups import sum_up
 from tests.service.conftest import START, Api, emptied, running_service, simulated_measurement
 from tests.service.test_jobs import wait_for
 
@@ -271,3 +273,35 @@ def test_a_server_shows_that_another_service_has_written(postgresql: str) -> Non
     assert database.revision() != before
     database.close()
     other_service.close()
+
+
+@pytest.mark.parametrize("resolution", [2, 10, 40])
+def test_a_trend_that_is_drawn_coarsely_keeps_its_extremes(database_url: str, resolution: int) -> None:
+    """From points, hours and days, with every fifth refused: what is kept is as stored, in order, low and high."""
+    rng, begin = np.random.default_rng(resolution), START.replace(hour=3)
+    points = [
+        TrendPoint(
+            1, begin + i * timedelta(minutes=10), i + 1, f"m{i}", 100.0, None, None, None,
+            "low-coherence" if refused else None, None, None, None if refused else float(rng.normal(300.0, 10.0)),
+            None, None, None, None, None, 1, None, "normal", None,
+        )
+        for i in range(400)
+        for refused in [i % 5 == 4]
+    ]  # fmt: skip
+    database = Database(database_url)
+    database.migrate()
+    with database.connect() as connection, writing(connection):
+        for point in points:
+            add_point(connection, point)
+        sum_up(connection, 1, [point.at for point in points])
+    spans = [Span(), *(Span(points[i].at, points[j].at) for i, j in np.sort(rng.integers(0, 400, (10, 2))))]
+    with database.connect() as connection, reading(connection):
+        for span in spans:
+            within = [p for p in points if (span.start or p.at) <= p.at and (span.end is None or p.at < span.end)]
+            drawn = extremes(connection, 1, span, resolution)
+            assert len(drawn) <= resolution
+            assert drawn == [point for point in within if point in drawn]
+            judged = sorted(point.preload_n for point in within if point.preload_n is not None)
+            shown = [point.preload_n for point in drawn if point.preload_n is not None]
+            assert (min(shown), max(shown)) == (judged[0], judged[-1]) if judged else not shown
+    database.close()
