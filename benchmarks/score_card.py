@@ -25,7 +25,7 @@ _STRANGERS = {
     "contact-loss": ({"nut"}, {"nut_stiffness_n_per_m", "preload_n"}),
     "screw-bending": ({"screw", "nut"}, {"bracket_stiffness_n_per_m", "nut_stiffness_n_per_m"}),
     "rotor-absorber": ({"motor"}, set[str]()),
-    "screw-end-absorber": ({"screw"}, set[str]()),
+    "screw-end-absorber": ({"screw end"}, set[str]()),
     "cracked-coupling": ({"motor", "screw"}, {"coupling_stiffness_nm_per_rad"}),
 }
 _PARAMETERS = {effect.key: effect.parameters for effect in DRIVE_EFFECTS}

@@ -6,7 +6,9 @@ multiplied by
 .. math::
 
     1 + c_1 u,\quad 1 + c_1 u + c_2 u^2, \quad 1 + c_1 \cos 2\pi\frac{x}{X} + c_2 \sin 2\pi\frac{x}{X}, \quad
-    \left(\frac{x}{\bar x}\right)^{c_1}, \quad 1 + c_1 \frac{x}{x + c_2 X}, \qquad u = \frac{x - \bar x}{X}
+    \left(\frac{x}{\bar x}\right)^{c_1}, \quad 1 + c_1 \frac{x}{x + c_2 X}, \quad
+    \frac{1}{1 + c + c_1 \cos 2\pi\frac{x}{X} + c_2 \sin 2\pi\frac{x}{X}}, \qquad
+    u = \frac{x - \bar x}{X}, \quad c = \sqrt{c_1^2 + c_2^2}
 
 No physics stands behind such a law: it says what one would see, for an effect that no catalogue has.
 """
@@ -58,10 +60,15 @@ class Form(StrEnum):
     PERIODIC = "periodic"
     POWER = "power"
     SATURATING = "saturating"
+    YIELDING = "yielding"  # of a stiffness: as it is at one angle, softer at every other, as by a crack that opens
 
 
 def _change(name: str) -> EffectParameter:
     return EffectParameter(name, "-", lower=-4.0, upper=4.0, scale=0.1, beyond=False)
+
+
+def _softening(name: str) -> EffectParameter:
+    return EffectParameter(name, "-", lower=-20.0, upper=20.0, scale=0.1, beyond=False)
 
 
 _PARAMETERS: Mapping[Form, tuple[EffectParameter, ...]] = {
@@ -73,6 +80,7 @@ _PARAMETERS: Mapping[Form, tuple[EffectParameter, ...]] = {
         _change("change"),
         EffectParameter("half_at", "-", lower=0.02, upper=20.0, scale=0.1, null=1.0, beyond=False),
     ),
+    Form.YIELDING: (_softening("cosine"), _softening("sine")),
 }
 
 
@@ -107,17 +115,22 @@ class Law:
             case Form.QUADRATIC:
                 factor = 1.0 + coefficients[0] * u + coefficients[1] * u * u
             case Form.PERIODIC:
-                turn = 2.0 * math.pi * x / self.scale
-                factor = 1.0 + coefficients[0] * math.cos(turn) + coefficients[1] * math.sin(turn)
+                factor = self._wave(x, coefficients)
             case Form.POWER:
                 factor = (x / self.reference) ** coefficients[0] if x > 0.0 else 1.0
             case Form.SATURATING:
                 factor = 1.0 + coefficients[0] * x / (x + coefficients[1] * self.scale)
+            case Form.YIELDING:
+                factor = 1.0 / (math.hypot(*coefficients) + self._wave(x, coefficients))
         if not factor >= _LEAST_FACTOR:
             raise OutsideValidityError(
                 f"a quantity must keep {_LEAST_FACTOR} of itself; got {factor:.3g} at a {self.variable} of {x:g}"
             )
         return factor
+
+    def _wave(self, x: float, coefficients: tuple[float, ...]) -> float:
+        turn = 2.0 * math.pi * x / self.scale
+        return 1.0 + coefficients[0] * math.cos(turn) + coefficients[1] * math.sin(turn)
 
 
 @dataclass(frozen=True, slots=True)

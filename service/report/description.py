@@ -59,6 +59,9 @@ def _law(found: Described, law: Law, factor: float, unit: str) -> str:
             return f"1 + {shown('change')} u + {shown('curvature')} u² with {u}"
         case Form.PERIODIC:
             return f"1 + {shown('cosine')} cos φ + {shown('sine')} sin φ with φ = 2πx/{scale}"
+        case Form.YIELDING:
+            wave = f"{shown('cosine')} cos φ + {shown('sine')} sin φ"
+            return f"1/(1 + c + {wave}) with φ = 2πx/{scale}, and c so that it is as stated at one angle"
         case Form.POWER:
             return f"the power {shown('exponent')} of x/{reference}"
         case Form.SATURATING:

@@ -8,6 +8,7 @@ import pytest
 
 from monitor_core.discrepancy.description.describe import describe
 from monitor_core.effects import Variable
+from monitor_core.effects.variation import Form
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hold_out import fitted_values, gap_of
@@ -89,6 +90,20 @@ def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
     assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.ORDER)
     low, high = found.parameters["change"].interval_95
     assert low < (1.0 - lost) ** (1.0 / 3.0) - 1.0 < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [41, 43])
+def test_a_coupling_that_cracks_is_described_with_how_much_it_yields_once_a_turn(seed):
+    """Its compliance is up to so many times as large where the crack opens, and as stated half a turn on."""
+    case, answer, before = described("outside:cracked-coupling", "medium", seed)
+    found, share = answer.described, case.truth["outside:cracked-coupling"]["share"]
+    assert (found.place, found.parameter) == ("motor", "coupling_stiffness_nm_per_rad")
+    assert (found.law.variable, found.law.form) == (Variable.POSITION, Form.YIELDING)
+    wave = math.hypot(*(found.parameters[name].estimate.value for name in ("cosine", "sine")))
+    assert 2.0 * wave == pytest.approx(share, rel=0.1)
+    held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
+    assert next(held_out) > 2.0 * before.comparison.noise_floor > 2.0 * next(held_out) / 1.2
 
 
 @pytest.mark.slow

@@ -127,6 +127,7 @@ FORMS = {
     Form.POWER: (Variable.EXCITATION, Variable.PRELOAD),
     Form.SATURATING: (Variable.EXCITATION, Variable.PRELOAD),
     Form.PERIODIC: (Variable.POSITION,),
+    Form.YIELDING: (Variable.POSITION,),
 }
 
 

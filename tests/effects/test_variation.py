@@ -29,6 +29,7 @@ def stiffness_at(effect, values, setting=AT):
         (Law(Variable.EXCITATION, Form.LINEAR, 0.1, 0.3), {"change": -0.5}, 0.5),
         (Law(Variable.PAYLOAD, Form.QUADRATIC, 2.0, 4.0), {"change": 0.2, "curvature": 0.4}, 1.2),
         (Law(Variable.POSITION, Form.PERIODIC, 0.0, 0.4), {"cosine": 0.1, "sine": 0.2}, 0.8),
+        (Law(Variable.POSITION, Form.YIELDING, 0.0, 0.4), {"cosine": 0.3, "sine": 0.4}, 1.0 / 1.1),
         (Law(Variable.PRELOAD, Form.POWER, 1000.0, 1000.0), {"exponent": 0.5}, 0.5),
         (Law(Variable.EXCITATION, Form.SATURATING, 0.2, 0.2), {"change": -0.6, "half_at": 2.0}, 0.7),
         (Law(Variable.ORDER, Form.LINEAR, 0.0, 1.0), {"change": -0.2}, 0.9),

@@ -18,7 +18,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
-from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit, unfitted
 from monitor_core.models.extended import AxisPhysics
 
 #: Effects of the catalogue by which something hangs on a port of the drive.
@@ -33,7 +33,12 @@ class Base:
 
     fitted: Fitted[AxisPhysics]
     port: Effect[AxisPhysics] | None = None  # by which something hangs on a port that the catalogue has nothing for
-    before: Fitted[AxisPhysics] | None = None  # the fit without that
+    before: Fitted[AxisPhysics] | None = None  # the fit without that; of what was not fitted, the one that was
+
+    @property
+    def is_unfitted(self) -> bool:
+        """Whether this is the axis as stated; what it leaves does not compare with what fits leave."""
+        return self.port is None and self.before is not None
 
 
 def bases(
@@ -41,6 +46,9 @@ def bases(
 ) -> Iterator[Base]:
     """Yield fits that may lack no more than one quantity's dependence on the setting."""
     yield Base(baseline)
+    if baseline.tolerance:  # the fit went astray; as stated, the axis may lack no more than one dependence
+        with suppress(OutsideValidityError):
+            yield Base(unfitted(baseline), before=baseline)
     if final.hypothesis.effects:
         yield Base(final)
     if not judged_gap(baseline).exceeds_healthy:

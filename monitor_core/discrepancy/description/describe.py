@@ -32,7 +32,7 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
 
 _FEWEST_SETTINGS = 6
-_QUANTITIES, _LAWS_OF_EACH, _REFITS = 3, 2, 4
+_QUANTITIES, _LAWS_OF_EACH, _REFITS, _UNFITTED_REFITS = 3, 2, 4, 2
 #: Of what the best law takes away, how much less another one may at first sight: everything else was not refitted yet.
 _WORTH_A_REFIT = 0.15
 #: Of the misfit, what a description must explain; and of what the quantity would explain if it varied freely, what its
@@ -75,7 +75,8 @@ class _Answer:
     @property
     def before(self) -> Fitted[AxisPhysics]:
         """The fit without it."""
-        return self.base.fitted if self.tried is not None or self.base.before is None else self.base.before
+        law_on_port = self.tried is not None and self.base.port is not None
+        return self.base.fitted if law_on_port or self.base.before is None else self.base.before
 
     @property
     def place(self) -> str:
@@ -126,12 +127,7 @@ def _described(
 ) -> tuple[Description | None, _Varied]:
     """Return the law, or what swings at a port, that holds best from these fits; and what varied freely in them."""
     varied = [(base, variation) for base in from_here for variation in _variations(base.fitted)]
-    hints = [(base, tried) for base, variation in varied for tried in _laws(base.fitted, variation)]
-    hints.sort(key=lambda hint: hint[1].cost)
-    promising = [hint for hint in hints[:_REFITS] if _is_near(hint[1], hints[0][1])]
-    # a law of the axis as stated has an answer, too, where an effect that was found stands in its way
-    of_stated = [hint for hint in hints if hint[0].fitted is baseline][:1]
-    promising += [hint for hint in of_stated if hint not in promising]
+    promising = _promising(varied, baseline)
     answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
     answers += [_Answer(base, base.fitted, base.port) for base in from_here if base.port is not None]
     answers = [answer for answer in answers if _is_evident(answer)]
@@ -145,6 +141,18 @@ def _described(
     beside_found = bool(final.hypothesis.effects) and final in (best.base.fitted, best.base.before)
     described = _answer(best, _alike(baseline, best, others, scale), scale)
     return Description(described, best.fitted, beside_found), varied
+
+
+def _promising(varied: _Varied, baseline: Fitted[AxisPhysics]) -> list[tuple[Base, TriedLaw]]:
+    """Return the laws that are worth a refit, and the fit that each of them starts from."""
+    hints = [(base, tried) for base, variation in varied for tried in _laws(base.fitted, variation)]
+    hints.sort(key=lambda hint: hint[1].cost)
+    of_fits = [hint for hint in hints if not hint[0].is_unfitted]
+    promising = [hint for hint in of_fits[:_REFITS] if _is_near(hint[1], of_fits[0][1])]
+    # a law of the axis as stated has an answer, too, where an effect that was found stands in its way
+    of_stated = [hint for hint in of_fits if hint[0].fitted is baseline][:1]
+    promising += [hint for hint in of_stated if hint not in promising]
+    return promising + [hint for hint in hints if hint[0].is_unfitted][:_UNFITTED_REFITS]
 
 
 def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], varied: _Varied) -> Description | None:
@@ -226,6 +234,8 @@ def _alike(
 def _share_of_free(answer: _Answer) -> float:
     if answer.tried is None:
         return 1.0
+    if answer.base.is_unfitted:  # what varied there was weighed otherwise
+        return explained_share(answer.before, answer.fitted, remainder_of(answer.fitted).misfit)
     variation = answer.tried.variation
     room = variation.alike - variation.free
     return min((variation.alike - answer.tried.cost) / room, 1.0) if room > 0.0 else 0.0

@@ -23,7 +23,7 @@ from monitor_core.fitting.solver.costs_of_settings import fitted_numbers, square
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.models.extended import AxisPhysics, AxisSetting
 
-_COARSE = np.array([0.03, 0.07, 0.12, 0.2, 0.3, 0.45, 0.7, 1.1])
+_COARSE = np.array([0.03, 0.07, 0.12, 0.2, 0.3, 0.45, 0.7, 1.1, 1.6, 2.3, 3.2, 4.2])
 #: A resonance of its own is narrow: of a damping ratio of a few per cent no step may lie far from the next.
 _FINE = np.concatenate([np.arange(0.015, 0.3, 0.015), [0.36, 0.44, 0.54]])
 #: Values one after the other that are in one half: neighbours are alike.

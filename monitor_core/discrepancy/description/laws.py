@@ -1,7 +1,7 @@
 """Find the law by which a quantity that varies from setting to setting follows how the axis is set."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,13 +13,16 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended import AxisSetting
 
 #: Levels of a variable that a form of one coefficient, and one of two, needs.
-_FEWEST_LEVELS = {Form.LINEAR: 2, Form.POWER: 3, Form.SATURATING: 3, Form.QUADRATIC: 4, Form.PERIODIC: 5}
+_FEWEST_LEVELS = {Form.LINEAR: 2, Form.POWER: 3, Form.SATURATING: 3, Form.QUADRATIC: 4, Form.PERIODIC: 5,
+                  Form.YIELDING: 4}  # fmt: skip
 #: Coefficients that are tried; a refit finds what lies between them.
 _CHANGES = np.concatenate([-np.geomspace(0.02, 1.2, 14)[::-1], np.geomspace(0.02, 4.0, 16)])
 _EXPONENTS = np.concatenate([-np.geomspace(0.02, 1.5, 12)[::-1], np.geomspace(0.02, 1.5, 12)])
 _SECOND = np.concatenate([-np.geomspace(0.03, 1.0, 7)[::-1], [0.0], np.geomspace(0.03, 1.0, 7)])
 _HALF_AT = np.geomspace(0.1, 6.0, 7)
-_LEAST_FACTOR = 0.05
+#: Of what yields: by how much and at which angles.
+_AMPLITUDES, _ANGLES = np.geomspace(0.05, 18.0, 14), np.arange(0.0, 2.0 * np.pi, np.pi / 12.0)
+_LEAST_FACTOR = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +53,7 @@ def _laws(settings: tuple[AxisSetting, ...], lead: float) -> Iterator[Law]:
         for form, fewest in _FEWEST_LEVELS.items():
             if levels < fewest:
                 continue
-            if form is Form.PERIODIC:
+            if form in (Form.PERIODIC, Form.YIELDING):
                 if variable is Variable.POSITION:
                     yield Law(variable, form, 0.0, lead)
             elif form in (Form.POWER, Form.SATURATING):
@@ -64,15 +67,16 @@ def _best(variation: FreeVariation, law: Law, settings: tuple[AxisSetting, ...])
     """Return a law at the best of the coefficients that are tried, beside the best level of the quantity."""
     x = np.array([law.variable.of(setting) for setting in settings])
     combinations, factors = [], []
-    for coefficients in itertools.product(*_grids(law.form)):
+    for coefficients in _tried(law.form):
         factor = _factors(law, x, coefficients)
         if factor is not None:
             combinations.append(coefficients)
             factors.append(factor)
     if not factors:
         return None
-    ln_factor = np.log(np.array(factors))
-    theta = variation.ln_factor[:, None, None] + ln_factor - np.mean(ln_factor, axis=1, keepdims=True)
+    theta = np.log(np.array(factors))[None]
+    if law.form is not Form.YIELDING:  # which is as stated where it yields least
+        theta = variation.ln_factor[:, None, None] + theta - np.mean(theta, axis=-1, keepdims=True)
     cost = variation.at(theta)
     best = int(np.argmin(np.min(cost, axis=0)))
     return TriedLaw(variation, law, tuple(map(float, combinations[best])), float(np.min(cost)))
@@ -86,13 +90,16 @@ def _factors(law: Law, x: FloatArray, coefficients: tuple[float, ...]) -> FloatA
     return factor if float(np.min(factor)) > _LEAST_FACTOR else None
 
 
-def _grids(form: Form) -> tuple[FloatArray, ...]:
+def _tried(form: Form) -> Iterable[tuple[float, ...]]:
+    """Return the coefficients that are tried."""
     match form:
         case Form.LINEAR:
-            return (_CHANGES,)
+            return itertools.product(_CHANGES)
         case Form.POWER:
-            return (_EXPONENTS,)
+            return itertools.product(_EXPONENTS)
         case Form.SATURATING:
-            return (_CHANGES, _HALF_AT)
+            return itertools.product(_CHANGES, _HALF_AT)
         case Form.QUADRATIC | Form.PERIODIC:
-            return (_SECOND, _SECOND)
+            return itertools.product(_SECOND, _SECOND)
+        case Form.YIELDING:
+            return ((size * np.cos(at), size * np.sin(at)) for size in _AMPLITUDES for at in _ANGLES)

@@ -76,7 +76,7 @@ def _between(found: Described, law: Law, layout: Layout) -> Iterator[str]:
     levels = np.unique(measured[np.isfinite(measured)])
     if levels.size < 2:
         return
-    if law.form is Form.PERIODIC:
+    if law.form in (Form.PERIODIC, Form.YIELDING):
         start = float(levels[levels.size // 2])
         at = [start + share * law.scale for share in (0.25, 0.5, 0.75)]
         listed = ", ".join(plain(per * x, 4) for x in at)

@@ -201,6 +201,19 @@ def fit(
     return Fitted(comparison, hypothesis, at, around, chosen, given_up, tolerance)
 
 
+def unfitted(like: Fitted[Physics]) -> Fitted[Physics]:
+    """Return a hypothesis at its null coordinates, with the tolerance that a fit to the same values begins with there.
+
+    Raises OutsideValidityError if the model has no answer there.
+    """
+    comparison, hypothesis = like.comparison, like.hypothesis
+    deviation, at = comparison.layout.standard_deviation, hypothesis.null
+    tolerance = _tolerance(comparison.misfit(hypothesis.physics(at)), deviation, like.fitted)
+    errors = np.zeros((len(comparison.layout.settings), len(comparison.condition_error_names)))
+    around = linearise_at_likely_errors(comparison, hypothesis, errors, np.hypot(deviation, tolerance), at)
+    return Fitted(comparison, hypothesis, at, around, like.fitted, tolerance=tolerance)
+
+
 def resolved_at(fitted: Fitted[Physics], coordinates: FloatArray) -> Fitted[Physics]:
     """Return the same hypothesis at other coordinates, around the condition errors that are likely there.
 
