@@ -60,6 +60,7 @@ def by_keyboard(page: Page, name: str) -> None:
 def _looked_at(page: Page, name: str) -> Locator:
     button = page.get_by_role("button", name=name, exact=True).first
     button.wait_for()
+    page.wait_for_load_state()  # with its style sheet: a browser shows nothing before
     assert button.evaluate(_WRONG) == []
     return button
 
