@@ -10,8 +10,6 @@ from datetime import datetime
 from email.message import EmailMessage
 from typing import Protocol
 
-import httpx
-
 from service.clock import now, text_of
 from service.json_types import JsonObject
 from service.operations.notices.receivers import ENCODED, Mail, Webhook, read_secret
@@ -96,6 +94,8 @@ class WebhookSender:
         if self._webhook.secret_file is not None:
             secret = read_secret(self._webhook.secret_file).get_secret_value()
             headers["webhook-signature"] = signature(secret, message_id, timestamp, body)
+        import httpx  # noqa: PLC0415  # a service that calls no webhook is lighter by it
+
         try:
             answer = httpx.post(
                 str(self._webhook.url), content=body, headers=headers, timeout=TIMEOUT_S, trust_env=False
