@@ -22,7 +22,6 @@ _SECOND = np.concatenate([-np.geomspace(0.03, 1.0, 7)[::-1], [0.0], np.geomspace
 _HALF_AT = np.geomspace(0.1, 6.0, 7)
 #: Of what yields: by how much and at which angles.
 _AMPLITUDES, _ANGLES = np.geomspace(0.05, 18.0, 14), np.arange(0.0, 2.0 * np.pi, np.pi / 12.0)
-_LEAST_FACTOR = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +83,9 @@ def _best(variation: FreeVariation, law: Law, settings: tuple[AxisSetting, ...])
 
 def _factors(law: Law, x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray | None:
     try:
-        factor = np.array([law.factor(value, coefficients) for value in x.tolist()])
+        return np.array([law.factor(value, coefficients) for value in x.tolist()])
     except OutsideValidityError:
         return None
-    return factor if float(np.min(factor)) > _LEAST_FACTOR else None
 
 
 def _tried(form: Form) -> Iterable[tuple[float, ...]]:

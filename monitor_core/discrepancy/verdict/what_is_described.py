@@ -81,9 +81,9 @@ def _between(found: Described, law: Law, layout: Layout) -> Iterator[str]:
         at = [start + share * law.scale for share in (0.25, 0.5, 0.75)]
         listed = ", ".join(plain(per * x, 4) for x in at)
         factors = ", ".join(_times(_factor(found, law, x)) for x in at)
+        whole = "its mean" if law.form is Form.PERIODIC else "what is stated"
         yield (
-            f"measure within one turn of the screw, at {listed} {unit}: {found.parameter} would be {factors} of its "
-            "mean"
+            f"measure within one turn of the screw, at {listed} {unit}: {found.parameter} would be {factors} of {whole}"
         )
         return
     where, unit = ("at", f" {unit}") if unit else (f"{layout.settings[0].name} at an excitation level of", "")

@@ -50,9 +50,9 @@ def axes_by_setting(physics: AxisPhysics, lines: PreparedLines) -> Iterator[tupl
     The same lines under other conditions share what is prepared.
     """
     alike: dict[AxisPhysics, list[int]] = {}
-    for number in np.unique(lines.drive.case).tolist():
-        alike.setdefault(axis_at(physics, lines.conditions.setting(number)), []).append(number)
     split = _Split(lines)
+    for number in _drive_cases(split):
+        alike.setdefault(axis_at(physics, lines.conditions.setting(number)), []).append(number)
     for axis, numbers in alike.items():
         yield axis, _part(split, tuple(numbers))
 
@@ -99,6 +99,15 @@ class _Split:
             excitations=_excitations(lines.excitations, cases),
         )
         return SettingLines(place, cases, here)
+
+    def numbers(self) -> tuple[int, ...]:
+        """Return the cases under whose conditions the drive is evaluated."""
+        return tuple(np.unique(self._lines.drive.case).tolist())
+
+
+@lru_cache(maxsize=8)
+def _drive_cases(split: _Split) -> tuple[int, ...]:
+    return split.numbers()
 
 
 @lru_cache(maxsize=256)
