@@ -6,12 +6,16 @@ r"""d′: how many standard deviations the trace of a hidden effect has, when al
 
 with the truth's own plant on both sides: W weighs by the noise that was measured and the form error that a user has by
 default, r is what a refit of the errors of settings and of the declared tolerances changes, c in their standard
-deviations, and what else is hidden, free. No model of the product takes part. Lines count as independent.
+deviations, and what else is hidden, free. No model of the product takes part. The form error of a line and channel is
+one for all settings, as a model of a wrong form has it: what an effect does in all of them alike is not seen better in
+thirty than in one. That error aside, lines count as independent. What depends on the amplitude scatters with the torque
+that excites it, as noise does: it is computed for two torques, and d'² is the product of both remainders, which has
+nothing of that scatter in the mean.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -32,6 +36,7 @@ _TEMPERS = (30.0, 8.0, 2.0, 1.0)
 #: Of a line, in lines, and what the power of a Hann window takes from there: 1, 0.849², 0.5².
 _OFFSETS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 _SHARES = np.array([0.25, 0.72, 1.0, 0.72, 0.25]) / 2.94
+_TORQUES = (0, 1)
 _STEPPED = ("guide_friction", "cubic_nut_stiffness", "nut_softening", "nut_backlash", "nut_contact_loss")
 
 
@@ -43,23 +48,27 @@ def detectability(case: Case, recorder: Recorder, form: ModelFormError) -> float
     frequency = case.measured[0].frequency
     settings = case.settings
     linear = Axis(parts=case.axis.parts, hidden=replace(case.axis.hidden, **_defaults(_STEPPED)))
-    weight = _weights(case, form)
+    weight = _Weight.of(case, form)
     here = _responses(linear, settings, frequency)
-    traces = [_trace(case, key, linear, here, recorder) for key in keys]
+    traces = [_traces(case, key, linear, here, recorder) for key in keys]
     found = []
-    for index, (key, trace) in enumerate(zip(keys, traces, strict=True)):
-        others = [_flat(_FREE * weight * other) for number, other in enumerate(traces) if number != index]
+    for index, (key, of_torques) in enumerate(zip(keys, traces, strict=True)):
+        others = [
+            _flat(_FREE * weight(np.mean(other, axis=0))) for number, other in enumerate(traces) if number != index
+        ]
         # a wrong part may simply be that wrong, at the price of its tolerance
         at_first = {part_of(key): case.truth[key]["ln_ratio"]} if key.startswith("wrong-parameter:") else {}
-        found.append(_left(_without(linear, key, case), case, weight, trace, others, at_first))
+        left = [_left(_without(linear, key, case), case, weight, trace, others, at_first) for trace in of_torques]
+        found.append(math.sqrt(max(float(left[0] @ left[-1]), 0.0)))
     return min(found)
 
 
 def _left(  # noqa: PLR0917
-    axis: Axis, case: Case, weight: np.ndarray, trace: np.ndarray, others: list[np.ndarray], at_first: dict[str, float]
-) -> float:
-    """Return the size of a trace when an axis without it, refitted as far as its tolerances let it, took up its share.
+    axis: Axis, case: Case, weight: "_Weight", trace: np.ndarray, others: list[np.ndarray], at_first: dict[str, float]
+) -> np.ndarray:
+    """Return what is left of a trace when an axis without it took up its share, in standard deviations.
 
+    The axis is refitted as far as its tolerances let it.
     From ln ratios of parts ``at_first``; Gauss and Newton, tempered: as if noise were first many times as large, so
     that no resonance stands in the way.
     """
@@ -82,7 +91,7 @@ def _left(  # noqa: PLR0917
         changed, moved = refitted(taken)
         there = _responses(changed, moved, frequency)
         columns = _settings_columns(changed, moved, frequency, there, weight) + [
-            weight * np.log(_responses(_with_part(changed, part, tolerance * _STEP), moved, frequency) / there) / _STEP
+            weight(np.log(_responses(_with_part(changed, part, tolerance * _STEP), moved, frequency) / there) / _STEP)
             for part, tolerance in TOLERANCES.items()
         ]
         return np.array([_flat(column) for column in columns] + others).T
@@ -93,7 +102,7 @@ def _left(  # noqa: PLR0917
         except ValueError:  # off the screw, or no preload left: a step too far
             return np.full(2 * here.size, 1e6)
         taken_up = taken_up + assumed.gain_share * taken[: 4 * n].reshape(n, 4)[:, 2:, None]
-        return _flat(weight * (trace - taken_up)) - sum(
+        return _flat(weight(trace - taken_up)) - sum(
             (by * other for by, other in zip(taken[free:], others, strict=True)), 0.0
         )
 
@@ -115,7 +124,7 @@ def _left(  # noqa: PLR0917
                 break
             if tried @ tried > 0.98 * (misfit @ misfit):
                 break
-    return float(np.linalg.norm(np.r_[left(taken), taken]))
+    return np.r_[left(taken), taken]
 
 
 def _without(axis: Axis, key: str, case: Case) -> Axis:
@@ -126,30 +135,48 @@ def _without(axis: Axis, key: str, case: Case) -> Axis:
     return replace(axis, hidden=replace(axis.hidden, **_defaults(mechanism)))
 
 
-def _trace(case: Case, key: str, linear: Axis, here: np.ndarray, recorder: Recorder) -> np.ndarray:
-    """Return what one effect changes of the logarithms, shape (n_settings, 2, n_lines)."""
+def _traces(case: Case, key: str, linear: Axis, here: np.ndarray, recorder: Recorder) -> list[np.ndarray]:
+    """Return what an effect changes of the logarithms, shape (n_settings, 2, n_lines), under one torque or several."""
     frequency, settings = case.measured[0].frequency, case.settings
     if not key.startswith("wrong-parameter:"):
         mechanism, _ = KINDS[key].build(KINDS[key].sizes[0], np.random.default_rng(0))
         if any(name in _STEPPED for name in mechanism):
-            without = _without(case.axis, key, case)
-            return np.asarray(np.log(_measured(case.axis, settings, recorder) / _measured(without, settings, recorder)))
-    return np.asarray(np.log(here / _responses(_without(linear, key, case), settings, frequency)))
+            both = case.axis, _without(case.axis, key, case)
+            pairs = [[_measured(axis, settings, recorder, torque) for axis in both] for torque in _TORQUES]
+            return [np.asarray(np.log(there / without)) for there, without in pairs]
+    return [np.asarray(np.log(here / _responses(_without(linear, key, case), settings, frequency)))]
 
 
-def _weights(case: Case, form: ModelFormError) -> np.ndarray:
-    """Return one over the standard deviation of each line; 0 where noise hides it, shape (n_settings, 2, n_lines)."""
-    weights = []
-    for frf in case.measured:
-        relative = frf.standard_deviation / np.abs(frf.response)
-        deviation = form.of(ResponsePoint(frf.output)).relative_deviation(frf.frequency, frf.response)
-        seen = relative * _LEAST_SIGNAL_TO_NOISE < 1.0
-        weights.append(np.where(seen, 1.0 / np.hypot(relative, deviation), 0.0))
-    return np.array(weights).reshape(len(case.settings), 2, -1)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weight:
+    """What turns logarithms of shape (n_settings, 2, n_lines) into standard deviations."""
+
+    of_line: np.ndarray  # one over the standard deviation of each line; 0 where noise hides it
+    along: np.ndarray  # the form error that all settings share, in these standard deviations
+
+    @classmethod
+    def of(cls, case: Case, form: ModelFormError) -> "_Weight":
+        """Return the weight of what was measured in a case."""
+        weights, shared = [], []
+        for frf in case.measured:
+            relative = frf.standard_deviation / np.abs(frf.response)
+            deviation = form.of(ResponsePoint(frf.output)).relative_deviation(frf.frequency, frf.response)
+            seen = relative * _LEAST_SIGNAL_TO_NOISE < 1.0
+            weights.append(np.where(seen, 1.0 / np.hypot(relative, deviation), 0.0))
+            shared.append(weights[-1] * deviation)
+        shape = (len(case.settings), 2, -1)
+        return cls(np.array(weights).reshape(shape), np.array(shared).reshape(shape))
+
+    def __call__(self, logarithm: np.ndarray) -> np.ndarray:
+        """Return (I + a aᵀ)^(-1/2) of the weighed values of each line and channel, a along the error they share."""
+        values = self.of_line * logarithm
+        power = np.sum(self.along**2, axis=0)
+        shrink = 1.0 / (1.0 + power + np.sqrt(1.0 + power))
+        return np.asarray(values - self.along * (shrink * np.sum(self.along * values, axis=0)))
 
 
 def _settings_columns(
-    axis: Axis, settings: Sequence[Setting], frequency: np.ndarray, here: np.ndarray, weight: np.ndarray
+    axis: Axis, settings: Sequence[Setting], frequency: np.ndarray, here: np.ndarray, weight: _Weight
 ) -> list[np.ndarray]:
     """Return what an error of each setting changes, per standard deviation that is assumed by default."""
     assumed, columns = SettingTolerances(), []
@@ -161,8 +188,8 @@ def _settings_columns(
         changes += [assumed.gain_share * np.eye(2)[:, [channel]] for channel in (0, 1)]
         for change in changes:
             column = np.zeros_like(here)
-            column[index] = weight[index] * change
-            columns.append(column)
+            column[index] = change
+            columns.append(weight(column))
     return columns
 
 
@@ -174,12 +201,12 @@ def _responses(axis: Axis, settings: Sequence[Setting], frequency: np.ndarray) -
     return np.array(answers).reshape(len(settings), 2, frequency.size, offset.size) @ _SHARES
 
 
-def _measured(axis: Axis, settings: Sequence[Setting], recorder: Recorder) -> np.ndarray:
-    """Return the logarithms of estimates without noise, under the same torque each time."""
+def _measured(axis: Axis, settings: Sequence[Setting], recorder: Recorder, torque: int) -> np.ndarray:
+    """Return estimates without noise, under one of many random torques."""
     hidden = replace(axis.hidden, **_defaults(("constant_loss_factor",)))
     undisturbed = Recorder(recorder.sample_rate)
     exact = Scatter(sensor_noise=0.0, gain=0.0)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(torque)
     seen = measure(
         replace(axis, hidden=hidden), settings, settings, exact, rng,
         respond=finite_elements.respond, recorder=undisturbed,

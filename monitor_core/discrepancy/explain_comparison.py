@@ -5,12 +5,12 @@ Report the effects that were not found: refitted rivals, screened effects with d
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from monitor_core.discrepancy.description.describe import describe
+from monitor_core.discrepancy.conclusion import conclude
 from monitor_core.discrepancy.explanation import (
     Candidate,
     Explanation,
@@ -41,9 +41,7 @@ from monitor_core.discrepancy.verdict.next_measurement import next_measurement
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
-    explained_share,
     hidden_in_remainder,
-    outcome_of,
     remainder_of,
 )
 from monitor_core.discrepancy.verdict.wandering import Wandering, wandering
@@ -221,21 +219,11 @@ def _explain_kept(
         classes, final = classes_with_fit(found, candidates)
     found = replace(found, final=final)
     remainder = remainder_of(final, found.baseline)
-    explained = explained_share(found.baseline, final, remainder.misfit)
-    judged = settings.outcome
-    wanders = wandering(final, (group.representative.effect for group in classes), remainder, judged)
-    # what wanders is no effect of the catalogue, and what was found beside it may be a part of it
-    outcome = Outcome.UNKNOWN if wanders else outcome_of(classes, remainder, explained=explained, settings=judged)
-    if unfinished:
-        outcome = Outcome.UNKNOWN if outcome in (Outcome.NONE, Outcome.UNKNOWN) else Outcome.PARTIAL
-    description = None
-    if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) and not unfinished:
-        with stoppable.stoppable():
-            description = describe(found.baseline, final, candidates, sizes, report)
-        if (description is None or description.fitted is None) and not wanders:
-            judged = judged.of_tolerances()
-            outcome = outcome_of(classes, remainder, explained=explained, settings=judged)
-            description = description if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL) else None
+    wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
+    with nullcontext() if unfinished else stoppable.stoppable():
+        concluded = conclude(workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
+                             unfinished=bool(unfinished), sizes=sizes)  # fmt: skip
+    outcome, description = concluded.outcome, concluded.description
     if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
         found, classes = description.put_into(found, classes)
@@ -262,7 +250,9 @@ def _explain_kept(
         gap_by_channel=_gap_by_channel(found),
         pulls_before=_parameter_pulls(found.baseline),
         # an effect that would do in the place of another is reported there
-        hidden_in_remainder=tuple(key for key in hidden if key not in reported and remainder.is_left(judged)),
+        hidden_in_remainder=tuple(
+            key for key in hidden if key not in reported and remainder.is_left(concluded.judged_by)
+        ),
         unfinished=unfinished,
         described=said_of_it,
     )

@@ -131,6 +131,28 @@ def test_d_prime_of_what_a_tolerance_takes_up_is_how_many_tolerances_that_is() -
     assert 4.0 * of_two < of_ten <= 10.1
 
 
+def test_what_is_alike_in_all_settings_is_not_seen_better_in_more_of_them() -> None:
+    """A delay turns every response alike, and so may the form of a model, whose error all settings share."""
+    found = {}
+    for design in ("poor", "rich"):
+        case = draw_case("angle-delay", "large", seed=8, respond=transmission_line.respond,
+                         situation=Situation(design=design))  # fmt: skip
+        exact = tuple(replace(frf, standard_deviation=1e-6 * np.abs(frf.response)) for frf in case.measured)
+        found[len(case.settings)] = detectability(replace(case, measured=exact), BENCH.recorder, FORM)
+    (few, of_few), (many, of_many) = sorted(found.items())
+    assert many > 2 * few
+    assert of_many == pytest.approx(of_few, rel=0.15)
+
+
+def test_the_scatter_of_a_torque_is_no_trace_of_what_depends_on_it(monkeypatch) -> None:
+    """What a stronger torque makes of a spring that hardens little is mostly noise, which no other torque repeats."""
+    case = draw_case("cubic-stiffness", "small", seed=8, respond=transmission_line.respond,
+                     situation=Situation(design="usual"))  # fmt: skip
+    of_two = detectability(case, BENCH.recorder, FORM)
+    monkeypatch.setattr("benchmarks.detectability._TORQUES", (0,))
+    assert of_two < 0.5 * detectability(case, BENCH.recorder, FORM)
+
+
 def test_d_prime_of_twins_is_nothing() -> None:
     """A series compliance beside a bracket that is wrong, free to be anything: the data cannot tell the two."""
     case = draw_case("series-compliance", "large", seed=8, respond=transmission_line.respond,

@@ -50,7 +50,7 @@ class Description:
 
     described: Described
     fitted: Fitted[Any] | None
-    keeps_found: bool  # whether it stands beside the effects that had been found, and not in their place
+    kept: frozenset[str]  # keys of the effects with names that it stands beside; it is in the place of others
 
     def put_into(
         self, found: Found[Any], classes: Sequence[EquivalenceClass[Any]]
@@ -58,9 +58,11 @@ class Description:
         """Return what was found with the description, beside the classes of effects or in their place."""
         if self.fitted is None:
             return found, tuple(classes)
-        if not self.keeps_found:
-            return replace(found, final=self.fitted, steps=(self.fitted,), accepted=()), ()
-        return replace(found, final=self.fitted, steps=(*found.steps, self.fitted)), tuple(classes)
+        pairs = zip(found.accepted, classes, strict=True)
+        kept = [(accepted, group) for accepted, group in pairs if group.representative.effect.key in self.kept]
+        steps = (*found.steps, self.fitted) if len(kept) == len(classes) else (self.fitted,)
+        accepted = tuple(accepted for accepted, _ in kept)
+        return replace(found, final=self.fitted, steps=steps, accepted=accepted), tuple(group for _, group in kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +116,35 @@ def describe(
         of_catalogue = tuple(bases(baseline, final, candidates))
         described, varied = _described(baseline, final, of_catalogue, progress)
         if described is None:  # what costs more is tried where there would be no answer
-            described, _ = _described(baseline, final, tuple(bases_at_ports(baseline, final, sizes)), progress)
+            described, _ = _described(baseline, final, tuple(bases_at_ports((baseline, final), sizes)), progress)
         return described or _without_form(baseline, final, varied)
     return None
+
+
+def describe_elsewhere(
+    final: Fitted[Any],
+    without: Sequence[Fitted[Any]],
+    sizes: MachineSizes | None,
+    progress: Callable[[str], None],
+) -> Description | None:
+    """Return what swings at a port that the catalogue has nothing for, where it explains more than what has a name.
+
+    Among effects of the catalogue alone the place that is nearest would get the name. ``final`` is the fit with what
+    was found, ``without`` are fits that each lack one effect of it, which swings by itself.
+    """
+    answers = list[_Answer]()
+    for before in without:
+        if isinstance(before.physics(), AxisPhysics):
+            progress("asking whether it swings elsewhere")
+            bases_here = bases_at_ports((before,), sizes)
+            answers += [_Answer(base, base.fitted, base.port) for base in bases_here if base.port is not None]
+    answers = [answer for answer in answers if _is_evident(answer)]
+    if not answers:
+        return None
+    best = min(answers, key=lambda answer: answer.fitted.cost)
+    if not _surpasses(final, best, best.scale) or not _holds(best.before, best, best.scale):
+        return None
+    return Description(_answer(best, (), best.scale), best.fitted, best.before.hypothesis.keys)
 
 
 def _described(
@@ -136,11 +164,11 @@ def _described(
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
     answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
     best, *others = answers
-    if not _holds(baseline, best, scale):
+    kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
+    if not _holds(baseline, best, scale) or not (kept or _surpasses(final, best, scale)):
         return None, varied
-    beside_found = bool(final.hypothesis.effects) and final in (best.base.fitted, best.base.before)
     described = _answer(best, _alike(baseline, best, others, scale), scale)
-    return Description(described, best.fitted, beside_found), varied
+    return Description(described, best.fitted, kept), varied
 
 
 def _promising(varied: _Varied, baseline: Fitted[AxisPhysics]) -> list[tuple[Base, TriedLaw]]:
@@ -159,7 +187,7 @@ def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], var
     """Return what varies by no law, in the axis as stated or with what was found."""
     stated = [(base.fitted, variation) for base, variation in varied if base.fitted in (baseline, final)]
     unformed = without_form(stated)
-    return None if unformed is None else Description(unformed, None, bool(final.hypothesis.effects))
+    return None if unformed is None else Description(unformed, None, final.hypothesis.keys)
 
 
 def _variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:
@@ -215,6 +243,12 @@ def _holds(baseline: Fitted[AxisPhysics], answer: _Answer, scale: EvidenceScale)
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
     return held and of_missing >= _LEAST_EXPLAINED and _share_of_free(answer) >= _LEAST_OF_FREE
+
+
+def _surpasses(final: Fitted[AxisPhysics], answer: _Answer, scale: EvidenceScale) -> bool:
+    """Return whether it explains more than the effects with names in whose place it would stand, if there are any."""
+    more = delta_bic(final, answer.fitted, scale)
+    return not final.hypothesis.effects or more >= least_difference(answer.fitted.comparison)
 
 
 def _alike(

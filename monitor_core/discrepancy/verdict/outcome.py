@@ -7,16 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f_oneway
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.clean import strain
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class
-from monitor_core.effects.effect import Effect, Physics
+from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.conditions.groups import levels_of
 from monitor_core.fitting.hold_out import JudgedGap, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
+
+#: Probability below which errors of settings that differ with a condition are no chance; ten are looked at or so.
+_BY_CHANCE = 1e-3
 
 
 def classes_with_fit(
@@ -96,6 +101,24 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
     return found
 
 
+def follow_conditions(fitted: Fitted[Physics]) -> bool:
+    """Return whether the errors of settings differ in the mean with how the axis was set, as no tolerance does.
+
+    An analysis of variance of each kind of error over the levels of each condition.
+    """
+    layout = fitted.comparison.layout
+    errors = fitted.around.whitened_by.pulls(fitted.misfit)
+    for name, column in zip(fitted.comparison.condition_error_names, errors.T, strict=True):
+        known = np.isfinite(column)
+        for axis in ConditionAxis if not name.startswith("gain") else ():
+            of_setting = levels_of(layout, axis)
+            groups = [column[known & (of_setting == level)] for level in np.unique(of_setting[known])]
+            groups = [group for group in groups if group.size]
+            if 1 < len(groups) < np.count_nonzero(known) and f_oneway(*groups).pvalue < _BY_CHANCE:
+                return True
+    return False
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Remainder:
     """What a fit leaves."""
@@ -152,6 +175,9 @@ def outcome_of(
     plausible = [found for found in classes if found.representative.plausible]
     if not plausible or (left and explained < settings.least_share):
         return Outcome.UNKNOWN
+    stand_ins = [found.representative.delta_bic for found in classes if not found.representative.plausible]
+    if sum(stand_ins) > sum(found.representative.delta_bic for found in plausible):
+        return Outcome.UNKNOWN  # what has a name explains less than what stands in for something else
     if remainder.gap.exceeds_healthy and all(found.others for found in classes):
         return Outcome.UNKNOWN  # a model that lacks something distinguishes look-alikes by chance
     if left or len(plausible) < len(classes):

@@ -1,0 +1,75 @@
+"""Conclude from what was found: the outcome by names alone, and what is described in their place."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from monitor_core.discrepancy.description.describe import Description, describe, describe_elsewhere
+from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.time_limit import TimeIsUpError
+from monitor_core.discrepancy.search.workspace import Workspace
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass
+from monitor_core.discrepancy.verdict.outcome import (
+    OutcomeSettings,
+    Remainder,
+    explained_share,
+    follow_conditions,
+    outcome_of,
+)
+from monitor_core.effects.effect import Physics
+from monitor_core.effects.sizes import MachineSizes
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+_UNCERTAIN, _SURE = (Outcome.UNKNOWN, Outcome.PARTIAL), (Outcome.NAMED, Outcome.EQUIVALENT)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conclusion:
+    """What an answer comes to."""
+
+    outcome: Outcome  # by names alone
+    judged_by: OutcomeSettings
+    description: Description | None = None
+
+
+def conclude(
+    workspace: Workspace[Physics],
+    found: Found[Physics],
+    classes: Sequence[EquivalenceClass[Physics]],
+    remainder: Remainder,
+    settings: OutcomeSettings,
+    *,
+    wanders: bool,
+    unfinished: bool,
+    sizes: MachineSizes | None,
+) -> Conclusion:
+    """Return the outcome of effects with names, and what is described beside them or in their place.
+
+    What ``wanders`` over frequency is no effect of the catalogue, and what was found beside it may be a part of it. An
+    ``unfinished`` search is not described.
+    """
+    explained = explained_share(found.baseline, found.final, remainder.misfit)
+    outcome = Outcome.UNKNOWN if wanders else outcome_of(classes, remainder, explained=explained, settings=settings)
+    if unfinished:
+        return Conclusion(Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, settings)
+    if outcome in _UNCERTAIN:
+        described = describe(found.baseline, found.final, workspace.candidates, sizes, workspace.progress)
+        if (described is not None and described.fitted is not None) or wanders or follow_conditions(found.final):
+            return Conclusion(outcome, settings, described)
+        settings = settings.of_tolerances()
+        outcome = outcome_of(classes, remainder, explained=explained, settings=settings)
+        if outcome in _UNCERTAIN:
+            return Conclusion(outcome, settings, described)
+    if outcome in _SURE:
+        return Conclusion(outcome, settings, _elsewhere(workspace, found.final, sizes))
+    return Conclusion(outcome, settings)
+
+
+def _elsewhere(workspace: Workspace[Physics], final: Fitted[Physics], sizes: MachineSizes | None) -> Description | None:
+    """Return what swings in another place than what was named for it, None too where time is up."""
+    swinging = [effect for effect in final.hypothesis.effects if effect.frequency is not None]
+    with suppress(TimeIsUpError):
+        without = [workspace.without(final, effect) for effect in swinging]
+        return describe_elsewhere(final, without, sizes, workspace.progress)
+    return None
