@@ -53,14 +53,18 @@ def conclude(
     outcome = Outcome.UNKNOWN if wanders else outcome_of(classes, remainder, explained=explained, settings=settings)
     if unfinished:
         return Conclusion(Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, settings)
-    if outcome in _UNCERTAIN:
+    relaxed, follow = settings.of_tolerances(), wanders or follow_conditions(found.final)
+    by_tolerances = outcome if follow else outcome_of(classes, remainder, explained=explained, settings=relaxed)
+    described = None
+    # effects with names that explain what is missing leave nothing to describe but what settings scatter
+    if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
         described = describe(found.baseline, found.final, workspace.candidates, sizes, workspace.progress)
-        if (described is not None and described.fitted is not None) or wanders or follow_conditions(found.final):
+        if described is not None and described.fitted is not None:
             return Conclusion(outcome, settings, described)
-        settings = settings.of_tolerances()
-        outcome = outcome_of(classes, remainder, explained=explained, settings=settings)
-        if outcome in _UNCERTAIN:
-            return Conclusion(outcome, settings, described)
+    if outcome in _UNCERTAIN and not follow:
+        outcome, settings = by_tolerances, relaxed
+    if outcome in _UNCERTAIN:
+        return Conclusion(outcome, settings, described)
     if outcome in _SURE:
         return Conclusion(outcome, settings, _elsewhere(workspace, found.final, sizes))
     return Conclusion(outcome, settings)

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.description.describe import describe
+from monitor_core.discrepancy.description.describe import describe, describe_elsewhere
+from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form
 from monitor_core.fitting.conditions.settings import default_folds
@@ -122,6 +123,19 @@ def test_what_swings_at_a_port_is_described_with_its_size_and_frequency(tmp_path
     assert next(held_out) > 2.0 * before.comparison.noise_floor > 2.0 * next(held_out) / 1.2
     (tmp_path / "mine.py").write_text(effect_file_text(found.effects), encoding="utf-8")
     assert [again.key for again in read_effect_file(tmp_path / "mine.py")] == [each.key for each in found.effects]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "place"), [("outside:rotor-absorber", "motor"), ("table-absorber", None)])
+def test_what_was_named_for_swinging_on_the_table_is_sought_at_every_port(kind, place):
+    """An inertia on the rotor leads its port by far; a mass on the table is left its name."""
+    _, baseline, candidates, sizes = stated(kind, "large", 41)
+    (on_table,) = (effect for effect in candidates if effect.key == "table-absorber")
+    found = next(found for found in screen(baseline, [on_table]))
+    named = fit(baseline.comparison, baseline.hypothesis.with_effect(on_table), found.starts[0], baseline.fitted)
+    answer = describe_elsewhere(named, [baseline], sizes, lambda _sentence: None)
+    assert (answer and answer.described.place) == place
+    assert answer is None or (answer.fitted.cost < named.cost and answer.kept == frozenset())
 
 
 @pytest.mark.slow

@@ -13,11 +13,13 @@ from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     Remainder,
     explained_share,
+    follow_conditions,
     hidden_in_remainder,
     outcome_of,
     remainder_of,
     variances_of_pulls,
 )
+from monitor_core.effects import ConditionAxis
 from monitor_core.fitting.hold_out import REMAINDER, JudgedGap, fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
@@ -32,9 +34,9 @@ PULLED = {"position": 1.1 * SETTINGS.pulls}
 GAINS = {"position": 0.1, "gain 1": 20.0 * SETTINGS.pulls}
 
 
-def found(*plausible):
+def found(*plausible, delta_bic=100.0):
     """Return a class with members that are plausible or not, the representative first."""
-    members = tuple(Member(quantity(index), None, 100.0, is_plausible) for index, is_plausible in enumerate(plausible))
+    members = tuple(Member(quantity(at), None, delta_bic, is_plausible) for at, is_plausible in enumerate(plausible))
     return EquivalenceClass(members, (), 50.0)
 
 
@@ -58,6 +60,7 @@ TABLE = {
     "settings drift": ((GOOD,), AT_FLOOR, PULLED, Outcome.PARTIAL),
     "a stand-in alone": ((STAND_IN,), AT_FLOOR, QUIET, Outcome.UNKNOWN),
     "a stand-in beside an effect": ((GOOD, STAND_IN), AT_FLOOR, QUIET, Outcome.PARTIAL),
+    "a stand-in that explains more": ((GOOD, found(False, delta_bic=101.0)), AT_FLOOR, QUIET, Outcome.UNKNOWN),
 }  # fmt: skip
 
 
@@ -109,6 +112,36 @@ def test_remainder_counts_what_settings_are_pulled_by() -> None:
     assert not left.gap.exceeds_healthy
     assert left.is_pulled(SETTINGS)
     assert left.misfit == pytest.approx(10 * (4.0 - 1.0), rel=0.01)
+
+
+def errors_of_settings(errors):
+    """Return a fit of ten settings that err so, in standard deviations, three of them at another level."""
+    fitted = linear(10.0 * np.repeat(errors, 4), directions=np.full((1, 40), 10.0))
+    layout = fitted.comparison.layout
+    settings = tuple(
+        replace(setting, values={ConditionAxis.LEVEL: 3.0 if number in AT_ANOTHER_LEVEL else 1.0})
+        for number, setting in enumerate(layout.settings)
+    )
+    comparison = replace(fitted.comparison, layout=replace(layout, settings=settings))
+    return replace(fitted, comparison=comparison)
+
+
+AT_ANOTHER_LEVEL = (2, 5, 8)
+
+
+def test_settings_that_scatter_at_random_follow_nothing() -> None:
+    """One draw in a few hundred does, of errors three times as large as is stated."""
+    rng = np.random.default_rng(11)
+    follow = sum(follow_conditions(errors_of_settings(3.0 * rng.standard_normal(10))) for _ in range(300))
+    assert follow <= 3
+
+
+def test_errors_that_go_with_a_condition_or_with_time_are_seen() -> None:
+    scatter = np.random.default_rng(12).standard_normal(10)
+    by_level = np.array([8.0 if number in AT_ANOTHER_LEVEL else 0.0 for number in range(10)])
+    assert follow_conditions(errors_of_settings(scatter + by_level))
+    assert follow_conditions(errors_of_settings(0.1 * scatter + np.arange(10.0)))
+    assert not follow_conditions(errors_of_settings(scatter))
 
 
 def test_remainder_is_judged_where_it_is_larger() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f_oneway
+from scipy.stats import f_oneway, spearmanr
 
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.clean import strain
@@ -20,8 +20,9 @@ from monitor_core.fitting.conditions.groups import levels_of
 from monitor_core.fitting.hold_out import JudgedGap, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
-#: Probability below which errors of settings that differ with a condition are no chance; ten are looked at or so.
-_BY_CHANCE = 1e-3
+#: Probability below which errors of settings that differ with a condition are no chance; ten are looked at or so. And
+#: of how many settings an order says something.
+_BY_CHANCE, _FEWEST = 1e-3, 6
 
 
 def classes_with_fit(
@@ -102,15 +103,21 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
 
 
 def follow_conditions(fitted: Fitted[Physics]) -> bool:
-    """Return whether the errors of settings differ in the mean with how the axis was set, as no tolerance does.
+    """Return whether the errors of settings go with how the axis was set, or with time, as no tolerance does.
 
-    An analysis of variance of each kind of error over the levels of each condition.
+    An analysis of variance of each kind of error over the levels of each condition, and its correlation with the order
+    in which the settings were measured.
     """
     layout = fitted.comparison.layout
     errors = fitted.around.whitened_by.pulls(fitted.misfit)
     for name, column in zip(fitted.comparison.condition_error_names, errors.T, strict=True):
+        if name.startswith("gain"):
+            continue
         known = np.isfinite(column)
-        for axis in ConditionAxis if not name.startswith("gain") else ():
+        order = np.flatnonzero(known)
+        if order.size > _FEWEST and spearmanr(order, column[known]).pvalue < _BY_CHANCE:
+            return True
+        for axis in ConditionAxis:
             of_setting = levels_of(layout, axis)
             groups = [column[known & (of_setting == level)] for level in np.unique(of_setting[known])]
             groups = [group for group in groups if group.size]
