@@ -87,24 +87,31 @@ class RecordsUnderTest(Generic[Physics]):
 
         low, high = (np.full_like(stated, end) for end in self.ranges[tag])
         step = np.maximum(_STEP * (high - low), 1e-12)
-        if not np.any(self._slope(tag, stated, step)):
+        if not np.any(slope_by_tag(records, self.physics, tag, stated, step)):
             return None
         spaced = np.geomspace if tag == "preload" else np.linspace
         grid = spaced(low, high, _N_GRID)
         found, _ = least_along(chi_squared, grid, _N_HALVINGS)
         there = record_costs(records.retagged(tag, found), self.physics, self.scatter)
         taken = here.chi_squared - there.chi_squared
-        _, _, deviation = there.taken_by(self._slope(tag, found, step))
+        _, _, deviation = there.taken_by(slope_by_tag(records, self.physics, tag, found, step))
         return Freed(fault, unit, stated * per_unit, found * per_unit, deviation * per_unit, taken)
 
-    def _slope(self, tag: str, at: FloatArray, step: FloatArray) -> FloatArray:
-        """Return the derivative of the misfit by a tag, shape (n_values,)."""
-        here = self.comparison.retagged(tag, at).misfit(self.physics)
-        try:
-            moved, step = self.comparison.retagged(tag, at - step).misfit(self.physics), -step
-        except OutsideValidityError:
-            moved = self.comparison.retagged(tag, at + step).misfit(self.physics)
-        return np.asarray(self.comparison.layout.difference(moved, here) / step[self.comparison.layout.setting])
+
+def slope_by_tag(
+    records: HasRecords[Physics], physics: Physics, tag: str, at: FloatArray, step: FloatArray
+) -> FloatArray:
+    """Return the derivative of the misfit by the tags of all records, shape (n_values,).
+
+    ``at`` are the tags and ``step`` how far to move them, to the other side where the model has no answer; shape
+    (n_settings,) both.
+    """
+    here = records.retagged(tag, at).misfit(physics)
+    try:
+        moved, step = records.retagged(tag, at - step).misfit(physics), -step
+    except OutsideValidityError:
+        moved = records.retagged(tag, at + step).misfit(physics)
+    return np.asarray(records.layout.difference(moved, here) / step[records.layout.setting])
 
 
 def _gain(here: RecordCosts, along: FloatArray) -> Freed:

@@ -6,7 +6,9 @@ from typing import Generic
 
 from monitor_core.discrepancy.explanation import WrongRecord
 from monitor_core.discrepancy.records.look import record_under, worst_record
+from monitor_core.discrepancy.records.masking import bent_to
 from monitor_core.effects.effect import Physics
+from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, HasRecords
 from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.hold_out import fitted_values
@@ -15,6 +17,8 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
 #: Of the records, how many may be wrong; more is another model.
 _MOST_WRONG = 0.2
+#: Records without which a fit is made again, of those that it seems to have bent to.
+_MOST_CLOSELY = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +44,24 @@ class Records(Generic[Physics]):
         """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
         if not isinstance(self.whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(self.whole.layout.settings):
             return None
-        return worst_record(fitted, self.whole, self.wrong)
+        return worst_record(fitted, self.whole, self.wrong) or self._bent_to(fitted)
+
+    def _bent_to(self, fitted: Fitted[Physics]) -> WrongRecord | None:
+        """Return the record that is most surely wrong under a fit without it, None without any."""
+        kept, whole = self.kept, self.whole
+        if not isinstance(kept, HasRecords) or not isinstance(whole, HasRecords):
+            return None
+        numbers = [index + 1 for index in range(len(whole.layout.settings)) if index not in self.wrong]
+        for place in bent_to(fitted, kept)[:_MOST_CLOSELY]:
+            rest = self.with_wrong(numbers[place]).kept
+            try:
+                without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
+            except OutsideValidityError:
+                continue
+            worst = worst_record(without, whole, self.wrong)
+            if worst is not None and worst.number == numbers[place]:
+                return worst
+        return None
 
     def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
         """Return what is wrong with the records that are taken out, under the final fit, worst first.
