@@ -160,7 +160,7 @@ def explain_comparison(
     settings, progress = settings or ExplainSettings(), progress or (lambda _: None)
     layout = comparison.layout
     progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
-    records = cleared(comparison, axis, progress)
+    records = cleared(comparison, axis, progress, candidates)
     while True:
         explanation, final = _explain_kept(
             records.kept, axis, candidates, baseline=records.baseline, settings=settings, sizes=sizes,
@@ -169,8 +169,8 @@ def explain_comparison(
         worst = None if explanation.unfinished else records.worst(final)
         if worst is None:
             break
-        progress(f"once more without record {worst.number} ({worst.setting})")
-        records = records.with_wrong(worst.number)
+        progress(f"once more without record {worst.record.number} ({worst.record.setting})")
+        records = replace(records.with_wrong(worst), right=frozenset())
     if explanation.outcome is Outcome.UNKNOWN and records.wrong and not explanation.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
         whole, _ = _explain_kept(

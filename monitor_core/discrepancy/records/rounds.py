@@ -1,13 +1,14 @@
 """Take out wrong records one by one, worst first, before anything is explained and again with what was found."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from monitor_core.discrepancy.explanation import WrongRecord
 from monitor_core.discrepancy.records.look import record_under, worst_record
 from monitor_core.discrepancy.records.masking import bent_to
-from monitor_core.effects.effect import Physics
+from monitor_core.discrepancy.records.other_of_level import other_of_level
+from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, HasRecords
 from monitor_core.fitting.described_axis import DescribedAxis
@@ -21,6 +22,14 @@ _MOST_WRONG = 0.2
 _MOST_CLOSELY = 2
 
 
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """The record that is most surely wrong, and those that stand out and are right if it is wrong."""
+
+    record: WrongRecord
+    right: frozenset[int] = frozenset()  # by their settings
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Records(Generic[Physics]):
     """All records of a comparison, and which of them are taken out."""
@@ -28,6 +37,8 @@ class Records(Generic[Physics]):
     whole: Comparison[Physics]  # of one without records nothing is taken out
     wrong: frozenset[int] = frozenset()  # by their settings
     baseline: Fitted[Physics] | None = None  # of the axis as described to all records, where none is taken out
+    candidates: tuple[Effect[Physics], ...] = ()  # what the axis may lack
+    right: frozenset[int] = frozenset()  # what stands out only until it is known what the axis lacks; by their settings
 
     @property
     def kept(self) -> Comparison[Physics]:
@@ -36,31 +47,39 @@ class Records(Generic[Physics]):
             return self.whole
         return self.whole.only(frozenset(range(len(self.whole.layout.settings))) - self.wrong)
 
-    def with_wrong(self, number: int) -> "Records[Physics]":
-        """Return the records with one more taken out, by its number from 1."""
-        return Records(self.whole, self.wrong | {number - 1})
+    def with_wrong(self, worst: Worst) -> "Records[Physics]":
+        """Return the records with one more taken out."""
+        return replace(
+            self, wrong=self.wrong | {worst.record.number - 1}, right=self.right | worst.right, baseline=None
+        )
 
-    def worst(self, fitted: Fitted[Physics]) -> WrongRecord | None:
+    def worst(self, fitted: Fitted[Physics]) -> Worst | None:
         """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
         if not isinstance(self.whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(self.whole.layout.settings):
             return None
-        return worst_record(fitted, self.whole, self.wrong) or self._bent_to(fitted)
+        record = worst_record(fitted, self.whole, self.wrong | self.right)
+        if record is None:
+            return self._bent_to(fitted)
+        other = other_of_level(fitted, self.whole, self.wrong, record, self.candidates)
+        return Worst(record) if other is None else Worst(other, frozenset((record.number - 1,)))
 
-    def _bent_to(self, fitted: Fitted[Physics]) -> WrongRecord | None:
+    def _bent_to(self, fitted: Fitted[Physics]) -> Worst | None:
         """Return the record that is most surely wrong under a fit without it, None without any."""
         kept, whole = self.kept, self.whole
         if not isinstance(kept, HasRecords) or not isinstance(whole, HasRecords):
             return None
-        numbers = [index + 1 for index in range(len(whole.layout.settings)) if index not in self.wrong]
+        places = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
         for place in bent_to(fitted, kept)[:_MOST_CLOSELY]:
-            rest = self.with_wrong(numbers[place]).kept
+            if places[place] in self.right:
+                continue
+            rest = kept.only(frozenset(range(len(places))) - {place})
             try:
                 without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
             except OutsideValidityError:
                 continue
-            worst = worst_record(without, whole, self.wrong)
-            if worst is not None and worst.number == numbers[place]:
-                return worst
+            worst = worst_record(without, whole, self.wrong | self.right)
+            if worst is not None and worst.number - 1 == places[place]:
+                return Worst(worst)
         return None
 
     def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
@@ -75,13 +94,17 @@ class Records(Generic[Physics]):
 
 
 def cleared(
-    comparison: Comparison[Physics], axis: DescribedAxis[Physics], progress: Callable[[str], None]
+    comparison: Comparison[Physics],
+    axis: DescribedAxis[Physics],
+    progress: Callable[[str], None],
+    candidates: Sequence[Effect[Physics]] = (),
 ) -> Records[Physics]:
     """Return the records without those that stand out from the others under the axis as it is described.
 
+    ``candidates`` are what the axis may lack: one of them may be what makes a right record stand out.
     Raises OutsideValidityError if the axis has no answer.
     """
-    records = Records(comparison)
+    records = Records(comparison, candidates=tuple(candidates))
     if not isinstance(comparison, HasRecords):
         return records
     hypothesis = Hypothesis(axis)
@@ -91,7 +114,7 @@ def cleared(
         fitted = fit(kept, hypothesis, at, fitted_values(kept.layout))
         worst = records.worst(fitted)
         if worst is None:
-            return records if records.wrong else Records(comparison, baseline=fitted)
-        progress(f"taking out record {worst.number} ({worst.setting})")
-        records = records.with_wrong(worst.number)
+            return replace(records, right=frozenset(), baseline=None if records.wrong else fitted)
+        progress(f"taking out record {worst.record.number} ({worst.record.setting})")
+        records = records.with_wrong(worst)
         at = fitted.coordinates

@@ -116,6 +116,21 @@ def _needed_for_the_fit(conditions: Sequence[DriveConditions], held_out: Set[Dri
     return needed
 
 
+def fitted_still(
+    fold: frozenset[DriveConditions], before: Iterable[DriveConditions], left: Iterable[DriveConditions]
+) -> frozenset[DriveConditions]:
+    """Return a fold without the settings that are all that is left of a payload, temperature or level that was fitted.
+
+    ``before`` are all settings, ``left`` those that are left of them: what nothing fitted shows cannot be found.
+    """
+    before, left = tuple(before), tuple(left)
+    needed: set[DriveConditions] = set()
+    for name in _VARIED:
+        was, still = ({getattr(each, name) for each in settings if each not in fold} for settings in (before, left))
+        needed.update(each for each in left if getattr(each, name) in was - still)
+    return fold - needed
+
+
 def _last_of_each_variation(conditions: Iterable[DriveConditions]) -> set[DriveConditions]:
     """Return the last of several conditions that differ from most in one payload, temperature or level.
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray, logarithm
 from monitor_core.errors import NotIdentifiableError
 from monitor_core.fitting.comparison import CommonErrors, GapInSigma, Layout, Panel, amplitude_panels
-from monitor_core.fitting.conditions.settings import WARMER, SettingTolerances, known_mass, setting_of
+from monitor_core.fitting.conditions.settings import WARMER, SettingTolerances, fitted_still, known_mass, setting_of
 from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.lines import case_of, clear_responses, with_phase_within_half_a_turn
 from monitor_core.fitting.residuals.model_form import ModelFormError
@@ -214,9 +214,12 @@ class ResponsesSource:
         observations = [each for each, so in zip(self.observations, kept, strict=True) if so]
         numbers = tuple(number for number, so in zip(self.numbers, kept, strict=True) if so)
         there = {observation.conditions for observation in observations}
+        held_out = self.held_out
+        if len(held_out) == 1:
+            held_out = (fitted_still(held_out[0], (each.conditions for each in self.observations), there),)
         again = compare_responses(
             observations,
-            held_out=[fold for fold in self.held_out if fold & there and there - fold],
+            held_out=[fold for fold in held_out if fold & there and there - fold],
             tolerances=self.tolerances,
             form=self.form,
             otherwise_held=self.otherwise_held,
