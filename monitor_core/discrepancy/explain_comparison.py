@@ -1,18 +1,15 @@
-"""Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers.
-
-Report the effects that were not found: refitted rivals, screened effects with detection limits, untestable ones.
-"""
+"""Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from typing import Generic
 
 import numpy as np
 
 from monitor_core.discrepancy.conclusion import conclude
 from monitor_core.discrepancy.explanation import (
-    Candidate,
     Explanation,
     FoundEffect,
     FoundParameter,
@@ -31,13 +28,13 @@ from monitor_core.discrepancy.localisation.localise import (
 )
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
 from monitor_core.discrepancy.records.rounds import cleared
-from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.search import find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
 from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.discrepancy.verdict.not_found import candidates_not_found
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
@@ -51,85 +48,11 @@ from monitor_core.effects.sizes import MachineSizes
 from monitor_core.effects.units import unit_sentence
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, Panel
-from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.described_axis import DescribedAxis
 from monitor_core.fitting.evidence import EvidenceScale
-from monitor_core.fitting.hold_out import gain, gap_of
+from monitor_core.fitting.hold_out import gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
-
-
-def candidates_not_found(
-    found: Found[Physics],
-    candidates: Sequence[Effect[Physics]],
-    classes: Sequence[EquivalenceClass[Physics]],
-    *,
-    not_tried: str | None = None,
-) -> tuple[Candidate, ...]:
-    """Return which of the candidates are in no class of an accepted effect, best supported first.
-
-    ``not_tried`` says why some of them may not have been screened.
-    """
-    reported = {key for group in classes for key in (group.representative.effect.key, *group.aliases, *group.untested)}
-    rivals = {
-        rival.effect.key: (rival, accepted.without, group.representative.effect.key)
-        for accepted, group in zip(found.accepted, classes, strict=True)
-        for rival in accepted.rivals
-    }
-    screened = {result.effect.key: result for result in found.screened}
-    answers: dict[str, Candidate] = {}
-    for effect in candidates:
-        if effect.key in reported or effect.key in answers:
-            continue
-        result = screened.get(effect.key)
-        limit = _detection_limit(result, found)
-        evidence, held_out, untestable, replaced = math.nan, math.nan, None, None
-        if effect.key in found.final.hypothesis.keys:  # no larger than every axis may have it
-            answers[effect.key] = Candidate(effect.key, evidence, held_out, effect.ordinary, effect.parameters[0].unit)
-            continue
-        if effect.key in rivals:
-            rival, without, replaced = rivals[effect.key]
-            evidence = rival.delta_bic  # in the place of what was accepted
-            held_out = gain(without.held_out, rival.fitted.held_out, found.evidence_scale)
-        elif result is not None and limit is not None:
-            scale = found.evidence_scale
-            evidence = scale.factor * result.decrease - scale.penalty(len(effect.parameters))
-        else:
-            untestable = _why_untestable(effect, result, found)
-            if not_tried and result is None and effect.applies(found.final.physics()):
-                untestable = not_tried
-            if untestable is None:
-                continue
-        unit = effect.parameters[0].unit
-        answers[effect.key] = Candidate(effect.key, evidence, held_out, limit, unit, untestable, replaced)
-    return tuple(sorted(answers.values(), key=_rank))
-
-
-def _rank(candidate: Candidate) -> float:
-    return -candidate.delta_bic if math.isfinite(candidate.delta_bic) else math.inf
-
-
-def _why_untestable(effect: Effect[Physics], result: Screened[Physics] | None, found: Found[Physics]) -> str | None:
-    """Say why nothing could be seen of an effect; None where the axis lacks what it acts on."""
-    missing = sorted(str(axis) for axis in effect.needs - varied_conditions(found.final.comparison.layout))
-    if missing:
-        return f"{', '.join(missing)} does not vary"
-    if result is None:
-        return "the model has no answer with it" if effect.applies(found.final.physics()) else None
-    if result.information > 0.0:
-        return "no value within its range would be seen"
-    return "nothing that was measured moves with it"
-
-
-def _detection_limit(result: Screened[Physics] | None, found: Found[Physics]) -> float | None:
-    """Return the value of the first parameter that would be seen; None if there is none within its range."""
-    if result is None or result.information <= 0.0:
-        return None
-    scale, parameter = found.evidence_scale, result.effect.parameters[0]
-    needed = found.least_delta_bic + scale.penalty(len(result.effect.parameters))
-    limit = abs(parameter.scale) * math.sqrt(needed / (scale.factor * result.information))
-    limit = max(limit, result.effect.ordinary, result.effect.least)
-    return limit if limit <= max(abs(parameter.lower), abs(parameter.upper)) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,37 +85,63 @@ def explain_comparison(
     progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
     records = cleared(comparison, axis, progress, candidates)
     while True:
-        explanation, final = _explain_kept(
-            records.kept, axis, candidates, baseline=records.baseline, settings=settings, sizes=sizes,
-            progress=progress, time_is_up=time_is_up,
+        searched = _search(
+            records.kept, axis, candidates, baseline=records.baseline, settings=settings, progress=progress,
+            time_is_up=time_is_up,
         )  # fmt: skip
-        worst = None if explanation.unfinished else records.worst(final)
+        # what a wrong record leaves must not be described
+        worst = records.worst(searched.final) if searched.is_settled else None
+        if worst is None:
+            explanation, final = _explain(searched, candidates, settings, sizes)
+            if searched.unfinished or (searched.is_settled and final is searched.final):
+                break
+            worst = records.worst(final)
         if worst is None:
             break
         progress(f"once more without record {worst.record.number} ({worst.record.setting})")
         records = replace(records.with_wrong(worst), right=frozenset())
     if explanation.outcome is Outcome.UNKNOWN and records.wrong and not explanation.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
-        whole, _ = _explain_kept(
-            comparison, axis, candidates, settings=settings, sizes=sizes, progress=progress, time_is_up=time_is_up
-        )
+        searched = _search(comparison, axis, candidates, settings=settings, progress=progress, time_is_up=time_is_up)
+        whole, _ = _explain(searched, candidates, settings, sizes)
         if whole.outcome is not Outcome.UNKNOWN:
             return whole
     return replace(explanation, records=records.named(final))
 
 
-def _explain_kept(
+@dataclass(frozen=True, slots=True, eq=False)
+class _Searched(Generic[Physics]):
+    """What a search of the records that are kept has found, before it is judged what is left."""
+
+    found: Found[Physics]
+    classes: tuple[EquivalenceClass[Physics], ...]
+    hidden: tuple[str, ...]
+    unfinished: str
+    axis: StoppableAxis[Physics]
+    workspace: Workspace[Physics]
+
+    @property
+    def final(self) -> Fitted[Physics]:
+        """The fit with all that was found."""
+        return self.found.final
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the search has ended, and left no more than a healthy axis does."""
+        return not self.unfinished and not judged_gap(self.final).exceeds_healthy
+
+
+def _search(
     comparison: Comparison[Physics],
     axis: DescribedAxis[Physics],
     candidates: Sequence[Effect[Physics]],
     *,
     baseline: Fitted[Physics] | None = None,
     settings: ExplainSettings,
-    sizes: MachineSizes | None,
     progress: Callable[[str], None],
     time_is_up: Callable[[], bool] | None,
-) -> tuple[Explanation, Fitted[Physics]]:
-    """Explain what the records that are kept show; return the final fit, too."""
+) -> _Searched[Physics]:
+    """Find what explains the records that are kept; ``baseline`` is the fit without any effect if it is known."""
     said = ["comparing the model as stated"]
 
     def report(sentence: str) -> None:
@@ -217,11 +166,23 @@ def _explain_kept(
         hidden, unfinished = [], _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
-    found = replace(found, final=final)
+    return _Searched(replace(found, final=final), tuple(classes), tuple(hidden), unfinished, stoppable, workspace)
+
+
+def _explain(
+    searched: _Searched[Physics],
+    candidates: Sequence[Effect[Physics]],
+    settings: ExplainSettings,
+    sizes: MachineSizes | None,
+) -> tuple[Explanation, Fitted[Physics]]:
+    """Judge what is left, describe it if it is too much, and put all of it into words; return the final fit, too."""
+    found, final, unfinished = searched.found, searched.final, searched.unfinished
+    classes: Sequence[EquivalenceClass[Physics]] = searched.classes
+    comparison = final.comparison
     remainder = remainder_of(final, found.baseline)
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
-    with nullcontext() if unfinished else stoppable.stoppable():
-        concluded = conclude(workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
+    with nullcontext() if unfinished else searched.axis.stoppable():
+        concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
                              unfinished=bool(unfinished), sizes=sizes)  # fmt: skip
     outcome, description = concluded.outcome, concluded.description
     if description is not None and description.fitted is not None:
@@ -229,7 +190,7 @@ def _explain_kept(
         found, classes = description.put_into(found, classes)
     said_of_it = () if description is None else (description.described,)
     reported = {key for group in classes for key in group.keys}
-    report("locating the misfit")
+    searched.workspace.progress("locating the misfit")
     scale = found.evidence_scale
     scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
     explanation = Explanation(
@@ -251,7 +212,7 @@ def _explain_kept(
         pulls_before=_parameter_pulls(found.baseline),
         # an effect that would do in the place of another is reported there
         hidden_in_remainder=tuple(
-            key for key in hidden if key not in reported and remainder.is_left(concluded.judged_by)
+            key for key in searched.hidden if key not in reported and remainder.is_left(concluded.judged_by)
         ),
         unfinished=unfinished,
         described=said_of_it,

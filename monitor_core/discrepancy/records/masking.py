@@ -68,7 +68,7 @@ def _taken(fitted: Fitted[Physics], change: FloatArray) -> FloatArray:
     inverse = np.linalg.pinv(fitted.precision(), hermitian=True)
 
     def sums(values: FloatArray) -> FloatArray:
-        return np.bincount(setting, weights=along * values, minlength=n_settings)
+        return np.bincount(setting, weights=along * values, minlength=n_settings).astype(np.float64)
 
     square = sums(along)
     with_coordinates = np.array([sums(column) for column in fitted.jacobian.T]).reshape(-1, n_settings)

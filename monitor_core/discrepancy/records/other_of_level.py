@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from monitor_core.discrepancy.explanation import RecordFault, WrongRecord
-from monitor_core.discrepancy.records.faults import TAGS, slope_by_tag
+from monitor_core.discrepancy.records.faults import slope_by_tag
 from monitor_core.discrepancy.records.look import record_under
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
@@ -23,8 +23,8 @@ from monitor_core.fitting.evidence import VERY_STRONG, delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import fitted_values
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
-#: Conditions that a described axis may not depend on at all, and their tags.
-_TAG_OF = {ConditionAxis.TEMPERATURE: "temperature_deviation"}
+#: A described axis does not depend on it.
+_TAG = "temperature_deviation"
 
 
 def other_of_level(
@@ -46,39 +46,35 @@ def other_of_level(
         What the axis may lack.
     """
     index, every = worst.number - 1, frozenset(range(len(whole.layout.settings)))
+    levels = levels_of(whole.layout, ConditionAxis.TEMPERATURE)
+    same = {int(each) for each in np.flatnonzero(levels == levels[index])} - known - {index}
+    effects = [each for each in candidates if ConditionAxis.TEMPERATURE in each.needs]
+    if not same or not effects or 2 * len(same) >= len(every) or _depends(fitted, whole):
+        return None
     found: list[tuple[float, WrongRecord]] = []
-    for axis, tag in _TAG_OF.items():
-        levels = levels_of(whole.layout, axis)
-        same = {int(each) for each in np.flatnonzero(levels == levels[index])} - known - {index}
-        effects = [effect for effect in candidates if axis in effect.needs and effect.applies(fitted.physics())]
-        if not same or not effects or 2 * len(same) >= len(every) or _depends(fitted, whole, tag):
-            continue
-        for other in sorted(same):
-            rest = whole.only(every - known - {other})
-            found += _accounts(fitted, rest, whole, other, effects, TAGS[tag][0])
+    for other in sorted(same):
+        found += _accounts(fitted, whole, every - known - {other}, other, effects)
     if not found:
         return None
-    best, other_record = max(found, key=lambda pair: pair[0])
-    rest = whole.only(every - known - {index})
-    alone = record_under(_refitted(fitted, rest), whole, index) or worst
-    return other_record if best > max(alone.delta_bic, worst.delta_bic) + VERY_STRONG else None
+    best, wrong = max(found, key=lambda pair: pair[0])
+    alone = record_under(_refitted(fitted, whole.only(every - known - {index})), whole, index) or worst
+    return wrong if best > max(alone.delta_bic, worst.delta_bic) + VERY_STRONG else None
 
 
 def _accounts(
     fitted: Fitted[Physics],
-    rest: HasRecords[Physics],
     whole: HasRecords[Physics],
+    kept: frozenset[int],
     other: int,
     effects: Sequence[Effect[Physics]],
-    fault: RecordFault,
 ) -> Iterator[tuple[float, WrongRecord]]:
     """Yield the evidence for each effect together with a tag of the other record, and that record."""
-    without = _refitted(fitted, rest)
+    without = _refitted(fitted, whole.only(kept))
     n_looks = len(whole.layout.settings) * len(RecordFault)
-    for screened in screen(without, effects):
+    for screened in screen(without, [effect for effect in effects if effect.applies(without.physics())]):
         hypothesis = without.hypothesis.with_effect(screened.effect)
         try:
-            trial = fit(rest, hypothesis, screened.starts[0], fitted_values(rest.layout))
+            trial = fit(without.comparison, hypothesis, screened.starts[0], without.fitted)
         except OutsideValidityError:
             continue
         scale = evidence_scale(trial)
@@ -86,7 +82,7 @@ def _accounts(
         values = hypothesis.values(trial.coordinates)[screened.effect.key]
         is_plausible = all(each.lower <= values[each.name] <= each.upper for each in screened.effect.parameters)
         record = record_under(trial, whole, other) if is_plausible else None
-        if record is not None and record.fault is fault:
+        if record is not None and record.fault is RecordFault.TEMPERATURE:
             yield evidence, record
 
 
@@ -94,7 +90,7 @@ def _refitted(fitted: Fitted[Physics], rest: HasRecords[Physics]) -> Fitted[Phys
     return fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
 
 
-def _depends(fitted: Fitted[Physics], whole: HasRecords[Physics], tag: str) -> bool:
-    """Return whether a model depends on a tag at all."""
-    at = whole.tags(tag)
-    return bool(np.any(slope_by_tag(whole, fitted.physics(), tag, at, np.ones_like(at))))
+def _depends(fitted: Fitted[Physics], whole: HasRecords[Physics]) -> bool:
+    """Return whether a model depends on the temperature at all."""
+    at = whole.tags(_TAG)
+    return bool(np.any(slope_by_tag(whole, fitted.physics(), _TAG, at, np.ones_like(at))))
