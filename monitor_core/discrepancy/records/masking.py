@@ -37,7 +37,7 @@ def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> tuple[int,
 
     ``records`` is the comparison that was fitted. A record that was held out has bent nothing.
     """
-    taken = np.max([_taken(fitted, row) for row in _directions(fitted, records)], axis=0)
+    taken = np.max([taken_by_each(fitted, row) for row in _directions(fitted, records)], axis=0)
     scale = evidence_scale(fitted)
     price = 2.0 * math.log(taken.size * len(RecordFault))
     evidence = scale.factor * taken - scale.penalty(1) - price
@@ -60,8 +60,11 @@ def _directions(fitted: Fitted[Physics], records: HasRecords[Physics]) -> Iterat
                 continue
 
 
-def _taken(fitted: Fitted[Physics], change: FloatArray) -> FloatArray:
-    """Return what an unknown amount of a change in one record takes of χ², the rest refitted, shape (n_settings,)."""
+def taken_by_each(fitted: Fitted[Physics], change: FloatArray) -> FloatArray:
+    """Return what an unknown amount of a change of the misfit in one record alone takes of χ², (n_settings,).
+
+    Everything else is refitted, as far as the misfit is linear in it.
+    """
     chosen, setting = fitted.fitted, fitted.comparison.layout.setting
     n_settings = len(fitted.comparison.layout.settings)
     along = np.where(chosen, fitted.around.whitened_by(change), 0.0)
