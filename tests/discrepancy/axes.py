@@ -170,7 +170,7 @@ def settings(positions=POSITIONS, preloads=(120.0, 300.0), **changes):
 
 
 def measured(physics_at, conditions, *, seed=0, noise=NOISE, excitation=ExcitationPoint.TORQUE_AT_SCREW,
-             lines=LINES):  # fmt: skip
+             response=ResponsePoint.ACCELERATION_AT_TABLE, lines=LINES):  # fmt: skip
     """Return responses with noise, of settings that are not quite as stated.
 
     Parameters
@@ -191,7 +191,7 @@ def measured(physics_at, conditions, *, seed=0, noise=NOISE, excitation=Excitati
             position=stated.position + tolerances.position * position,
             preload=stated.preload * (1.0 + tolerances.preload_share * share),
         )
-        case = ResponseCase(lines, true, excitation, ResponsePoint.ACCELERATION_AT_TABLE, end)
+        case = ResponseCase(lines, true, excitation, response, end)
         clean = responses(physics, prepare_lines([case]))
         scatter = rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size)
         observations.append(
@@ -201,7 +201,7 @@ def measured(physics_at, conditions, *, seed=0, noise=NOISE, excitation=Excitati
                 clean * (1.0 + tolerances.gain_share * gain) + noise * np.abs(clean) * scatter,
                 noise * np.abs(clean),
                 excitation,
-                ResponsePoint.ACCELERATION_AT_TABLE,
+                response,
             )
         )
     return observations

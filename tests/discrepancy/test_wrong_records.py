@@ -7,11 +7,28 @@ import pytest
 
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import RecordFault
+from monitor_core.discrepancy.records.look import worst_record
+from monitor_core.discrepancy.records.masking import bent_to, taken_by_each
 from monitor_core.discrepancy.records.record_cost import least_along, record_costs, scatter_of
 from monitor_core.discrepancy.records.rounds import cleared
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.settings import SettingTolerances
-from tests.discrepancy.axes import compared, effects_by_key, measured, settings, subject, true_subject
+from monitor_core.fitting.hold_out import fitted_values
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
+from monitor_core.models.protocol import ExcitationPoint, ResponsePoint
+from tests.discrepancy.axes import (
+    LinearAxis,
+    LinearComparison,
+    compared,
+    effects_by_key,
+    layout_of,
+    measured,
+    quantity,
+    settings,
+    subject,
+    true_subject,
+)
 
 #: Record 8 is wrong: at 476.2 mm and 300 N.
 AT = 7
@@ -114,6 +131,96 @@ def test_of_healthy_machines_no_record_is_named() -> None:
         for seed in range(20)
     ]
     assert not any(named)
+
+
+def test_a_record_that_the_fit_has_bent_to_is_found_under_a_fit_without_it() -> None:
+    """The first record is nearest to the bearing, and what its preload says moves two declared springs."""
+    observations = measured(true_subject(), CONDITIONS)
+    wrong = observations[0]
+    observations[0] = replace(wrong, conditions=replace(wrong.conditions, preload=180.0))
+    comparison, hypothesis = compared(observations), Hypothesis(subject())
+    bent = fit(comparison, hypothesis, hypothesis.null, fitted_values(comparison.layout))
+    assert worst_record(bent, comparison, frozenset()) is None  # with what it has done to the fit it looks like others
+    assert bent_to(bent, comparison)[0] == 0
+    (record,) = answered(observations, "added-mass").records
+    assert (record.number, record.fault) == (1, RecordFault.PRELOAD)
+    assert record.found == pytest.approx(120.0, abs=max(3.0 * record.standard_uncertainty, 3.6))
+
+
+def test_what_a_change_in_one_record_takes_is_that_of_least_squares_with_one_column_more() -> None:
+    rng = np.random.default_rng(0)
+    sizes, deviation = (7, 9, 6, 8), rng.uniform(0.5, 2.0, 30)
+    design, data = rng.standard_normal((30, 3)), rng.standard_normal(30)
+    comparison = LinearComparison(layout_of(sizes, deviation), design, data, np.zeros((0, 30)))
+    axis = LinearAxis({"first": 1.0, "second": 1.0}, 3)
+    hypothesis = Hypothesis(axis, (quantity(2),))
+    fitted = fit(comparison, hypothesis, hypothesis.null)
+    change = rng.standard_normal(30)
+    rows = np.vstack([design / deviation[:, None], np.eye(2, 3)])
+    target = np.concatenate([data / deviation, np.zeros(2)])
+
+    def least(columns):
+        return np.sum((columns @ np.linalg.lstsq(columns, target)[0] - target) ** 2)
+
+    for record, taken in enumerate(taken_by_each(fitted, change)):
+        column = np.concatenate([np.where(comparison.layout.setting == record, change / deviation, 0.0), [0.0, 0.0]])
+        assert taken == pytest.approx(least(rows) - least(np.column_stack([rows, column])), rel=1e-5)
+
+
+#: The last two records were taken 40 K warmer, as is stated.
+WARM = [*settings(), *settings((0.3455, 0.6047), (300.0,), temperature_deviation=40.0)]
+SOFTENING = {"relative_change_per_k": -5e-4}
+THERMAL = ("thermal-stiffness", "thermal-preload", "added-mass")
+
+
+def softening_axis():
+    return effects_by_key()["thermal-stiffness"].added_to(true_subject(), SOFTENING)
+
+
+def measured_at_both_ends(physics, *cold):
+    """Return what is measured of table and motor, where some records were cold and are tagged as the others are."""
+    really = [replace(each, temperature_deviation=0.0) if number in cold else each for number, each in enumerate(WARM)]
+    return [
+        replace(observation, conditions=stated)
+        for response in (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ANGLE_AT_MOTOR)
+        for observation, stated in zip(
+            measured(physics, really, excitation=ExcitationPoint.TORQUE_AT_MOTOR, response=response), WARM, strict=True
+        )
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cold", [len(WARM) - 2, len(WARM) - 1])
+def test_of_two_warm_records_the_one_that_was_not_warm_is_named_and_the_effect_is_found_in_the_other(cold) -> None:
+    answer = answered(measured_at_both_ends(softening_axis(), cold), *THERMAL)
+    (record,) = answer.records
+    assert (record.number, record.fault, record.stated) == (cold + 1, RecordFault.TEMPERATURE, 40.0)
+    assert record.observations == (cold, cold + len(WARM))
+    assert record.found == pytest.approx(0.0, abs=4.0 * record.standard_uncertainty)
+    (effect,) = answer.effects
+    assert effect.key == "thermal-stiffness"
+    assert effect.parameters["relative_change_per_k"].estimate.value == pytest.approx(-5e-4, rel=0.1)
+
+
+@pytest.mark.slow
+def test_of_two_records_that_were_warm_neither_is_wrong() -> None:
+    answer = answered(measured_at_both_ends(softening_axis()), *THERMAL)
+    assert answer.records == ()
+    assert [effect.key for effect in answer.effects] == ["thermal-stiffness"]
+
+
+@pytest.mark.slow
+def test_a_warm_record_with_a_wrong_preload_is_no_preload_that_follows_temperature() -> None:
+    """The effect would need another record to be wrong as well, and explains no more."""
+    observations, wrong = measured_at_both_ends(true_subject()), len(WARM) - 1
+    tagged = replace(WARM[wrong], preload=210.0)
+    observations = [
+        replace(each, conditions=tagged) if each.conditions == WARM[wrong] else each for each in observations
+    ]
+    answer = answered(observations, *THERMAL)
+    (record,) = answer.records
+    assert (record.number, record.fault) == (wrong + 1, RecordFault.PRELOAD)
+    assert answer.effects == ()
 
 
 def test_the_cost_of_a_record_is_that_of_its_covariance() -> None:

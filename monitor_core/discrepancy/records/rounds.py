@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Generic
 
 from monitor_core.discrepancy.explanation import WrongRecord
+from monitor_core.discrepancy.records.accounts import accounted_for
 from monitor_core.discrepancy.records.look import record_under, worst_record
 from monitor_core.discrepancy.records.masking import bent_to
-from monitor_core.discrepancy.records.other_of_level import other_of_level
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, HasRecords
@@ -60,8 +60,12 @@ class Records(Generic[Physics]):
         record = worst_record(fitted, self.whole, self.wrong | self.right)
         if record is None:
             return self._bent_to(fitted)
-        other = other_of_level(fitted, self.whole, self.wrong, record, self.candidates)
-        return Worst(record) if other is None else Worst(other, frozenset((record.number - 1,)))
+        account = accounted_for(fitted, self.whole, self.wrong, record, self.candidates)
+        if account is None:
+            return Worst(record)
+        if account.wrong is None:
+            return replace(self, right=self.right | account.right).worst(fitted)
+        return Worst(account.wrong, account.right)
 
     def _bent_to(self, fitted: Fitted[Physics]) -> Worst | None:
         """Return the record that is most surely wrong under a fit without it, None without any."""
