@@ -177,29 +177,13 @@ def softening_axis():
     return effects_by_key()["thermal-stiffness"].added_to(true_subject(), SOFTENING)
 
 
-def measured_at_both_ends(physics, *cold):
-    """Return what is measured of table and motor, where some records were cold and are tagged as the others are."""
-    really = [replace(each, temperature_deviation=0.0) if number in cold else each for number, each in enumerate(WARM)]
+def measured_at_both_ends(physics):
+    """Return what is measured of table and motor."""
     return [
-        replace(observation, conditions=stated)
+        observation
         for response in (ResponsePoint.ACCELERATION_AT_TABLE, ResponsePoint.ANGLE_AT_MOTOR)
-        for observation, stated in zip(
-            measured(physics, really, excitation=ExcitationPoint.TORQUE_AT_MOTOR, response=response), WARM, strict=True
-        )
+        for observation in measured(physics, WARM, excitation=ExcitationPoint.TORQUE_AT_MOTOR, response=response)
     ]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cold", [len(WARM) - 2, len(WARM) - 1])
-def test_of_two_warm_records_the_one_that_was_not_warm_is_named_and_the_effect_is_found_in_the_other(cold) -> None:
-    answer = answered(measured_at_both_ends(softening_axis(), cold), *THERMAL)
-    (record,) = answer.records
-    assert (record.number, record.fault, record.stated) == (cold + 1, RecordFault.TEMPERATURE, 40.0)
-    assert record.observations == (cold, cold + len(WARM))
-    assert record.found == pytest.approx(0.0, abs=4.0 * record.standard_uncertainty)
-    (effect,) = answer.effects
-    assert effect.key == "thermal-stiffness"
-    assert effect.parameters["relative_change_per_k"].estimate.value == pytest.approx(-5e-4, rel=0.1)
 
 
 @pytest.mark.slow
