@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from monitor_core.effects.effect import ConditionAxis
-from monitor_core.fitting.conditions.settings import default_folds, is_testable, setting_of, varied_conditions
+from monitor_core.fitting.conditions.settings import (
+    default_folds,
+    fitted_still,
+    is_testable,
+    setting_of,
+    varied_conditions,
+)
 from monitor_core.models.protocol import DriveConditions
 from tests.discrepancy.axes import POSITIONS, effects_by_key, layout_of, settings
 from tests.hidden_effects.designs import DESIGNS
@@ -72,6 +78,19 @@ def test_a_variation_that_was_measured_once_is_fitted() -> None:
     loaded = replace(usual[1], payload_mass=6.0)
     (fold,) = default_folds([*usual, loaded])
     assert fold == {usual[1], usual[-2]}
+
+
+def test_where_the_one_that_was_fitted_is_taken_out_the_other_of_its_level_is_fitted() -> None:
+    usual = settings(preloads=(220.0,))
+    warm = [replace(usual[1], temperature_deviation=15.0), replace(usual[3], temperature_deviation=15.0)]
+    conditions = [*usual, *warm]
+    fold = frozenset({usual[1], usual[3], warm[1]})
+    assert fitted_still(fold, conditions, conditions) == fold
+    assert fitted_still(fold, conditions, [*usual, warm[1]]) == fold - {warm[1]}
+    assert fitted_still(fold, conditions, [*usual, warm[0]]) == fold
+    # what never was fitted stays unseen
+    apart = frozenset({usual[1], *warm})
+    assert fitted_still(apart, conditions, [*usual, warm[1]]) == apart
 
 
 @pytest.mark.parametrize("name", ["payload_mass", "temperature_deviation", "excitation_level"])

@@ -17,9 +17,9 @@ from tests.hidden_effects.situations import Situation, WrongRecord
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
 
-def explained(kind, fault, size, plant, seed, machine=BENCH):
+def explained(kind, wrong, plant, seed, machine=BENCH):
     """Return the case and what the workflow makes of it with all of its candidates."""
-    situation = Situation(machine=machine, design="usual", wrong=WrongRecord(fault, size))
+    situation = Situation(machine=machine, design="usual", wrong=WrongRecord(*wrong))
     case = draw_case(kind, "large", seed=seed, respond=plant.respond, situation=situation)
     file, measured = parse_model(case.baseline, kind), observations(case)
     drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
@@ -31,7 +31,7 @@ def explained(kind, fault, size, plant, seed, machine=BENCH):
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", [finite_elements, transmission_line], ids=["elements", "waves"])
 def test_of_two_warm_records_the_one_that_was_cold_is_named_and_the_effect_is_found_in_the_other(plant) -> None:
-    case, answer = explained("thermal-stiffness", "temperature-tag", 1, plant, 610)
+    case, answer = explained("thermal-stiffness", ("temperature-tag", 1), plant, 610)
     (record,) = answer.records
     assert (record.number - 1, record.fault) == (case.wrong_setting, RecordFault.TEMPERATURE)
     assert record.stated == 15.0
@@ -45,7 +45,7 @@ def test_of_two_warm_records_the_one_that_was_cold_is_named_and_the_effect_is_fo
 @pytest.mark.slow
 def test_a_wrong_preload_that_an_effect_of_all_preloads_would_half_explain_is_named_and_no_such_effect() -> None:
     machine = next(each for each in MACHINES if each.name == "mini")
-    case, answer = explained("guide-stiffness", "preload-tag", 2, transmission_line, 640, machine)
+    case, answer = explained("guide-stiffness", ("preload-tag", 2), transmission_line, 640, machine)
     assert [record.number - 1 for record in answer.records] == [case.wrong_setting]
     assert [effect.key for effect in answer.effects] == ["guide-stiffness"]
 
@@ -53,6 +53,6 @@ def test_a_wrong_preload_that_an_effect_of_all_preloads_would_half_explain_is_na
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [620, 621])
 def test_a_wrong_preload_is_named_where_the_fit_bends_to_it(seed) -> None:
-    case, answer = explained(NONE, "preload-tag", 2, finite_elements, seed)
+    case, answer = explained(NONE, ("preload-tag", 2), finite_elements, seed)
     assert [record.number - 1 for record in answer.records] == [case.wrong_setting]
     assert answer.effects == ()
