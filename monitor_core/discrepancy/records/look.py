@@ -37,7 +37,7 @@ _MOST_CLOSELY = 3
 #: that are a fifth of its own.
 _ALIKE = 0.04
 #: Before anything is explained a wrong record must stand out by this factor from the next.
-_STANDS_OUT = 3.0
+STANDS_OUT = 3.0
 #: Mean square in that of the others, up to which a tag or a gain explains a record.
 _EXPLAINED = 3.0
 #: Of the misfit beyond that, what may be left of it.
@@ -94,7 +94,7 @@ def worst_record(
     if worst is None or not judged_gap(fitted).exceeds_healthy:
         return worst
     next_best = float(np.max(np.delete(scores, worst.number - 1), initial=0.0))
-    return worst if worst.delta_bic > _STANDS_OUT * next_best else None
+    return worst if worst.delta_bic > STANDS_OUT * next_best else None
 
 
 def record_under(fitted: Fitted[Physics], whole: HasRecords[Physics], index: int) -> WrongRecord | None:

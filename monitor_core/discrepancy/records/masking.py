@@ -32,8 +32,10 @@ _LEAST_LEFT = 1e-3
 _STEP = 1e-3
 
 
-def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> tuple[int, ...]:
-    """Return the places of records of a fit that would very strongly have a tag or gain of their own, best first.
+def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> dict[int, float]:
+    """Return the records of a fit that would very strongly have a tag or gain of their own, with the evidence for it.
+
+    By their places, best first.
 
     ``records`` is the comparison that was fitted. A record that was held out has bent nothing.
     """
@@ -42,7 +44,7 @@ def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> tuple[int,
     price = 2.0 * math.log(taken.size * len(RecordFault))
     evidence = scale.factor * taken - scale.penalty(1) - price
     order = np.argsort(-evidence, kind="stable")
-    return tuple(index for index in order.tolist() if evidence[index] > VERY_STRONG)
+    return {index: float(evidence[index]) for index in order.tolist() if evidence[index] > VERY_STRONG}
 
 
 def _directions(fitted: Fitted[Physics], records: HasRecords[Physics]) -> Iterator[FloatArray]:

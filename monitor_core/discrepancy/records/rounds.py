@@ -6,13 +6,13 @@ from typing import Generic
 
 from monitor_core.discrepancy.explanation import WrongRecord
 from monitor_core.discrepancy.records.accounts import accounted_for
-from monitor_core.discrepancy.records.look import record_under, worst_record
+from monitor_core.discrepancy.records.look import STANDS_OUT, record_under, worst_record
 from monitor_core.discrepancy.records.masking import bent_to
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison, HasRecords
 from monitor_core.fitting.described_axis import DescribedAxis
-from monitor_core.fitting.hold_out import fitted_values
+from monitor_core.fitting.hold_out import fitted_values, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
@@ -57,9 +57,9 @@ class Records(Generic[Physics]):
         """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
         if not isinstance(self.whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(self.whole.layout.settings):
             return None
-        record = worst_record(fitted, self.whole, self.wrong | self.right)
+        record = worst_record(fitted, self.whole, self.wrong | self.right) or self._bent_to(fitted)
         if record is None:
-            return self._bent_to(fitted)
+            return None
         account = accounted_for(fitted, self.whole, self.wrong, record, self.candidates)
         if account is None:
             return Worst(record)
@@ -67,23 +67,25 @@ class Records(Generic[Physics]):
             return replace(self, right=self.right | account.right).worst(fitted)
         return Worst(account.wrong, account.right)
 
-    def _bent_to(self, fitted: Fitted[Physics]) -> Worst | None:
+    def _bent_to(self, fitted: Fitted[Physics]) -> WrongRecord | None:
         """Return the record that is most surely wrong under a fit without it, None without any."""
         kept, whole = self.kept, self.whole
         if not isinstance(kept, HasRecords) or not isinstance(whole, HasRecords):
             return None
-        places = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
-        for place in bent_to(fitted, kept)[:_MOST_CLOSELY]:
-            if places[place] in self.right:
-                continue
-            rest = kept.only(frozenset(range(len(places))) - {place})
+        numbers = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
+        evidence = {place: of for place, of in bent_to(fitted, kept).items() if numbers[place] not in self.right}
+        best, *others = [*evidence.values(), 0.0]
+        if judged_gap(fitted).exceeds_healthy and others and best < STANDS_OUT * others[0]:
+            return None  # where much is missing the fit bends to many
+        for place in list(evidence)[:_MOST_CLOSELY]:
+            rest = kept.only(frozenset(range(len(numbers))) - {place})
             try:
                 without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
             except OutsideValidityError:
                 continue
             worst = worst_record(without, whole, self.wrong | self.right)
-            if worst is not None and worst.number - 1 == places[place]:
-                return Worst(worst)
+            if worst is not None and worst.number - 1 == numbers[place]:
+                return worst
         return None
 
     def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
