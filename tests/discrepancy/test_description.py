@@ -21,6 +21,7 @@ from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import build_model
 from monitor_core.recordings.effect_file import effect_file_text, read_effect_file
 from monitor_core.recordings.model_file import parse_model
+from service.report.description import described_sentence
 from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.truth import transmission_line
 
@@ -136,6 +137,27 @@ def test_what_was_named_for_swinging_on_the_table_is_sought_at_every_port(kind, 
     answer = describe_elsewhere(named, [baseline], sizes, lambda _sentence: None)
     assert (answer and answer.described.place) == place
     assert answer is None or (answer.fitted.cost < named.cost and answer.kept == frozenset())
+
+
+@pytest.mark.slow
+def test_a_screw_that_bends_is_described_with_where_its_modes_lie(tmp_path):
+    """The plant has four modes of a beam on two supports, each with its slope at the nut; their shares are found."""
+    case, answer, before = described("outside:screw-bending", "large", 41)
+    found, truth = answer.described, case.truth["outside:screw-bending"]
+    assert (found.place, found.parameter, found.law) == ("screw", "impedance", None)
+    assert found.frequency_hz == pytest.approx(truth["frequency_hz"], rel=0.01)
+    values = {name: parameter.estimate.value for name, parameter in found.parameters.items()}
+    parts, beside = case.axis.parts, truth["eccentricity_m"]
+    rigidity = parts.youngs_modulus * math.pi * parts.screw_diameter**4 / 64.0
+    compliance = 2.0 * beside**2 * parts.screw_length / (math.pi**2 * rigidity)
+    assert values["compliance_m_per_n"] == pytest.approx(compliance, rel=0.03)
+    shares = [values[f"share_{n}"] for n in range(2, 6)]
+    np.testing.assert_allclose(shares, [1.0 / 4.0, 1.0 / 9.0, 1.0 / 16.0, 0.0], atol=0.01)
+    held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
+    assert next(held_out) > 5.0 * before.comparison.noise_floor > 5.0 * next(held_out) / 1.2
+    (tmp_path / "mine.py").write_text(effect_file_text(found.effects), encoding="utf-8")
+    assert [again.key for again in read_effect_file(tmp_path / "mine.py")] == ["at-port:screw"]
+    assert "the screw bends under the force in the nut" in described_sentence(found)
 
 
 @pytest.mark.slow
