@@ -40,6 +40,12 @@ class Base:
         """Whether this is the axis as stated; what it leaves does not compare with what fits leave."""
         return self.port is None and self.before is not None
 
+    @property
+    def hangs_last(self) -> bool:
+        """Whether the last of its effects is what hangs on table or nut."""
+        effects = self.fitted.hypothesis.effects
+        return bool(effects) and effects[-1].key in _OF_CATALOGUE
+
 
 def bases(
     baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], candidates: Sequence[Effect[AxisPhysics]]

@@ -183,7 +183,7 @@ def _described(
     varied = [(base, variation) for base in with_laws for variation in _variations(base.fitted)]
     promising = _promising(varied, baseline) if varied else ()
     answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
-    answers += [other for answer in answers[:1] if (other := _hung_elsewhere(answer, with_laws, progress)) is not None]
+    answers += list(_hung_elsewhere(answers, with_laws, progress))
     answers = [answer for answer in answers if _is_evident(answer)]
     plain = [_Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
     answers += [answer for answer in plain if _is_evident(answer) and _holds(baseline, answer, answer.scale)]
@@ -263,27 +263,32 @@ def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> _Ans
         return None
 
 
-def _hung_elsewhere(answer: _Answer, bases: Sequence[Base], progress: Callable[[str], None]) -> _Answer | None:
-    """Return the law of what hangs on the nut for the same thing on the table, or the other way round.
+def _hung_elsewhere(
+    answers: Sequence[_Answer], bases: Sequence[Base], progress: Callable[[str], None]
+) -> Iterator[_Answer]:
+    """Yield the first law, if it is of what hangs on the nut, for the same thing on the table, or the other way round.
 
     Without a law the fit of one may have gone to where the law does not lead back from: it starts from the other.
     """
-    other = None if answer.tried is None else hung_elsewhere(answer.tried.variation.quantity)
-    base = next((base for base in bases if other and other.of(base.fitted.physics())), None)
-    if answer.tried is None or other is None or base is None or base is answer.base:
-        return None
-    quantity, law = other, answer.tried.law
-    progress(f"refitting with {quantity.name} at the {quantity.place} that varies with {law.variable}, {law.form}")
-    effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, law)
-    hypothesis = base.fitted.hypothesis.with_effect(effect)
-    start = hypothesis.carried_over(answer.fitted.hypothesis, answer.fitted.coordinates)
+    tried = answers[0].tried if answers else None
+    quantity = hung_elsewhere(tried.variation.quantity) if tried else None
+    hanging = (base for base in bases if base.hangs_last and quantity and quantity.of(base.fitted.physics()))
+    base = next(hanging, None)
+    if tried is None or quantity is None or base is None or not answers[0].base.hangs_last:
+        return
+    if any(
+        other.tried and (other.tried.variation.quantity, other.tried.law) == (quantity, tried.law) for other in answers
+    ):
+        return
+    progress(f"refitting with {quantity.name} at the {quantity.place} that varies with {tried.law.variable}")
+    effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, tried.law)
+    hypothesis, there = base.fitted.hypothesis.with_effect(effect), answers[0].fitted
+    start = hypothesis.carried_over(there.hypothesis, there.coordinates)
     n_own = sum(len(each.parameters) for each in hypothesis.effects[-2:])
-    start[start.size - n_own :] = answer.fitted.coordinates[answer.fitted.coordinates.size - n_own :]
-    tried = replace(answer.tried, variation=replace(answer.tried.variation, quantity=quantity))
-    try:
-        return _Answer(base, fit(answer.fitted.comparison, hypothesis, start, answer.fitted.fitted), effect, tried)
-    except OutsideValidityError:
-        return None
+    start[start.size - n_own :] = there.coordinates[there.coordinates.size - n_own :]
+    moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
+    with suppress(OutsideValidityError):
+        yield _Answer(base, fit(there.comparison, hypothesis, start, there.fitted), effect, moved)
 
 
 def _is_evident(answer: _Answer) -> bool:
