@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.description.describe import describe, describe_elsewhere
+from monitor_core.discrepancy.description.quantities import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form
@@ -62,11 +63,22 @@ def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_p
     assert (again.key, again.name, again.add) == (found.effects[0].key, found.effects[0].name, found.effects[0].add)
 
 
+def test_what_looks_alike_is_known_by_its_other_place():
+    """What hangs on nut or table, and the contacts in series with a bracket; a bearing has no such other."""
+    by_field = {quantity.field: quantity for quantity in QUANTITIES}
+    for name in ("frequency", "mass"):
+        on_nut, on_table = (by_field[f"{place}_absorber_{name}"] for place in ("nut", "table"))
+        assert (hung_elsewhere(on_nut), hung_elsewhere(on_table)) == (on_table, on_nut)
+    assert contacts_for(by_field["bracket_stiffness"]) == by_field["nut_stiffness"]
+    for field in ("bearing_stiffness", "nut_stiffness", "rotor_absorber_frequency"):
+        assert hung_elsewhere(by_field[field]) is contacts_for(by_field[field]) is None
+
+
 @pytest.mark.slow
 def test_a_nut_that_softens_is_described_at_the_nut():
     _, answer, _ = described("outside:nut-softening", "large", 42)
     found = answer.described
-    assert (found.place, found.law.variable) == ("nut", Variable.EXCITATION)
+    assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.EXCITATION)
     assert found.parameters[found.law.parameters[0].name].interval_95[1] < 0.0
 
 
