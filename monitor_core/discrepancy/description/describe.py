@@ -39,6 +39,8 @@ _WORTH_A_REFIT = 0.15
 #: Of the misfit, what a description must explain; and of what the quantity would explain if it varied freely, what its
 #: law must. Less is no law, but one of many that point the same way.
 _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
+#: Times χ² of the best law, from where on that of the same thing at another place is a fit that went astray.
+_ASTRAY = 2.0
 #: Of χ², what something that swings at a port may leave for no law to be tried in its place.
 _NOTHING_ELSE = 0.1
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
@@ -266,29 +268,29 @@ def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> _Ans
 def _hung_elsewhere(
     answers: Sequence[_Answer], bases: Sequence[Base], progress: Callable[[str], None]
 ) -> Iterator[_Answer]:
-    """Yield the first law, if it is of what hangs on the nut, for the same thing on the table, or the other way round.
+    """Yield the best law, if it is of what hangs on the nut, for the same thing on the table, or the other way round.
 
     Without a law the fit of one may have gone to where the law does not lead back from: it starts from the other.
     """
-    tried = answers[0].tried if answers else None
+    best = min(answers, key=lambda answer: answer.fitted.cost, default=None)
+    tried = None if best is None else best.tried
     quantity = hung_elsewhere(tried.variation.quantity) if tried else None
     hanging = (base for base in bases if base.hangs_last and quantity and quantity.of(base.fitted.physics()))
     base = next(hanging, None)
-    if tried is None or quantity is None or base is None or not answers[0].base.hangs_last:
+    if best is None or tried is None or quantity is None or base is None or not best.base.hangs_last:
         return
-    if any(
-        other.tried and (other.tried.variation.quantity, other.tried.law) == (quantity, tried.law) for other in answers
-    ):
+    there = (other for other in answers if other.tried and other.tried.variation.quantity == quantity)
+    if any(other.fitted.cost < _ASTRAY * best.fitted.cost for other in there):
         return
     progress(f"refitting with {quantity.name} at the {quantity.place} that varies with {tried.law.variable}")
     effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, tried.law)
-    hypothesis, there = base.fitted.hypothesis.with_effect(effect), answers[0].fitted
-    start = hypothesis.carried_over(there.hypothesis, there.coordinates)
+    hypothesis, found = base.fitted.hypothesis.with_effect(effect), best.fitted
+    start = hypothesis.carried_over(found.hypothesis, found.coordinates)
     n_own = sum(len(each.parameters) for each in hypothesis.effects[-2:])
-    start[start.size - n_own :] = there.coordinates[there.coordinates.size - n_own :]
+    start[start.size - n_own :] = found.coordinates[found.coordinates.size - n_own :]
     moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
     with suppress(OutsideValidityError):
-        yield _Answer(base, fit(there.comparison, hypothesis, start, there.fitted), effect, moved)
+        yield _Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
 
 
 def _is_evident(answer: _Answer) -> bool:
