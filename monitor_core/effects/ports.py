@@ -9,8 +9,9 @@ mass m on a spring and a damper,
 
 positive real with any values that are not negative (Brune, J. Math. Phys. 10 (1931) 191). The catalogue has it on the
 table and on the nut; these have it on the rotor, where an inertia turns, at the far end of the screw, along it, and as
-a bed under both bearings that swings faster than beds do. They name no part of a machine: an answer that says one says
-where something swings, how much of it, and at which frequency.
+a bed under both bearings that swings faster than beds do. A screw that bends is what yields between the force in the
+nut and the screw (:mod:`monitor_core.models.extended.bending`). They name no part of a machine: an answer that says one
+says where something swings, how much of it, and at which frequency.
 """
 
 from enum import StrEnum
@@ -26,6 +27,7 @@ class Port(StrEnum):
     ROTOR = "rotor"
     SCREW_END = "screw-end"
     BASE = "base"
+    SCREW = "screw"
 
 
 _SOURCE = "Den Hartog, Mechanical Vibrations, section 3.2: the auxiliary mass"
@@ -105,6 +107,41 @@ _AT_PORT: dict[Port, Effect[AxisPhysics]] = {
         ),
         needs=_FROM,
         applies=lacking("added", "base_compliance"),
+    ),
+    Port.SCREW: Effect(
+        key="at-port:screw",
+        name="A screw that bends",
+        physics=(
+            "The nut pulls out of line and bends the screw between its supports: the nut gives way along it, most at "
+            "the natural frequencies of the bent screw, and otherwise at every position."
+        ),
+        source="Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1: a beam between two supports",
+        parameters=(
+            EffectParameter(
+                "compliance_m_per_n", "m/N", lower=0.0, upper=10.0, scale=0.0375, reference=Reference.AXIAL_COMPLIANCE
+            ),
+            # of a screw whose ends may turn, and up to one whose ends may not
+            EffectParameter(
+                "frequency_hz", "Hz", lower=0.8, upper=2.4, scale=0.1, null=1.0, reference=Reference.BENDING_FREQUENCY
+            ),
+            EffectParameter("damping_ratio", "-", lower=0.0, upper=0.1, scale=0.01, null=0.01),
+            *(
+                EffectParameter(f"share_{n}", "-", lower=0.0, upper=2.0, scale=0.3 / n**2, null=1.0 / n**2)
+                for n in range(2, 6)
+            ),
+        ),
+        add=setting(
+            "bending",
+            compliance="compliance_m_per_n",
+            frequency="frequency_hz",
+            damping_ratio="damping_ratio",
+            share_2="share_2",
+            share_3="share_3",
+            share_4="share_4",
+            share_5="share_5",
+        ),
+        needs=_FROM,
+        applies=lacking("bending", "compliance"),
     ),
 }
 

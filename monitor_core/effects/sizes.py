@@ -30,6 +30,7 @@ class Reference(StrEnum):
     NUT_DEFLECTION = "1/deflection of the nut by its preload² [1/m²]"
     EXCITATION_FORCE = "excitation as an axial force [N]"
     FREQUENCY = "first natural frequency [Hz]"
+    BENDING_FREQUENCY = "frequency at which the screw bends between supports that let it turn [Hz]"
     PERIOD = "period of the first natural frequency [s]"
     INVERSE_SQUARE = "1/first natural frequency² [s²]"
     MOTOR_FORCE = "motor force [N]"
@@ -73,6 +74,7 @@ def drive_sizes(
     preload: float,
     payload: float,
     excitation_force: float,
+    bending_frequency: float,
 ) -> MachineSizes:
     r"""Return the sizes of a drive from a few of them.
 
@@ -103,6 +105,8 @@ def drive_sizes(
         The least that is on the table wherever there is one. [kg]
     excitation_force : float
         As usual in the measurement, rms. [N]
+    bending_frequency : float
+        At which the screw bends, its ends held where they are but free to turn. [Hz]
     """
     square = axial_stiffness / moving_mass
     frequency = math.sqrt(square) / (2.0 * math.pi)
@@ -122,6 +126,7 @@ def drive_sizes(
             Reference.NUT_DEFLECTION: (nut_rigidity / preload) ** 2,
             Reference.EXCITATION_FORCE: excitation_force,
             Reference.FREQUENCY: frequency,
+            Reference.BENDING_FREQUENCY: bending_frequency,
             Reference.PERIOD: 1.0 / frequency,
             Reference.INVERSE_SQUARE: 1.0 / square,
         }

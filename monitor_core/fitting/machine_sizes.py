@@ -8,7 +8,7 @@ import numpy as np
 from monitor_core.effects.sizes import MachineSizes, drive_sizes, motion_sizes
 from monitor_core.fitting.observations import FrequencyResponseObservation, ModalObservation
 from monitor_core.fitting.residuals.motion.comparison import MotionComparison
-from monitor_core.models.extended import AxisPhysics, moving_mass
+from monitor_core.models.extended import AxisPhysics, ScrewPhysics, moving_mass
 from monitor_core.models.extended.conditions import condition_arrays, nut_rigidities
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint
 
@@ -46,7 +46,14 @@ def sizes_of_drive(
         preload=preload,
         payload=min(payloads, default=_EASY_PAYLOAD * mass),
         excitation_force=_median(forces, otherwise=preload),
+        bending_frequency=_bending_frequency(screw),
     )
+
+
+def _bending_frequency(screw: ScrewPhysics) -> float:
+    r"""Return :math:`(\pi/2 L^2) \sqrt{EI/\rho S}`, with :math:`I/S = J'/2m'` of a round screw. [Hz]."""
+    of_section = screw.axial_rigidity * screw.inertia_per_length / (2.0 * screw.mass_per_length**2)
+    return float(np.pi / (2.0 * screw.length**2) * np.sqrt(of_section))
 
 
 def sizes_of_motion(comparison: MotionComparison) -> MachineSizes:

@@ -28,8 +28,8 @@ The file is run: it can do whatever its owner's account may do.
 An effect may make an axis another one at each setting: ``replace(axis, by_setting=(*axis.by_setting, change))`` with
 ``change(axis, setting)``, where a setting has position, preload, payload_mass, temperature_deviation, excitation_level
 and order; ``varying`` makes such effects of plain laws, and ``at_port`` those by which something swings on the rotor,
-at the far end of the screw (``screw-end``) or under the bearings (``base``). What ``explain`` has described is written
-as these:
+at the far end of the screw (``screw-end``) or under the bearings (``base``), or the screw bends (``screw``). What
+``explain`` has described is written as these:
 
 .. code-block:: python
 

@@ -25,7 +25,7 @@ def described_sentence(found: Described) -> str:
             f"{found.parameter} at the {found.place}{or_else} would have to be another one at each setting, {least} to "
             f"{most} times what it is, by no law that was tried"
         )
-    swings = _swings(found)
+    swings = _swings(found) or _bends(found)
     if found.law is None:
         return f"{swings}{or_else}, the same at every setting"
     with_what, factor, unit = _VARIABLES[found.law.variable]
@@ -41,6 +41,15 @@ def _swings(found: Described) -> str:
     return f"something of {rounded(size, 3)} {unit} on a spring, {rounded(found.frequency_hz, 4)} Hz, hangs on the " + (
         found.place
     )
+
+
+def _bends(found: Described) -> str:
+    """Return how the screw bends; empty where it does not."""
+    if found.place != "screw" or found.frequency_hz is None:
+        return ""
+    size = found.parameters.get("compliance_m_per_n")
+    yields = "" if size is None else f", by up to {rounded(1e9 * size.estimate.value, 3)} nm/N along it"
+    return f"the screw bends under the force in the nut{yields}, first at {rounded(found.frequency_hz, 4)} Hz"
 
 
 def _law(found: Described, law: Law, factor: float, unit: str) -> str:

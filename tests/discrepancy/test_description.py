@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy.description.describe import describe, describe_elsewhere
+from monitor_core.discrepancy.description.quantities import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form
@@ -21,6 +22,7 @@ from monitor_core.models.extended import ExtendedModel
 from monitor_core.models.families import build_model
 from monitor_core.recordings.effect_file import effect_file_text, read_effect_file
 from monitor_core.recordings.model_file import parse_model
+from service.report.description import described_sentence
 from tests.hidden_effects import cases, frf_file
 from tests.hidden_effects.truth import transmission_line
 
@@ -61,11 +63,22 @@ def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_p
     assert (again.key, again.name, again.add) == (found.effects[0].key, found.effects[0].name, found.effects[0].add)
 
 
+def test_what_looks_alike_is_known_by_its_other_place():
+    """What hangs on nut or table, and the contacts in series with a bracket; a bearing has no such other."""
+    by_field = {quantity.field: quantity for quantity in QUANTITIES}
+    for name in ("frequency", "mass"):
+        on_nut, on_table = (by_field[f"{place}_absorber_{name}"] for place in ("nut", "table"))
+        assert (hung_elsewhere(on_nut), hung_elsewhere(on_table)) == (on_table, on_nut)
+    assert contacts_for(by_field["bracket_stiffness"]) == by_field["nut_stiffness"]
+    for field in ("bearing_stiffness", "nut_stiffness", "rotor_absorber_frequency"):
+        assert hung_elsewhere(by_field[field]) is contacts_for(by_field[field]) is None
+
+
 @pytest.mark.slow
 def test_a_nut_that_softens_is_described_at_the_nut():
     _, answer, _ = described("outside:nut-softening", "large", 42)
     found = answer.described
-    assert (found.place, found.law.variable) == ("nut", Variable.EXCITATION)
+    assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.EXCITATION)
     assert found.parameters[found.law.parameters[0].name].interval_95[1] < 0.0
 
 
@@ -136,6 +149,27 @@ def test_what_was_named_for_swinging_on_the_table_is_sought_at_every_port(kind, 
     answer = describe_elsewhere(named, [baseline], sizes, lambda _sentence: None)
     assert (answer and answer.described.place) == place
     assert answer is None or (answer.fitted.cost < named.cost and answer.kept == frozenset())
+
+
+@pytest.mark.slow
+def test_a_screw_that_bends_is_described_with_where_its_modes_lie(tmp_path):
+    """The plant has four modes of a beam on two supports, each with its slope at the nut; their shares are found."""
+    case, answer, before = described("outside:screw-bending", "large", 41)
+    found, truth = answer.described, case.truth["outside:screw-bending"]
+    assert (found.place, found.parameter, found.law) == ("screw", "impedance", None)
+    assert found.frequency_hz == pytest.approx(truth["frequency_hz"], rel=0.01)
+    values = {name: parameter.estimate.value for name, parameter in found.parameters.items()}
+    parts, beside = case.axis.parts, truth["eccentricity_m"]
+    rigidity = parts.youngs_modulus * math.pi * parts.screw_diameter**4 / 64.0
+    compliance = 2.0 * beside**2 * parts.screw_length / (math.pi**2 * rigidity)
+    assert values["compliance_m_per_n"] == pytest.approx(compliance, rel=0.03)
+    shares = [values[f"share_{n}"] for n in range(2, 6)]
+    np.testing.assert_allclose(shares, [1.0 / 4.0, 1.0 / 9.0, 1.0 / 16.0, 0.0], atol=0.01)
+    held_out = (gap_of(fitted.comparison, fitted.held_out) for fitted in (before, answer.fitted))
+    assert next(held_out) > 5.0 * before.comparison.noise_floor > 5.0 * next(held_out) / 1.2
+    (tmp_path / "mine.py").write_text(effect_file_text(found.effects), encoding="utf-8")
+    assert [again.key for again in read_effect_file(tmp_path / "mine.py")] == ["at-port:screw"]
+    assert "the screw bends under the force in the nut" in described_sentence(found)
 
 
 @pytest.mark.slow

@@ -174,6 +174,13 @@ def test_what_swings_is_looked_for_at_its_port_and_about_its_frequency() -> None
     assert "measure 100 mm, 250 N again from 247 to 370 Hz: the resonance must go" in text
 
 
+def test_a_screw_that_bends_is_tapped_across() -> None:
+    found = Described("screw", "impedance", None, {}, (), (), 1.0, 900.0, 80.0, 39.58)
+    text = advice(Outcome.DESCRIBED, left(misfit_at(SETTING < 0)), described=(found,))
+    assert text.startswith("tap the screw across, near its middle, with an accelerometer on it there")
+    assert "one that bends rings at 39.6 Hz" in text
+
+
 @pytest.mark.parametrize("outcome", [Outcome.UNKNOWN, Outcome.PARTIAL])
 def test_what_has_no_form_is_followed_by_the_two_settings_that_differ_most(outcome) -> None:
     factors = {"100 mm, 250 N": 1.02, "200 mm, 250 N": 0.71, "300 mm, 250 N": 1.31}

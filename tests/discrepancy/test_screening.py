@@ -8,6 +8,7 @@ from scipy import linalg
 
 from monitor_core.discrepancy.screening import screen as module
 from monitor_core.discrepancy.screening.screen import screen
+from monitor_core.discrepancy.screening.sizes import resonances
 from monitor_core.effects.effect import Effect, EffectParameter
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -231,3 +232,13 @@ def test_sizes_that_are_left_out_would_lead_nowhere(present, monkeypatch) -> Non
     (some, n_some), (everything, n_everything) = answers
     assert some == everything
     assert n_some < 0.9 * n_everything
+
+
+def test_a_frequency_that_the_description_tells_is_tried_there_and_not_over_the_band() -> None:
+    """The first mode of a bent screw, of which only higher ones may be in the band."""
+    told = EffectParameter("frequency_hz", "Hz", lower=8.0, upper=24.0, scale=1.0, null=10.0)
+    without = fitted(Hypothesis(linear()[1]), linear()[0])
+    tried = resonances(without, told)
+    assert any(frequency == pytest.approx(10.0, rel=1e-12) for frequency in tried)
+    assert (min(tried), max(tried)) == pytest.approx((8.0, 24.0))
+    assert max(np.diff(np.log(tried))) < 0.15

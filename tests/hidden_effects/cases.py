@@ -142,6 +142,8 @@ def draw_case(
             truth[key] = truth.get(key, {}) | stated
     drawn, declared = (replace(parts, **dict.fromkeys(unstated, 0.0)) for parts in (drawn, declared))
     axis = Axis(parts=drawn, hidden=Hidden(**hidden))
+    if bending := axis.bending(0.5 * drawn.screw_length):
+        truth["outside:screw-bending"]["frequency_hz"] = bending[0].omega / (2.0 * math.pi)
     stated_settings = under.settings(rng) if situation else design(rng)
     scatter, which = replace(under.scatter, sensor_noise=noise), None
     true_settings = set_truly(stated_settings, scatter, rng)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor_core.effects import Form, Law, Variable, varying
+from monitor_core.effects import Form, Law, Variable, at_port, varying
 from monitor_core.models.protocol import MotorEnd
 from monitor_core.recordings.effect_file import effect_file_text
 from monitor_core.recordings.model_file import read_model_file
@@ -66,6 +66,21 @@ def test_modes_of_a_model_with_an_effect_of_ones_own(preload: Any, tmp_path: Pat
     ]
     assert first == pytest.approx(1.0, rel=1e-12)
     assert elsewhere < 0.95
+
+
+def test_modes_of_a_screw_that_bends_are_listed_with_those_of_the_drive(preload: Any, tmp_path: Path) -> None:
+    """The frequency of the bent screw is where a light bending leaves it; of five modes each adds one."""
+    (tmp_path / "mine.py").write_text(effect_file_text([at_port("screw")]), encoding="utf-8")
+    bends = "compliance_m_per_n = 1e-11\nfrequency_hz = 11.0\ndamping_ratio = 0.01\n"
+    shares = "".join(f"share_{n} = {1.0 / n**2}\n" for n in range(2, 6))
+    plain = (MODELS / "receptance.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(f'{plain}\n[effects."at-port:screw"]\n{bends}{shares}', encoding="utf-8")
+    words = ("--position-mm", 400, "--json")
+    of_drive = preload("modes", MODELS / "receptance.toml", *words).json()["positions"][0]["modes"]
+    both = preload("modes", tmp_path / "mine.toml", "--effects", tmp_path / "mine.py", *words).json()["positions"][0]
+    assert len(both["modes"]) == len(of_drive) + 5
+    assert both["modes"][0]["frequency_hz"] == pytest.approx(11.0, rel=1e-3)
+    assert both["modes"][0]["damping_ratio"] == pytest.approx(0.01, rel=1e-2)
 
 
 def test_modes_of_suns_axis_fall_along_the_screw(preload: Any) -> None:

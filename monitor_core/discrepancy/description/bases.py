@@ -40,6 +40,12 @@ class Base:
         """Whether this is the axis as stated; what it leaves does not compare with what fits leave."""
         return self.port is None and self.before is not None
 
+    @property
+    def hangs_last(self) -> bool:
+        """Whether the last of its effects is what hangs on table or nut."""
+        effects = self.fitted.hypothesis.effects
+        return bool(effects) and effects[-1].key in _OF_CATALOGUE
+
 
 def bases(
     baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], candidates: Sequence[Effect[AxisPhysics]]
@@ -69,8 +75,10 @@ def bases_at_ports(from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes
     for before in dict.fromkeys(from_here):
         applying = _applying(before, own)
         screened = [found for found in screen(before, applying) if _promises(found, before)] if applying else []
-        for found in screened[:_FITTED]:
-            yield from (Base(fitted, found.effect, before) for fitted in _with_port(before, found))
+        fits = [(found.effect, fitted) for found in screened[:_FITTED] for fitted in _with_port(before, found)]
+        yield from (Base(fitted, effect, before) for effect, fitted in fits)
+        if any(not judged_gap(fitted).exceeds_healthy for _, fitted in fits):
+            return
 
 
 def _applying(fitted: Fitted[AxisPhysics], effects: Sequence[Effect[AxisPhysics]]) -> tuple[Effect[AxisPhysics], ...]:

@@ -2,7 +2,8 @@
 
 One quantity at a time varies freely over the settings (:mod:`.free_variation`); the laws that come near to what the
 best of them would explain are refitted, with everything else. They compete with what may swing at a port of the drive
-(:mod:`.bases`), and all are judged on data that no fit saw. Where none holds, that something varies may still be sure
+(:mod:`.bases`), which comes first where it leaves next to nothing. All are judged on data that no fit saw; where none
+holds, that something varies may still be sure
 (:mod:`.no_form`).
 """
 
@@ -15,19 +16,19 @@ from typing import Any
 
 from monitor_core.discrepancy.description.bases import Base, bases, bases_at_ports
 from monitor_core.discrepancy.description.free_variation import FreeVariation, fitted_settings, vary_freely
-from monitor_core.discrepancy.description.laws import TriedLaw, tried_laws
+from monitor_core.discrepancy.description.laws import TriedLaw, tried_law, tried_laws
 from monitor_core.discrepancy.description.no_form import without_form
-from monitor_core.discrepancy.description.quantities import Place, quantities_of
+from monitor_core.discrepancy.description.quantities import Place, contacts_for, hung_elsewhere, quantities_of
 from monitor_core.discrepancy.explanation import Described, FoundParameter
 from monitor_core.discrepancy.screening.sizes import measured_band
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import Effect, MachineSizes, Port, port_of, varying
+from monitor_core.effects import Effect, Law, MachineSizes, Port, port_of, varying
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
-from monitor_core.fitting.hold_out import gain, gap_of
+from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
 
@@ -38,10 +39,14 @@ _WORTH_A_REFIT = 0.15
 #: Of the misfit, what a description must explain; and of what the quantity would explain if it varied freely, what its
 #: law must. Less is no law, but one of many that point the same way.
 _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
+#: Times χ² of the best law, from where on that of the same thing at another place is a fit that went astray.
+_ASTRAY = 2.0
+#: Of χ², what something that swings at a port may leave for no law to be tried in its place.
+_NOTHING_ELSE = 0.1
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
 _MOST_LEFT = 1.2
 _Varied = list[tuple[Base, FreeVariation]]
-_PLACES = {Port.ROTOR: Place.MOTOR, Port.SCREW_END: Place.SCREW_END, Port.BASE: Place.BASE}
+_PLACES = {Port.ROTOR: Place.MOTOR, Port.SCREW_END: Place.SCREW_END, Port.BASE: Place.BASE, Port.SCREW: Place.SCREW}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +118,14 @@ def describe(
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
+        at_ports = tuple(bases_at_ports((baseline, final), sizes))
+        swinging, _ = _described(baseline, final, (), at_ports, progress)
+        if swinging is not None and _leaves_nothing_else(baseline, swinging):
+            return swinging
         of_catalogue = tuple(bases(baseline, final, candidates))
-        described, varied = _described(baseline, final, of_catalogue, progress)
-        if described is None:  # what costs more is tried where there would be no answer
-            described, _ = _described(baseline, final, tuple(bases_at_ports((baseline, final), sizes)), progress)
+        described, varied = _described(baseline, final, of_catalogue, at_ports, progress)
+        if described is None:  # what is least simple is tried where there would be no answer
+            described, _ = _described(baseline, final, at_ports, at_ports, progress)
         return described or _without_form(baseline, final, varied)
     return None
 
@@ -147,23 +156,45 @@ def describe_elsewhere(
     return Description(_answer(best, (), best.scale), best.fitted, best.before.hypothesis.keys)
 
 
+def _believed(answers: Sequence[_Answer], evidence: Callable[[_Answer], float]) -> _Answer:
+    """Return the first, of most evidence, or what is alike and likelier: contacts yield before solid parts."""
+    first = answers[0]
+    quantity = contacts_for(first.tried.variation.quantity) if first.tried else None
+    least = evidence(first) - least_difference(first.fitted.comparison)
+    alike = (other for other in answers if other.tried and other.tried.variation.quantity == quantity)
+    return next((other for other in alike if quantity and evidence(other) > least), first)
+
+
+def _leaves_nothing_else(baseline: Fitted[AxisPhysics], swinging: Description) -> bool:
+    """Return whether what swings at a port takes so much away that no law need be sought."""
+    fitted = swinging.fitted
+    return fitted is not None and not judged_gap(fitted).exceeds_healthy and fitted.cost < _NOTHING_ELSE * baseline.cost
+
+
 def _described(
     baseline: Fitted[AxisPhysics],
     final: Fitted[AxisPhysics],
-    from_here: Sequence[Base],
+    with_laws: Sequence[Base],
+    swinging: Sequence[Base],
     progress: Callable[[str], None],
 ) -> tuple[Description | None, _Varied]:
-    """Return the law, or what swings at a port, that holds best from these fits; and what varied freely in them."""
-    varied = [(base, variation) for base in from_here for variation in _variations(base.fitted)]
-    promising = _promising(varied, baseline)
+    """Return what holds best, and what varied freely in the fits from which laws are sought.
+
+    That is a law in one of the fits ``with_laws``, or what swings at a port in one of those ``swinging``.
+    """
+    varied = [(base, variation) for base in with_laws for variation in _variations(base.fitted)]
+    promising = _promising(varied, baseline) if varied else ()
     answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
-    answers += [_Answer(base, base.fitted, base.port) for base in from_here if base.port is not None]
+    answers += list(_hung_elsewhere(answers, with_laws, progress))
     answers = [answer for answer in answers if _is_evident(answer)]
+    plain = [_Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
+    answers += [answer for answer in plain if _is_evident(answer) and _holds(baseline, answer, answer.scale)]
     if not answers:
         return None, varied
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
     answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
-    best, *others = answers
+    best = _believed(answers, lambda answer: delta_bic(baseline, answer.fitted, scale))
+    others = [answer for answer in answers if answer is not best]
     kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
     if not _holds(baseline, best, scale) or not (kept or _surpasses(final, best, scale)):
         return None, varied
@@ -180,7 +211,21 @@ def _promising(varied: _Varied, baseline: Fitted[AxisPhysics]) -> list[tuple[Bas
     # a law of the axis as stated has an answer, too, where an effect that was found stands in its way
     of_stated = [hint for hint in of_fits if hint[0].fitted is baseline][:1]
     promising += [hint for hint in of_stated if hint not in promising]
-    return promising + [hint for hint in hints if hint[0].is_unfitted][:_UNFITTED_REFITS]
+    promising += [hint for hint in hints if hint[0].is_unfitted][:_UNFITTED_REFITS]
+    tried = {_asked(*hint) for hint in promising}
+    of_contacts = [(base, law) for base, hint in promising if (law := _of_contacts(base, hint)) is not None]
+    return promising + [hint for hint in of_contacts if _asked(*hint) not in tried]
+
+
+def _asked(base: Base, tried: TriedLaw) -> tuple[int, str, Law]:
+    return id(base), tried.variation.quantity.field, tried.law
+
+
+def _of_contacts(base: Base, tried: TriedLaw) -> TriedLaw | None:
+    """Return the same law of the contacts in series with a solid part; None where there are none."""
+    quantity = contacts_for(tried.variation.quantity)
+    variation = None if quantity is None else vary_freely(base.fitted, quantity)
+    return None if variation is None else tried_law(variation, tried.law, fitted_settings(base.fitted))
 
 
 def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], varied: _Varied) -> Description | None:
@@ -220,6 +265,34 @@ def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> _Ans
         return None
 
 
+def _hung_elsewhere(
+    answers: Sequence[_Answer], bases: Sequence[Base], progress: Callable[[str], None]
+) -> Iterator[_Answer]:
+    """Yield the best law, if it is of what hangs on the nut, for the same thing on the table, or the other way round.
+
+    Without a law the fit of one may have gone to where the law does not lead back from: it starts from the other.
+    """
+    best = min(answers, key=lambda answer: answer.fitted.cost, default=None)
+    tried = None if best is None else best.tried
+    quantity = hung_elsewhere(tried.variation.quantity) if tried else None
+    hanging = (base for base in bases if base.hangs_last and quantity and quantity.of(base.fitted.physics()))
+    base = next(hanging, None)
+    if best is None or tried is None or quantity is None or base is None or not best.base.hangs_last:
+        return
+    there = (other for other in answers if other.tried and other.tried.variation.quantity == quantity)
+    if any(other.fitted.cost < _ASTRAY * best.fitted.cost for other in there):
+        return
+    progress(f"refitting with {quantity.name} at the {quantity.place} that varies with {tried.law.variable}")
+    effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, tried.law)
+    hypothesis, found = base.fitted.hypothesis.with_effect(effect), best.fitted
+    start = hypothesis.carried_over(found.hypothesis, found.coordinates)
+    n_own = sum(len(each.parameters) for each in hypothesis.effects[-2:])
+    start[start.size - n_own :] = found.coordinates[found.coordinates.size - n_own :]
+    moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
+    with suppress(OutsideValidityError):
+        yield _Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
+
+
 def _is_evident(answer: _Answer) -> bool:
     """Return whether the data ask for it: a law beyond what swings without one, that beyond nothing."""
     fitted = answer.fitted
@@ -229,8 +302,12 @@ def _is_evident(answer: _Answer) -> bool:
 
 
 def _swings_in_the_band(answer: _Answer) -> bool:
-    """Return whether what swings does so where it was measured, and is nothing that no axis could have."""
+    """Return whether what swings does so where it was measured, and is nothing that no axis could have.
+
+    Of a screw that bends the first mode may swing below that, where others do not.
+    """
     parameters, (lowest, highest) = _parameters(answer, answer.scale), measured_band(answer.fitted)
+    lowest = 0.0 if port_of(answer.effect) is Port.SCREW else lowest
     within = lowest < parameters["frequency_hz"].estimate.value < highest
     return within and all(parameter.plausible for parameter in parameters.values())
 
@@ -300,7 +377,10 @@ def _answer(answer: _Answer, alike: tuple[str, ...], scale: EvidenceScale) -> De
 
 
 def _swinging(answer: _Answer) -> tuple[float | None, float | None, str]:
-    """Return frequency and size of what hangs where the answer is, and whether that is a mass or an inertia."""
+    """Return frequency and size of what swings where the answer is, and whether that is a mass or an inertia."""
+    record = answer.tried.variation.quantity.record if answer.tried else ""
+    if record == "bending" or port_of(answer.effect) is Port.SCREW:
+        return answer.fitted.physics().bending.frequency, None, ""
     added, port = answer.fitted.physics().added, port_of(answer.effect)
     own = answer.tried.variation.quantity.field if answer.tried else f"{port}_absorber".replace("-", "_")
     own = own.removesuffix("_frequency").removesuffix("_mass").removesuffix("_inertia")

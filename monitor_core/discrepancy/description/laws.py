@@ -36,7 +36,7 @@ class TriedLaw:
 
 def tried_laws(variation: FreeVariation, settings: tuple[AxisSetting, ...], lead: float) -> tuple[TriedLaw, ...]:
     """Return every law that the settings could show, at its best coefficients, least χ² with its penalty first."""
-    found = [_best(variation, law, settings) for law in _laws(settings, lead)]
+    found = [tried_law(variation, law, settings) for law in _laws(settings, lead)]
     laws = [law for law in found if law is not None]
     penalty = np.log(max(variation.cost.shape[0], 2))
     return tuple(sorted(laws, key=lambda tried: tried.cost + penalty * len(tried.coefficients)))
@@ -62,8 +62,8 @@ def _laws(settings: tuple[AxisSetting, ...], lead: float) -> Iterator[Law]:
                 yield Law(variable, form, middle, span)
 
 
-def _best(variation: FreeVariation, law: Law, settings: tuple[AxisSetting, ...]) -> TriedLaw | None:
-    """Return a law at the best of the coefficients that are tried, beside the best level of the quantity."""
+def tried_law(variation: FreeVariation, law: Law, settings: tuple[AxisSetting, ...]) -> TriedLaw | None:
+    """Return a law at the best of the coefficients that are tried, beside the best level of the quantity, if any is."""
     x = np.array([law.variable.of(setting) for setting in settings])
     combinations, factors = [], []
     for coefficients in _tried(law.form):

@@ -69,6 +69,8 @@ QUANTITIES = (
     Quantity("added", "screw_end_absorber_mass", Place.SCREW_END, "mass_kg"),
     Quantity("added", "guide_stiffness", Place.TABLE, "guide_stiffness_n_per_m"),
     Quantity("added", "base_frequency", Place.BASE, "frequency_hz"),
+    Quantity("bending", "frequency", Place.SCREW, "frequency_hz"),
+    Quantity("bending", "compliance", Place.SCREW, "compliance_m_per_n"),
 )
 
 
@@ -80,10 +82,30 @@ _OF_SIZE = {
     "screw_end_absorber_frequency": "screw_end_absorber_mass",
     "base_frequency": "base_compliance",
 }
+_OF_BENDING = "frequency"
+
+
+#: What stands in series, so that responses hardly tell which of the two varies: the solid part, and the contacts.
+_CONTACTS = {"bracket_stiffness": "nut_stiffness"}
+
+
+def contacts_for(quantity: Quantity) -> Quantity | None:
+    """Return the quantity of contacts in series with that of a solid part, which a law is believed of first."""
+    field = _CONTACTS.get(quantity.field)
+    return next((other for other in QUANTITIES if other.field == field), None)
+
+
+def hung_elsewhere(quantity: Quantity) -> Quantity | None:
+    """Return the same quantity of what hangs on the table in place of the nut, or the other way round."""
+    of_nut, of_table = ("nut_absorber", "table_absorber")
+    field = quantity.field
+    other = field.replace(of_nut, of_table) if field.startswith(of_nut) else field.replace(of_table, of_nut)
+    return next((each for each in QUANTITIES if each.field == other and other != field), None)
 
 
 def quantities_of(axis: AxisPhysics) -> tuple[Quantity, ...]:
     """Return the quantities that a drive has; what is zero or infinite plays no part in it."""
     absent = {frequency for frequency, size in _OF_SIZE.items() if not getattr(axis.added, size)}
+    absent |= set() if axis.bending.compliance else {_OF_BENDING}
     present = [quantity for quantity in QUANTITIES if quantity.field not in absent]
     return tuple(quantity for quantity in present if math.isfinite(value := quantity.of(axis)) and value != 0.0)

@@ -46,6 +46,9 @@ _RATIO_STEP = 0.5
 _FREQUENCIES = 12  # of something that resonates, over the measured band
 _PEAKS = 4  # of the misfit, where something may resonate, too
 _BEYOND_BAND = 1.4  # a resonance outside the band still shows in it
+#: Of the largest plausible frequency over the least: below it the description tells it, but for how ends are held.
+_TOLD = 4.0
+_BELOW_NULL, _FROM_NULL = 3, 8  # frequencies that are tried of such a one
 
 
 def signed_ratios(parameter: EffectParameter) -> Iterator[float]:
@@ -74,7 +77,13 @@ def measured_band(fitted: Fitted[Physics]) -> tuple[float, float]:
 
 
 def resonances(fitted: Fitted[Physics], parameter: EffectParameter) -> list[float]:
-    """Return frequencies at which a resonance is tried, over the measured band and at peaks of the misfit. [Hz]."""
+    """Return frequencies at which a resonance is tried, over the measured band and at peaks of the misfit. [Hz].
+
+    One that the description tells is tried where it is told to be: it may be the first of many, and below the band.
+    """
+    if parameter.upper < _TOLD * parameter.lower:
+        below = np.geomspace(parameter.lower, parameter.null, _BELOW_NULL)[:-1]
+        return [*below.tolist(), *np.geomspace(parameter.null, parameter.upper, _FROM_NULL).tolist()]
     lowest, highest = measured_band(fitted)
     low, high = max(parameter.lower, lowest / _BEYOND_BAND), min(parameter.upper, highest * _BEYOND_BAND)
     peaks = [frequency for frequency in _peaks_of_misfit(fitted).tolist() if low <= frequency <= high]

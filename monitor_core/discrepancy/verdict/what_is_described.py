@@ -53,7 +53,14 @@ def _part_that_swings(found: Described, layout: Layout) -> Iterator[str]:
     frequency, size, unit = found.frequency_hz, found.mass_kg, "kg"
     if found.inertia_kg_m2 is not None:
         size, unit = found.inertia_kg_m2, "kg·m²"
-    if frequency is None or size is None:
+    if frequency is None:
+        return
+    if size is None:
+        if found.place == "screw":
+            yield (
+                f"tap the screw across, near its middle, with an accelerometer on it there: one that bends rings at "
+                f"{plain(frequency)} Hz; then look whether nut, guides and bearings are in line"
+            )
         return
     low, high = (plain(share * frequency) for share in _ABOUT)
     yield (

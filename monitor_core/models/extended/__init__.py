@@ -9,6 +9,7 @@ from monitor_core.models.extended.physics import (
     AxisSetting,
     BodyPhysics,
     JointPhysics,
+    ScrewBending,
     ScrewPhysics,
     moving_mass,
 )
@@ -23,6 +24,7 @@ __all__ = [
     "JointPhysics",
     "PreparedLines",
     "ResponseCase",
+    "ScrewBending",
     "ScrewPhysics",
     "moving_mass",
     "natural_frequencies",

@@ -19,7 +19,8 @@ other numbers.
 
 Where the nut has a mass of its own before the bracket, or something hangs on nut or table, the contacts carry more than
 a table; :mod:`monitor_core.models.extended.carried` says what. What hangs on the rotor or on the far end of the screw
-has a dynamic stiffness Z/d in parallel with theirs, and all of its part is multiplied out with d.
+has a dynamic stiffness Z/d in parallel with theirs, and all of its part is multiplied out with d. A screw that bends
+under the force in the nut is one more compliance in series with B/A (:mod:`monitor_core.models.extended.bending`).
 """
 
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from monitor_core.arrays import FloatArray, NumberArray, reciprocal
+from monitor_core.models.extended.bending import yielding
 from monitor_core.models.extended.carried import Carried, absorber, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.memory import Memory
@@ -113,12 +115,23 @@ def entire_parts(
     bracket = (1.0 / joints.bracket_stiffness + added.series_compliance) / elastic
     table = added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping)
     here, memory = _Drive(physics, states), memory or Memory(omega.size)
+    axial, axial_yield = memory.recall(_axial, here, omega, memory)
+    if physics.bending.compliance:  # one more in series: B/A + y/d
+        d, y = memory.recall(_bending, here, omega)
+        axial, axial_yield = axial * d, axial_yield * d + axial * y
     return EntireParts(
-        *memory.recall(_axial, here, omega, memory),
+        axial,
+        axial_yield,
         *memory.recall(_torsion, here, omega, ends, memory),
         nut=states.nut_stiffness * elastic + _damper(omega, joints.nut_damping),
         carried=carried_by_contacts(added, omega, bracket, table),
     )
+
+
+def _bending(drive: _Drive, omega: NumberArray) -> tuple[NumberArray, NumberArray]:
+    """Return d and y of a screw that bends."""
+    along = drive.states.position / drive.physics.screw.length
+    return yielding(drive.physics.bending, omega, along, drive.states.softening)
 
 
 def axial_part(physics: AxisPhysics, omega: NumberArray, states: AxisStates, ends: EndMasks) -> NumberArray:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended.bending import own_frequencies as own_frequencies_of_bending
 from monitor_core.models.extended.by_setting import axis_at
 from monitor_core.models.extended.carried import own_frequencies
 from monitor_core.models.extended.closed_form import (
@@ -191,6 +192,7 @@ def with_damping(physics: AxisPhysics, share: float) -> AxisPhysics:
         joints=scaled_damping(physics.joints, share),
         bodies=scaled_damping(physics.bodies, share),
         screw=scaled_damping(physics.screw, share),
+        bending=replace(physics.bending, damping_ratio=share * physics.bending.damping_ratio),
         added=replace(physics.added, **{name: share * getattr(physics.added, name) for name in _RATIOS}),
     )
 
@@ -215,7 +217,8 @@ def _undamped(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     parts_low, parts_high = drives.parts(low, condition), drives.parts(high, condition)
     at_low, at_high = np.real(characteristic(parts_low)), np.real(characteristic(parts_high))
     # no change of sign: the nut lies in a node of a mode of one part, which then is a mode of the drive as it stands
-    roots = np.where(np.abs(at_low) < np.abs(at_high), low, high)
+    # (and no rigid body, which makes the function small at the lowest frequency)
+    roots = np.where(~first & (np.abs(at_low) < np.abs(at_high)), low, high)
     passes = np.sign(at_low) * np.sign(at_high) < 0.0
     roots[passes] = zeros_between(
         undamped, (low[passes], high[passes]), (at_low[passes], at_high[passes]), condition[passes]
@@ -247,8 +250,8 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
     within = next((name for name in _WITHIN_PARTS if getattr(added, name)), None)
     if within is not None:  # poles with it lie between those without it and its own, one between each two (Rayleigh)
         held = replace(drives, physics=replace(drives.physics, added=replace(added, **{within: 0.0})))
-        own = 2.0 * math.pi * getattr(added, _WITHIN_PARTS[within])
-        grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(own, highest)])
+        its = 2.0 * math.pi * getattr(added, _WITHIN_PARTS[within])
+        grid = np.union1d(grid, [*_poles_of_parts(held, highest)[0], min(its, highest)])
         n_lines = grid.size
     n_conditions = drives.states.position.size
     everywhere, under_all = np.tile(grid, n_conditions), np.repeat(np.arange(n_conditions), n_lines)
@@ -265,9 +268,11 @@ def _poles_of_parts(drives: Drives, highest: float) -> tuple[FloatArray, Index]:
         bracket + np.zeros(n_conditions),
         drives.states.moving_mass,
     )
-    condition, which = np.nonzero((carried > _LOWEST * highest) & (carried < highest))
-    poles.append(carried[condition, which])
-    owners.append(condition)
+    bent = own_frequencies_of_bending(drives.physics.bending, drives.states.softening + np.zeros(n_conditions))
+    for own in (carried, bent):
+        condition, which = np.nonzero((own > _LOWEST * highest) & (own < highest))
+        poles.append(own[condition, which])
+        owners.append(condition)
     return np.concatenate(poles), np.concatenate(owners)
 
 

@@ -168,6 +168,32 @@ class AddedPhysics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ScrewBending:
+    """How a screw bends under the force in the nut; without compliance it does not, and nothing else here counts.
+
+    :mod:`monitor_core.models.extended.bending` says what the nut then gives way by.
+    """
+
+    compliance: float = 0.0  # of the first mode, along the screw, where the nut moves it most [m/N]
+    frequency: float = 1.0  # of the first mode [Hz]
+    damping_ratio: float = 0.0  # of every mode [-]
+    #: Compliances of the modes that follow, of that of the first; a moment has 1/n², a force across the screw 1/n⁴. [-]
+    share_2: float = 1.0 / 4.0
+    share_3: float = 1.0 / 9.0
+    share_4: float = 1.0 / 16.0
+    share_5: float = 1.0 / 25.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "frequency")
+        _require_not_negative(self, "compliance", "damping_ratio", "share_2", "share_3", "share_4", "share_5")
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Compliances of all modes, of that of the first. [-]."""
+        return 1.0, self.share_2, self.share_3, self.share_4, self.share_5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSetting:
     """How an axis is set while it is measured, as far as its physics may depend on it."""
 
@@ -187,6 +213,7 @@ class AxisPhysics:
     joints: JointPhysics
     bodies: BodyPhysics
     added: AddedPhysics = field(default_factory=AddedPhysics)
+    bending: ScrewBending = field(default_factory=ScrewBending)
     #: What depends on how the axis is set, in order: each returns the axis as it is there.
     by_setting: "tuple[Callable[[AxisPhysics, AxisSetting], AxisPhysics], ...]" = ()
 
