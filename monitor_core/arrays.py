@@ -28,6 +28,11 @@ def read_only_complex(values: npt.ArrayLike) -> ComplexArray:
     return array
 
 
+def acts(value: float | FloatArray) -> bool:
+    """Return whether a quantity is there: a number that is not null, or an array of such numbers."""
+    return isinstance(value, np.ndarray) or bool(value)
+
+
 def reciprocal(values: NumberArray) -> NumberArray:
     """Return 1/z to a few units in the last place, eight times as fast as numpy's division of complex numbers.
 

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, NumberArray, reciprocal
+from monitor_core.arrays import FloatArray, NumberArray, acts, reciprocal
 from monitor_core.models.extended.carried import Carried, absorber, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.memory import Memory
@@ -157,7 +157,7 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
     near_base, far_base = near_bearing * near.cosine, far_bearing * far.at_end
     near_nut, far_nut = near_base - near.z_sine, far_bearing * far.at_nut - far.z_sine
     stiffness = near_nut * far_end + near_end * (far_nut - segment * far_end)
-    if not added.base_compliance:
+    if not acts(added.base_compliance):
         return stiffness, near_end * far_end
     ratio = omega / (2.0 * np.pi * added.base_frequency)
     base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
@@ -170,7 +170,7 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
 
 def _with_load_at_end(added: AddedPhysics, far: RodWaves[Any], omega: NumberArray) -> _FarRod:
     """Return the rod beyond the nut with what hangs on the far end of the screw."""
-    if not added.screw_end_absorber_mass:
+    if not acts(added.screw_end_absorber_mass):
         return _FarRod(far.cosine, far.cosine, far.sine_over_z, far.z_sine, 1.0)
     d, load = absorber(
         omega,
@@ -209,7 +209,7 @@ def _torsion(
     rotor = rotor + _damper(omega, bodies.motor_damping)
     free: NumberArray | FloatArray = ends.free
     turns = free * rotor
-    if physics.added.rotor_absorber_inertia:
+    if acts(physics.added.rotor_absorber_inertia):
         added = physics.added
         d, load = absorber(
             omega, added.rotor_absorber_inertia, added.rotor_absorber_frequency, added.rotor_absorber_damping_ratio
@@ -240,9 +240,9 @@ def _elastic(joints: JointPhysics, omega: NumberArray) -> NumberArray:
     (Kjartansson, J. Geophys. Res. 84 (1979) 4737); the papers' η leaves that out.
     """
     causal = joints.causal_loss_factor
-    if not causal:
+    if not acts(causal):
         # a real number where nothing is lost: the undamped drive is then computed in real numbers throughout
-        return np.asarray(1.0 + 1j * joints.loss_factor if joints.loss_factor else 1.0)
+        return np.asarray(1.0 + 1j * joints.loss_factor if acts(joints.loss_factor) else 1.0)
     dynamic: NumberArray = 1.0 + 1j * joints.loss_factor + (_causal(causal, omega) - 1.0)
     return dynamic
 
@@ -255,12 +255,12 @@ def _causal(loss_factor: float, omega: NumberArray) -> NumberArray:
 
 def _steel(physics: AxisPhysics, omega: NumberArray) -> NumberArray | float:
     """Return the moduli of the screw's steel over what is stated, a plain number where it loses nothing."""
-    return _causal(physics.screw.causal_loss_factor, omega) if physics.screw.causal_loss_factor else 1.0
+    return _causal(physics.screw.causal_loss_factor, omega) if acts(physics.screw.causal_loss_factor) else 1.0
 
 
 def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
     """Return jωc, a plain number where nothing damps."""
-    return (1j * damping) * omega if damping else 0.0
+    return (1j * damping) * omega if acts(damping) else 0.0
 
 
 def _waves_of_both(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from monitor_core.arrays import ComplexArray
+from monitor_core.arrays import ComplexArray, acts
 from monitor_core.models.extended.amplitude import linearise
 from monitor_core.models.extended.by_setting import axes_by_setting
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
@@ -21,10 +21,11 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
         return _by_setting(physics, lines)
     states = axis_states(physics, lines.conditions)
     drive = lines.drive
-    path = path_of(entire_parts(physics, drive.omega, states.at(drive.case), drive.ends, drive.memory))
+    on_drive = physics.at(drive.case)
+    path = path_of(entire_parts(on_drive, drive.omega, states.at(drive.case), drive.ends, drive.memory))
     path = linearise(path, physics, lines, states)
     values = _displacements(path, lines)
-    _at_nut(values, path, physics, lines)
+    _at_nut(values, path, on_drive, lines)
     _add_second_mode(values, physics, lines)
     values[lines.acceleration] *= -(lines.omega[lines.acceleration] ** 2)
     _through_the_channels(values, physics, lines)
@@ -56,7 +57,7 @@ def _at_nut(values: ComplexArray, path: Path, physics: AxisPhysics, lines: Prepa
     """Put the displacement of the nut where the accelerometer sits there, the nut's own mass before the bracket."""
     at = lines.at_nut
     if at.size:
-        more = max(physics.bodies.nut_mass - physics.added.nut_mass, 0.0)  # what is not there already
+        more = np.maximum(physics.bodies.nut_mass - physics.added.nut_mass, 0.0)  # what is not there already
         carried = path.carried.with_nut_of(more, lines.drive.omega)
         reached = carried.reached_through(1.0 / path.nut + path.before_bracket)
         per_torque = path.unloaded_travel * reached.nut_per_travel
@@ -66,9 +67,10 @@ def _at_nut(values: ComplexArray, path: Path, physics: AxisPhysics, lines: Prepa
 
 def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
     """Add one modal term to the displacement of table and nut; a torque drives it as the force torque/i."""
+    at = lines.beyond_screw
+    physics = physics.at(lines.case[at])
     added = physics.added
-    if added.second_mode_residue:
-        at = lines.beyond_screw
+    if acts(added.second_mode_residue):
         omega, natural = lines.omega[at], 2.0 * np.pi * added.second_mode_frequency
         term = added.second_mode_residue / (
             natural**2 - omega**2 + 2j * added.second_mode_damping_ratio * natural * omega
@@ -78,21 +80,23 @@ def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: Prepared
 
 def _through_the_channels(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
     """Let a torque act late, channels be recorded late and an accelerometer resonate on its mounting."""
-    added = physics.added
-    if added.response_delay:
+    everywhere = physics.at(lines.case).added
+    beyond = physics.at(lines.case[lines.beyond_screw]).added
+    if acts(beyond.response_delay):
         at = lines.beyond_screw
-        values[at] *= np.exp(-1j * added.response_delay * lines.omega[at])
-    if added.angle_delay:
-        late = np.exp(-1j * added.angle_delay * lines.omega)
+        values[at] *= np.exp(-1j * beyond.response_delay * lines.omega[at])
+    if acts(everywhere.angle_delay):
+        late = np.exp(-1j * everywhere.angle_delay * lines.omega)
         late[lines.beyond_screw] = 1.0
         values *= late
-    if added.torque_delay:
-        values *= np.where(lines.by_torque, np.exp(-1j * added.torque_delay * lines.omega), 1.0)
-    if added.response_ln_factor:
-        values[lines.beyond_screw] *= np.exp(added.response_ln_factor)
-    if added.torque_ln_factor:
-        values *= np.where(lines.by_torque, np.exp(-added.torque_ln_factor), 1.0)
-    if added.mounting_inverse_square:
+    if acts(everywhere.torque_delay):
+        values *= np.where(lines.by_torque, np.exp(-1j * everywhere.torque_delay * lines.omega), 1.0)
+    if acts(beyond.response_ln_factor):
+        values[lines.beyond_screw] *= np.exp(beyond.response_ln_factor)
+    if acts(everywhere.torque_ln_factor):
+        values *= np.where(lines.by_torque, np.exp(-everywhere.torque_ln_factor), 1.0)
+    added = physics.at(lines.case[lines.acceleration]).added
+    if acts(added.mounting_inverse_square):
         at = lines.acceleration
         ratio = lines.omega[at] * np.sqrt(added.mounting_inverse_square)
         damper = 2j * added.mounting_damping_ratio * ratio
