@@ -38,8 +38,9 @@ def reciprocal(values: NumberArray) -> NumberArray:
 
     The square of no value must overflow or vanish: magnitudes lie within 1e-150 and 1e150.
     """
-    if not np.iscomplexobj(values):
-        return np.asarray(1.0 / values)
+    if not (isinstance(values, np.ndarray) and np.iscomplexobj(values)):
+        real: NumberArray = 1.0 / values
+        return real
     return np.asarray(np.conj(values) * (1.0 / (values.real * values.real + values.imag * values.imag)))
 
 

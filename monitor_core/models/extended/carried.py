@@ -48,12 +48,14 @@ class Carried:
     @property
     def swing(self) -> NumberArray:
         """S: zero where the table swings on its bracket, the nut held still."""
-        return np.asarray(self.table_pole + self.bracket * self.table)
+        swing: NumberArray = self.table_pole + self.bracket * self.table
+        return swing
 
     @property
     def load(self) -> NumberArray:
         """L: zero where all that is carried would swing by itself, free of the contacts."""
-        return np.asarray(self.nut * self.swing + self.nut_pole * self.table)
+        load: NumberArray = self.nut * self.swing + self.nut_pole * self.table
+        return load
 
     def reached_through(self, compliance: NumberArray) -> "Reached":
         """Return how nut and table move behind a compliance C'."""

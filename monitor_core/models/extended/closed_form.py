@@ -32,10 +32,12 @@ from monitor_core.models.extended.carried import Carried, absorber, carried_by_c
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.memory import Memory
 from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, JointPhysics
+from monitor_core.models.extended.traced import Traced, cosine_of_square, sinc_of_square
 from monitor_core.models.rod import RodWaves
 
 #: Where springs with a causal loss factor have their stated stiffness: near a drive's first axial mode. [rad/s]
 _LOSS_REFERENCE = 2.0 * np.pi * 200.0
+_ONE = np.array(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,7 +244,7 @@ def _elastic(joints: JointPhysics, omega: NumberArray) -> NumberArray:
     causal = joints.causal_loss_factor
     if not acts(causal):
         # a real number where nothing is lost: the undamped drive is then computed in real numbers throughout
-        return np.asarray(1.0 + 1j * joints.loss_factor if acts(joints.loss_factor) else 1.0)
+        return 1.0 + 1j * joints.loss_factor * _ONE if acts(joints.loss_factor) else _ONE
     dynamic: NumberArray = 1.0 + 1j * joints.loss_factor + (_causal(causal, omega) - 1.0)
     return dynamic
 
@@ -274,9 +276,15 @@ def _waves_of_both(
 
     Side by side: there are few lines, so that most of the time goes into calling numpy.
     """
+    lengths = position, screw_length - position
+    if any(isinstance(value, Traced) for value in (*lengths, *compliances, inertia)):
+        near, far = (
+            _waves(omega, *rod, inertia) for rod in zip(lengths, compliances, strict=True)
+        )
+        return near, far
     length = np.empty((2, *position.shape))
     compliance = np.empty(length.shape, dtype=np.result_type(*compliances))
-    length[0], length[1] = position, screw_length - position
+    length[0], length[1] = lengths
     compliance[0], compliance[1] = compliances
     phase = omega * (length * np.sqrt(compliance * inertia))
     angle = np.pi * (phase / np.pi)  # the arithmetic of np.sinc, without what it does around it
@@ -285,6 +293,14 @@ def _waves_of_both(
     cosine, sine_over_z = np.cos(phase), length * compliance * sinc
     z_sine = omega * omega * (inertia * length) * sinc
     return RodWaves(cosine[0], sine_over_z[0], z_sine[0]), RodWaves(cosine[1], sine_over_z[1], z_sine[1])
+
+
+def _waves(omega: NumberArray, length: Any, compliance: Any, inertia: Any) -> RodWaves[Any]:  # noqa: ANN401 traced
+    """Return the same of one rod as functions of the square of its phase, which has no root at zero."""
+    square = omega * omega * (length * length * (compliance * inertia))
+    square = square if isinstance(square, Traced) else Traced(square)
+    sinc = sinc_of_square(square)
+    return RodWaves(cosine_of_square(square), length * compliance * sinc, omega * omega * (inertia * length) * sinc)
 
 
 def path_of(parts: EntireParts) -> Path:

@@ -153,7 +153,8 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
                 "preload_exponent_change, preload_change and thermal_preload act on the preload; "
                 "state dynamic_load_rating and preload"
             )
-        return np.asarray(joints.nut_stiffness * over_lead**exponent)
+        as_stated: FloatArray = joints.nut_stiffness * over_lead**exponent
+        return as_stated
     if not np.all(conditions.preload_stated):
         raise OutsideValidityError("the nut rigidity of this axis follows the preload; state the preload")
     rated = 0.1 * rating
@@ -165,4 +166,5 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     preload = conditions.preload + added.preload_change + added.thermal_preload * conditions.temperature_deviation
     if not np.all(preload > 0.0):
         raise OutsideValidityError(f"the preload must stay positive at every temperature; got {np.min(preload):g} N")
-    return np.asarray(0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent)
+    of_preload: FloatArray = 0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent
+    return of_preload

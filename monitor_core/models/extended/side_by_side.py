@@ -4,7 +4,7 @@ The closed form does with an array what it does with a number, as long as the ax
 infinite, is so in all of them. Each of the axes has been checked by itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from operator import attrgetter
 from typing import Any, TypeVar
@@ -16,10 +16,13 @@ from monitor_core.arrays import FloatArray
 from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, BodyPhysics, JointPhysics, ScrewPhysics
 
 _Index = npt.NDArray[np.intp]
-_RECORDS = {"screw": ScrewPhysics, "joints": JointPhysics, "bodies": BodyPhysics, "added": AddedPhysics}
-_NAMES = {name: tuple(item.name for item in fields(record)) for name, record in _RECORDS.items()}
+RECORDS = {"screw": ScrewPhysics, "joints": JointPhysics, "bodies": BodyPhysics, "added": AddedPhysics}
+_NAMES = {name: tuple(item.name for item in fields(record)) for name, record in RECORDS.items()}
 #: What an iteration of its own, or a check, has to be told as one number.
 _ONE_NUMBER = ("dynamic_load_rating", "guide_friction", "cubic_nut_stiffness")
+
+#: Every number that an axis has, by its record and its name there.
+NUMBERS = tuple((record, name) for record, names in _NAMES.items() for name in names)
 
 Record = TypeVar("Record")
 
@@ -31,12 +34,12 @@ class AxesSideBySide(AxisPhysics):
 
     def at(self, index: _Index) -> "AxesSideBySide":
         """Return the axes repeated for lines that belong to the conditions of this index."""
-        return _assembled({name: _repeated(getattr(self, name), index) for name in _RECORDS})
+        return AxesSideBySide(**{name: _repeated(getattr(self, name), index) for name in RECORDS})
 
 
 def alike_in_terms(axes: Sequence[AxisPhysics]) -> list[_Index]:
     """Return which axes have the same terms, by their numbers."""
-    marks = np.hstack([_marks(_table(axes, name), name) for name in _RECORDS])
+    marks = np.hstack([_marks(_table(axes, name), name) for name in RECORDS])
     if np.all(marks == marks[0]):
         return [np.arange(len(axes))]
     which = np.unique(marks, axis=0, return_inverse=True)[1].reshape(-1)
@@ -49,10 +52,15 @@ def side_by_side(axes: Sequence[AxisPhysics]) -> AxisPhysics:
     for name, names in _NAMES.items():
         table, first = _table(axes, name), getattr(axes[0], name)
         differing = np.flatnonzero(np.any((table != table[0]) & ~np.isnan(table), axis=0)).tolist()
-        records[name] = _with(first, {names[column]: table[:, column] for column in differing}) if differing else first
+        records[name] = with_values(first, {names[column]: table[:, column] for column in differing}) if differing else first
     if all(records[name] is getattr(axes[0], name) for name in records):
         return axes[0]
-    return _assembled(records)
+    return AxesSideBySide(**records)
+
+
+def numbers_of(axes: Sequence[AxisPhysics]) -> FloatArray:
+    """Return all numbers of axes in the order of ``NUMBERS``, NaN for what is not stated, (n_axes, n_numbers)."""
+    return np.hstack([_table(axes, name) for name in RECORDS])
 
 
 def _table(axes: Sequence[AxisPhysics], name: str) -> FloatArray:
@@ -77,16 +85,14 @@ def _marks(table: FloatArray, name: str) -> FloatArray:
 def _repeated(record: Record, index: _Index) -> Record:
     names = (item.name for item in fields(record))  # type: ignore[arg-type]
     arrays = {name: value[index] for name in names if isinstance(value := getattr(record, name), np.ndarray)}
-    return _with(record, arrays) if arrays else record
+    return with_values(record, arrays) if arrays else record
 
 
-def _with(record: Record, arrays: dict[str, FloatArray]) -> Record:
-    """Return a record with arrays in the place of numbers, which its checks are not made for."""
+def with_values(record: Record, values: Mapping[str, Any]) -> Record:
+    """Return a record with others in the place of some numbers, as arrays, which its checks are not made for."""
     found = object.__new__(type(record))
     for item in fields(record):  # type: ignore[arg-type]
-        object.__setattr__(found, item.name, arrays[item.name] if item.name in arrays else getattr(record, item.name))
+        object.__setattr__(found, item.name, values[item.name] if item.name in values else getattr(record, item.name))
     return found
 
 
-def _assembled(records: dict[str, Any]) -> AxesSideBySide:
-    return AxesSideBySide(**records)
