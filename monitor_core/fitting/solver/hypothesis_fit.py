@@ -13,7 +13,7 @@ that are likely at the coordinates of each step.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Generic
 
 import numpy as np
@@ -35,7 +35,8 @@ _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _SAME_MISFIT = 0.02  # standard deviations, rms: by which a misfit may differ once resolved and linearised anew
 _MOST_EVALUATIONS = 60
-_MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
+#: A stage need not end at its minimum; a fall of χ² that would hardly let the tolerance shrink is not waited for.
+_MOST_TEMPERED_EVALUATIONS, _FLAT_TEMPERED = 5, 5e-4
 #: A step of a fit without some of its values: of singular values, what is unseen; of the squares of residuals, by how
 #: much those after it may differ from what its slope says.
 _UNSEEN, _NEARLY_LINEAR = 1e-10, 0.01
@@ -191,9 +192,8 @@ def fit(
         def around(coordinates: FloatArray) -> Linearised[Physics]:
             if np.array_equal(coordinates, start):
                 return here
-            return linearise_at_likely_errors(
-                resolved, hypothesis, from_errors, deviation, coordinates, here.whitened_by
-            )
+            near = here.whitened_by
+            return linearise_at_likely_errors(resolved, hypothesis, from_errors, deviation, coordinates, near=near)
 
         return remembered(around)
 
@@ -204,7 +204,8 @@ def fit(
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
         tempered = likely(np.hypot(layout.standard_deviation, tolerance))
-        at = nearest_minimum(tempered, hypothesis, at, chosen, Pace(_MOST_TEMPERED_EVALUATIONS))
+        stage = Pace(_MOST_TEMPERED_EVALUATIONS, flat=_FLAT_TEMPERED)
+        at = nearest_minimum(tempered, hypothesis, at, chosen, stage)
         errors = tempered(at).errors
     around = linearise_at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at)
     for _ in range(_MOST_ROUNDS if not tolerance and hypothesis.n_coordinates else 0):

@@ -199,6 +199,7 @@ def linearise_at_likely_errors(
     errors: FloatArray,
     deviation: FloatArray,
     coordinates: FloatArray,
+    *,
     near: Whitening | None = None,
 ) -> Linearised[Physics]:
     """Linearise a comparison around the errors that are likely at coordinates, sought from other errors.
@@ -214,9 +215,13 @@ def linearise_at_likely_errors(
         around = _answer_at(linearised_at, errors)
         estimate = around.whitened_by.errors(around.here)
     else:
-        known = near
-        estimate = _answer_at(lambda at: known.errors(resolved.shifted(at).misfit(physics) - known.share_of(at)), errors)
+        estimate = _answer_at(partial(_estimate, resolved, physics, near), errors)
     return _answer_at(linearised_at, np.clip(estimate, -_LIKELY, _LIKELY))
+
+
+def _estimate(resolved: Comparison[Physics], physics: Physics, near: Whitening, errors: FloatArray) -> FloatArray:
+    """Return the errors that are likely, seen from other errors that do about what they do near by."""
+    return near.errors(resolved.shifted(errors).misfit(physics) - near.share_of(errors))
 
 
 def _answer_at(ask: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:

@@ -278,9 +278,7 @@ def _waves_of_both(
     """
     lengths = position, screw_length - position
     if any(isinstance(value, Traced) for value in (*lengths, *compliances, inertia)):
-        near, far = (
-            _waves(omega, *rod, inertia) for rod in zip(lengths, compliances, strict=True)
-        )
+        near, far = (_waves(omega, *rod, inertia) for rod in zip(lengths, compliances, strict=True))
         return near, far
     length = np.empty((2, *position.shape))
     compliance = np.empty(length.shape, dtype=np.result_type(*compliances))

@@ -80,7 +80,7 @@ def _at_nut(
 
 
 def with_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
-    """Return displacements and angles with one modal term at table and nut; a torque drives it as the force torque/i."""
+    """Return displacements and angles with a modal term at table and nut; a torque drives it as the force torque/i."""
     values, at = values.copy(), lines.beyond_screw
     physics = physics.at(lines.case[at])
     added = physics.added

@@ -52,7 +52,9 @@ def side_by_side(axes: Sequence[AxisPhysics]) -> AxisPhysics:
     for name, names in _NAMES.items():
         table, first = _table(axes, name), getattr(axes[0], name)
         differing = np.flatnonzero(np.any((table != table[0]) & ~np.isnan(table), axis=0)).tolist()
-        records[name] = with_values(first, {names[column]: table[:, column] for column in differing}) if differing else first
+        records[name] = (
+            with_values(first, {names[column]: table[:, column] for column in differing}) if differing else first
+        )
     if all(records[name] is getattr(axes[0], name) for name in records):
         return axes[0]
     return AxesSideBySide(**records)
@@ -94,5 +96,3 @@ def with_values(record: Record, values: Mapping[str, Any]) -> Record:
     for item in fields(record):  # type: ignore[arg-type]
         object.__setattr__(found, item.name, values[item.name] if item.name in values else getattr(record, item.name))
     return found
-
-

@@ -110,9 +110,7 @@ class _OfCases:
 
     def rate(self, move: Move[AxisPhysics], physics: AxisPhysics, here: FloatArray) -> FloatArray:
         """Return how fast each number goes along a move, a row for each setting or one for all; infinite from there."""
-        ahead, behind = (
-            here if axis is physics else numbers_of(self.axes(axis)) for axis in (move.ahead, move.behind)
-        )
+        ahead, behind = (here if axis is physics else numbers_of(self.axes(axis)) for axis in (move.ahead, move.behind))
         same = (ahead == behind) | np.isnan(ahead)
         with np.errstate(invalid="ignore"):
             return np.where(same, 0.0, (ahead - behind) / move.distance)

@@ -3,7 +3,10 @@ r"""Trace a function of numbers line by line, so that its derivatives by all of 
 What is computed from a :class:`Traced` value is one, too, and notes the values it was made of with its derivative by
 each. By the chain rule, backwards,
 
-.. math:: \frac{\partial y}{\partial x} = \sum_{v\ \mathrm{from}\ x} \frac{\partial y}{\partial v} \frac{\partial v}{\partial x}
+.. math::
+
+    \frac{\partial y}{\partial x} = \sum_{v\ \mathrm{from}\ x} \frac{\partial y}{\partial v}
+    \frac{\partial v}{\partial x}
 
 so that a result has its derivatives by all numbers for little more than what it costs itself (Griewank & Walther,
 Evaluating Derivatives, 2008, chapter 3). Lines do not know each other: every derivative is one for each line. All
@@ -74,7 +77,7 @@ class Traced:
     def __rtruediv__(self, other: Any) -> "Traced":  # noqa: ANN401
         inverse = reciprocal(self.value)
         found = Traced(inverse, ((self, -inverse * inverse),))
-        return found if isinstance(other, float) and other == 1.0 else found * other
+        return found if isinstance(other, float) and other == 1.0 else found.__mul__(other)
 
     def __pow__(self, exponent: Any) -> "Traced":  # noqa: ANN401
         power = exponent.value if isinstance(exponent, Traced) else exponent
@@ -113,14 +116,19 @@ def value_of(number: Any) -> Any:  # noqa: ANN401 numbers
 
 
 def derivatives(result: Traced, by: Sequence[Traced]) -> list[NumberArray | float]:
-    """Return the derivatives of a result by some of the numbers it was made of, zero where it does not depend on one."""
+    """Return the derivatives of a result by some numbers, zero where it was not made of one."""
     passed: dict[int, Any] = {result.number: 1.0}
     for value in _backwards(result):
         here = passed[value.number]
         for source, partial in value.sources:
-            share = here if isinstance(partial, float) and partial == 1.0 else here * partial
-            before = passed.get(source.number)
-            passed[source.number] = share if before is None else before + share
+            is_same, before = isinstance(partial, float) and partial == 1.0, passed.get(source.number)
+            share = here if is_same else here * partial
+            if before is None:
+                passed[source.number] = share
+            elif is_same or np.shape(share) != np.shape(before) or np.result_type(share) != np.result_type(before):
+                passed[source.number] = before + share
+            else:
+                passed[source.number] = np.add(before, share, out=share if np.ndim(share) else None)
     return [passed.get(number.number, 0.0) for number in by]
 
 
