@@ -72,12 +72,11 @@ class Traced:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> "Traced":  # noqa: ANN401
-        return self * (1.0 / other)
+        return self.__mul__(1.0 / other)
 
     def __rtruediv__(self, other: Any) -> "Traced":  # noqa: ANN401
         inverse = reciprocal(self.value)
-        found = Traced(inverse, ((self, -inverse * inverse),))
-        return found if isinstance(other, float) and other == 1.0 else found.__mul__(other)
+        return Traced(other * inverse, ((self, -other * (inverse * inverse)),))
 
     def __pow__(self, exponent: Any) -> "Traced":  # noqa: ANN401
         power = exponent.value if isinstance(exponent, Traced) else exponent
