@@ -25,7 +25,8 @@ SIZES = EVERYTHING | {"causal_loss_factor": 0.02, "loss_factor": 0.02, "far_bear
                       "nut_segment_inertia": 1e-5, "motor_segment_inertia": 1e-5, "preload_change": 50.0,
                       "thermal_preload": 5.0, "motor_damping": 0.01, "coupling_damping": 0.01,
                       "bearing_damping": 100.0, "far_bearing_damping": 100.0, "nut_damping": 100.0,
-                      "table_damping": 100.0, "rotor_inertia": 1e-5, "thermal_stiffness": 1e-3}  # fmt: skip
+                      "table_damping": 100.0, "rotor_inertia": 1e-5, "thermal_stiffness": 1e-3,
+                      "second_mode_residue": 1e-8}  # fmt: skip
 #: Numbers of which an iteration, not a formula, says what they do.
 OF_LEVEL = ("guide_friction", "cubic_nut_stiffness")
 
@@ -109,7 +110,7 @@ def test_what_is_absent_has_its_slope_where_it_begins(family):
     for key, move, slope in zip(absent, moves, log_response_slopes(axis, lines, moves), strict=True):
         far = moved(axis, *key, 2.0 * move.distance)
         difference = (4.0 * ln_ratio(lines, move.ahead, axis) - ln_ratio(lines, far, axis)) / (2.0 * move.distance)
-        rounding = 1e-15 / move.distance  # of what a number hardly does
+        rounding = 3e-15 / move.distance  # of what a number hardly does
         atol = 1e-4 * np.max(np.abs(difference)) + rounding
         np.testing.assert_allclose(slope, difference, rtol=0, atol=atol, err_msg=str(key))
 
