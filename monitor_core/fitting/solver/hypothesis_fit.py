@@ -13,7 +13,7 @@ that are likely at the coordinates of each step.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Generic
 
 import numpy as np
@@ -33,7 +33,7 @@ _TEMPERED = 4.0
 _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
-_SAME_MISFIT = 0.02  # standard deviations, rms: by which a misfit may differ once resolved and linearised anew
+_SAME_MISFIT = 0.02  # standard deviations, rms: by which a misfit may differ once the data are resolved anew
 _MOST_EVALUATIONS = 60
 #: A stage need not end at its minimum; a fall of χ² that would hardly let the tolerance shrink is not waited for.
 _MOST_TEMPERED_EVALUATIONS, _FLAT_TEMPERED = 5, 5e-4
@@ -184,18 +184,9 @@ def fit(
     tolerance, given_up = math.inf, False
 
     def likely(deviation: FloatArray) -> Callable[[FloatArray], Linearised[Physics]]:
-        """Linearise along a search from here: the resolution, and what the errors do, stay as they are here."""
-        start, from_errors = at, errors
-        resolved = resolved_at_errors(comparison, hypothesis, from_errors, start)
-        here = linearise_at_likely_errors(resolved, hypothesis, from_errors, deviation, start)
-
-        def around(coordinates: FloatArray) -> Linearised[Physics]:
-            if np.array_equal(coordinates, start):
-                return here
-            near = here.whitened_by
-            return linearise_at_likely_errors(resolved, hypothesis, from_errors, deviation, coordinates, near=near)
-
-        return remembered(around)
+        """Linearise along a search from here, the resolution of the data as it is here."""
+        resolved = resolved_at_errors(comparison, hypothesis, errors, at)
+        return remembered(partial(linearise_at_likely_errors, resolved, hypothesis, errors, deviation))
 
     for _ in range(_MOST_STAGES):
         before = tolerance
@@ -215,7 +206,7 @@ def fit(
             at = nearest_minimum(along, hypothesis, at, chosen, Pace(_MOST_EVALUATIONS, to_beat))
         except GivenUpError as creeping:
             at, given_up = creeping.coordinates, True
-        # resolved, and linearised, at the errors that are likely now
+        # resolved here, at the errors that are likely now
         around = linearise_at_likely_errors(comparison, hypothesis, along(at).errors, layout.standard_deviation, at)
         off = ((around.here - along(at).here) / layout.standard_deviation)[chosen]
         if given_up or float(np.mean(off**2)) < _SAME_MISFIT**2:

@@ -199,29 +199,18 @@ def linearise_at_likely_errors(
     errors: FloatArray,
     deviation: FloatArray,
     coordinates: FloatArray,
-    *,
-    near: Whitening | None = None,
 ) -> Linearised[Physics]:
     """Linearise a comparison around the errors that are likely at coordinates, sought from other errors.
 
     Errors that stayed where they were likely before would let a search run far along what they almost make up for: the
-    nut's stiffness, say, against a preload that was wrong in all settings alike. With what the errors do ``near`` by,
-    they are sought without asking once more.
+    nut's stiffness, say, against a preload that was wrong in all settings alike.
     """
     physics = hypothesis.physics(coordinates)
     resolved = resolved_at_errors(comparison, hypothesis, errors, coordinates)
     linearised_at = partial(linearise, resolved, physics, deviation=deviation)
-    if near is None:
-        around = _answer_at(linearised_at, errors)
-        estimate = around.whitened_by.errors(around.here)
-    else:
-        estimate = _answer_at(partial(_estimate, resolved, physics, near), errors)
-    return _answer_at(linearised_at, np.clip(estimate, -_LIKELY, _LIKELY))
-
-
-def _estimate(resolved: Comparison[Physics], physics: Physics, near: Whitening, errors: FloatArray) -> FloatArray:
-    """Return the errors that are likely, seen from other errors that do about what they do near by."""
-    return near.errors(resolved.shifted(errors).misfit(physics) - near.share_of(errors))
+    around = _answer_at(linearised_at, errors)
+    likely = np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
+    return _answer_at(linearised_at, likely)
 
 
 def _answer_at(ask: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:
