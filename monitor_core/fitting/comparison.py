@@ -14,7 +14,9 @@ import numpy.typing as npt
 from monitor_core.arrays import BoolArray, FloatArray, read_only
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
+from monitor_core.models.extended import Move
 
+Physics = TypeVar("Physics")
 Physics_contra = TypeVar("Physics_contra", contravariant=True)
 
 
@@ -157,6 +159,18 @@ class Comparison(Protocol[Physics_contra]):
 
     def panels(self, models: Mapping[str, Physics_contra]) -> tuple[Panel, ...]:
         """Return pictures of the measurement and of several models by their names."""
+        ...
+
+
+@runtime_checkable
+class HasSlopes(Comparison[Physics], Protocol[Physics]):
+    """Comparisons that know how the misfit changes as the physics goes a way, for less than the misfit at each."""
+
+    def slopes(self, physics: Physics, moves: Sequence[Move[Physics]]) -> Sequence[FloatArray | None]:
+        """Return the derivative of the misfit by each move, shape (n_values,); None of a move that it is not known of.
+
+        Raises OutsideValidityError where there is no misfit.
+        """
         ...
 
 

@@ -42,6 +42,9 @@ MODULES = {"restore": "backup", "import": "import_raw", "key": "people", "user":
 #: How its function is called where a keyword of the language has its name.
 FUNCTIONS = {"import": "import_raw"}
 
+#: Commands whose imports take longer than a person waits without a sign.
+_SLOW_TO_START = ("explain", "identify")
+
 
 def command_named(name: str) -> click.Command:
     """Import a command."""
@@ -60,6 +63,8 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, None where there is none of this name."""
         del ctx
+        if cmd_name in _SLOW_TO_START and sys.stderr.isatty():
+            click.echo(f"preload {cmd_name}: starting", err=True)
         return command_named(cmd_name) if cmd_name in COMMANDS else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

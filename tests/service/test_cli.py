@@ -8,12 +8,14 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 
 from monitor_core.preload import VarianceShares
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import read_session, write_session
+from service.cli import main as command_line
 from service.cli.main import main
 from service.cli.output import finite_or_null
 from tests.service.conftest import START, Api, axial_frequency, simulated_measurement
@@ -280,6 +282,23 @@ def test_replay_passes_a_refusal_on_in_one_line(preload: Any, session_file: Path
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("is_terminal", "said"), [(True, "preload explain: starting\n"), (False, "")])
+def test_a_command_that_starts_slowly_says_so_before_it_imports(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_terminal: bool, said: str
+) -> None:
+    """To a person at a terminal; what a program reads stays as it was."""
+    before_import = []
+
+    def importing(name: str) -> click.Command:
+        before_import.append((name, capsys.readouterr().err))
+        return click.Command(name)
+
+    monkeypatch.setattr(command_line, "command_named", importing)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    command_line.preload.get_command(click.Context(command_line.preload), "explain")
+    assert before_import == [("explain", said)]
+
+
 def test_command_is_installed(table2: Path) -> None:
     """As users call it: a process of its own, nothing but JSON on standard output."""
     command = Path(sys.executable).with_name("preload")

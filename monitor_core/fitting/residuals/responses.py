@@ -25,7 +25,15 @@ from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.fitting.residuals.lines import case_of, clear_responses, with_phase_within_half_a_turn
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from monitor_core.fitting.residuals.resolution import Smearing, smearing
-from monitor_core.models.extended import AxisPhysics, PreparedLines, moving_mass, prepare_lines, responses
+from monitor_core.models.extended import (
+    AxisPhysics,
+    Move,
+    PreparedLines,
+    log_response_slopes,
+    moving_mass,
+    prepare_lines,
+    responses,
+)
 from monitor_core.models.extended.conditions import ConditionArrays
 from monitor_core.models.protocol import DriveConditions, MotorEnd
 
@@ -73,6 +81,13 @@ class ResponsesComparison(GapInSigma):
     def misfit(self, physics: AxisPhysics) -> FloatArray:
         """Return Re and Im of ln(H/Y), shape (n_values,)."""
         return self._values(self.log_responses(physics) - self.measured)
+
+    def slopes(self, physics: AxisPhysics, moves: Sequence[Move[AxisPhysics]]) -> Sequence[FloatArray | None]:
+        """Return the derivatives of the misfit by moves; None of smeared lines, which know their neighbours."""
+        if self.smearing is not None:
+            return [None] * len(moves)
+        slopes = log_response_slopes(physics, self.lines, moves)
+        return [None if slope is None else self._parts(slope) for slope in slopes]
 
     def condition_errors(self, physics: AxisPhysics, misfit: FloatArray) -> FloatArray:
         """Return the change of the misfit by the errors of ``condition_error_names``."""
@@ -194,7 +209,11 @@ class ResponsesComparison(GapInSigma):
 
     def _values(self, per_line: npt.NDArray[np.complex128]) -> FloatArray:
         """Return real and imaginary parts in the order of the values; phases within ±π."""
-        of_values = with_phase_within_half_a_turn(per_line)[self.line_of_value]
+        return self._parts(with_phase_within_half_a_turn(per_line))
+
+    def _parts(self, per_line: npt.NDArray[np.complex128]) -> FloatArray:
+        """Return real and imaginary parts in the order of the values."""
+        of_values = per_line[self.line_of_value]
         return np.where(self.imaginary, of_values.imag, of_values.real)
 
 

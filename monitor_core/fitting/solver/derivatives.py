@@ -1,12 +1,21 @@
-"""Differentiate the misfit of a hypothesis by its coordinates, by finite differences."""
+"""Differentiate the misfit of a hypothesis by its coordinates.
+
+Where a comparison knows the slopes of its misfit, only the physics is moved; elsewhere the misfit, too: by finite
+differences.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from monitor_core.arrays import FloatArray
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.comparison import HasSlopes
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.linearised import Linearised
+from monitor_core.models.extended import Move
 
 _STEP = 1e-4  # of a coordinate
 
@@ -18,9 +27,39 @@ def residual_jacobian(
     if not coordinates.size:
         return np.zeros((around.here.size, 0))
     take = derivative if central else one_sided_derivative
-    columns = [take(around, hypothesis, coordinates, around.here, index) for index in range(coordinates.size)]
+    known = _slopes(around, hypothesis, coordinates, central=central)
+    columns = [
+        take(around, hypothesis, coordinates, around.here, index) if slope is None else slope
+        for index, slope in enumerate(known)
+    ]
     whitened: FloatArray = around.whitened_by(np.array(columns)).T
     return whitened
+
+
+def _slopes(
+    around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, *, central: bool
+) -> Sequence[FloatArray | None]:
+    """Return the derivatives that the comparison knows."""
+    comparison, found = around.comparison, list[FloatArray | None]([None] * coordinates.size)
+    if not isinstance(comparison, HasSlopes):
+        return found
+    here, upper = hypothesis.physics(coordinates), hypothesis.bounds[1]
+    moves: dict[int, Move[Physics]] = {}
+    for index in range(coordinates.size):
+        with suppress(OutsideValidityError):
+            if central:
+                ends = (-_STEP, _STEP)
+            else:
+                ends = (0.0, _STEP) if coordinates[index] + _STEP <= upper[index] else (-_STEP, 0.0)
+            behind, ahead = (_moved(hypothesis, coordinates, index, step) if step else here for step in ends)
+            moves[index] = Move(behind, ahead, ends[1] - ends[0])
+    try:
+        slopes = comparison.slopes(here, list(moves.values()))
+    except OutsideValidityError:
+        return found
+    for index, slope in zip(moves, slopes, strict=True):
+        found[index] = slope
+    return found
 
 
 def derivative(
@@ -66,6 +105,10 @@ def one_sided_derivative(
 def _moved_misfit(
     around: Linearised[Physics], hypothesis: Hypothesis[Physics], coordinates: FloatArray, index: int, step: float
 ) -> FloatArray:
+    return around.misfit(_moved(hypothesis, coordinates, index, step))
+
+
+def _moved(hypothesis: Hypothesis[Physics], coordinates: FloatArray, index: int, step: float) -> Physics:
     moved = coordinates.copy()
     moved[index] += step
-    return around.misfit(hypothesis.physics(moved))
+    return hypothesis.physics(moved)

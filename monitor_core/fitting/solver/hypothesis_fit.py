@@ -11,6 +11,7 @@ that are likely at the coordinates of each step.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Generic
@@ -24,7 +25,7 @@ from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.free_parameter import prior_jacobian, prior_residuals
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.derivatives import one_sided_derivative, residual_jacobian
-from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors
+from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors, resolved_at_errors
 from monitor_core.fitting.solver.steps import GivenUpError, Pace, nearest_minimum, remembered
 
 #: χ² per value that the tolerance is chosen for, and below which none is needed.
@@ -32,8 +33,10 @@ _TEMPERED = 4.0
 _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
+_SAME_MISFIT = 0.02  # standard deviations, rms: by which a misfit may differ once the data are resolved anew
 _MOST_EVALUATIONS = 60
-_MOST_TEMPERED_EVALUATIONS = 5  # a stage need not end at its minimum
+#: A stage need not end at its minimum; a fall of χ² that would hardly let the tolerance shrink is not waited for.
+_MOST_TEMPERED_EVALUATIONS, _FLAT_TEMPERED = 5, 5e-4
 #: A step of a fit without some of its values: of singular values, what is unseen; of the squares of residuals, by how
 #: much those after it may differ from what its slope says.
 _UNSEEN, _NEARLY_LINEAR = 1e-10, 0.01
@@ -178,26 +181,36 @@ def fit(
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
     at = np.clip(start, *hypothesis.bounds)
     errors = np.zeros((len(layout.settings), len(comparison.condition_error_names)))
-    likely_from = partial(linearise_at_likely_errors, comparison, hypothesis)
     tolerance, given_up = math.inf, False
+
+    def likely(deviation: FloatArray) -> Callable[[FloatArray], Linearised[Physics]]:
+        """Linearise along a search from here, the resolution of the data as it is here."""
+        resolved = resolved_at_errors(comparison, hypothesis, errors, at)
+        return remembered(partial(linearise_at_likely_errors, resolved, hypothesis, errors, deviation))
+
     for _ in range(_MOST_STAGES):
         before = tolerance
         misfit = comparison.shifted(errors).misfit(hypothesis.physics(at))
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
-        tempered = remembered(partial(likely_from, errors, np.hypot(layout.standard_deviation, tolerance)))
-        at = nearest_minimum(tempered, hypothesis, at, chosen, Pace(_MOST_TEMPERED_EVALUATIONS))
+        tempered = likely(np.hypot(layout.standard_deviation, tolerance))
+        stage = Pace(_MOST_TEMPERED_EVALUATIONS, flat=_FLAT_TEMPERED)
+        at = nearest_minimum(tempered, hypothesis, at, chosen, stage)
         errors = tempered(at).errors
-    around = likely_from(errors, layout.standard_deviation, at)
-    if not tolerance and hypothesis.n_coordinates:
-        likely = remembered(partial(likely_from, around.errors, layout.standard_deviation))
+    around = linearise_at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at)
+    for _ in range(_MOST_ROUNDS if not tolerance and hypothesis.n_coordinates else 0):
+        errors = around.errors
+        along = likely(layout.standard_deviation)
         try:
-            at = nearest_minimum(likely, hypothesis, at, chosen, Pace(_MOST_EVALUATIONS, to_beat))
+            at = nearest_minimum(along, hypothesis, at, chosen, Pace(_MOST_EVALUATIONS, to_beat))
         except GivenUpError as creeping:
             at, given_up = creeping.coordinates, True
-        around = likely(at)
-    around = likely_from(around.errors, layout.standard_deviation, at)  # resolved at the errors that are likely now
+        # resolved here, at the errors that are likely now
+        around = linearise_at_likely_errors(comparison, hypothesis, along(at).errors, layout.standard_deviation, at)
+        off = ((around.here - along(at).here) / layout.standard_deviation)[chosen]
+        if given_up or float(np.mean(off**2)) < _SAME_MISFIT**2:
+            break
     return Fitted(comparison, hypothesis, at, around, chosen, given_up, tolerance)
 
 

@@ -63,10 +63,10 @@ class Whitening:
         """Return residuals of misfits, shape (..., n_values)."""
         scaled = misfits / self.deviation
         if self.directions.shape[0]:
-            along = np.array([np.add.reduceat(scaled * row, self.starts, axis=-1) for row in self.directions])
-            sizes = np.diff(self.starts, append=scaled.shape[-1])  # of the settings, whose values stand side by side
-            for row, taken in zip(self.directions, np.einsum("skl,l...s->k...s", self.shrink, along), strict=True):
-                scaled -= np.repeat(taken, sizes, axis=-1) * row
+            ends = [*self.starts[1:].tolist(), scaled.shape[-1]]
+            for start, end, shrink in zip(self.starts.tolist(), ends, self.shrink, strict=True):
+                of_setting, directions = scaled[..., start:end], self.directions[:, start:end]
+                of_setting -= (of_setting @ directions.T @ shrink) @ directions
         return scaled if self.common is None else self.common(scaled)
 
     def log_determinant(self, chosen: BoolArray) -> float:
@@ -186,6 +186,13 @@ def _around(
     return Linearised(shifted, errors, whitened_by, offset, misfit + offset)
 
 
+def resolved_at_errors(
+    comparison: Comparison[Physics], hypothesis: Hypothesis[Physics], errors: FloatArray, coordinates: FloatArray
+) -> Comparison[Physics]:
+    """Return a comparison as a finer resolution would have shown its data, at some coordinates and condition errors."""
+    return _answer_at(partial(comparison.resolved, hypothesis.physics(coordinates)), errors)
+
+
 def linearise_at_likely_errors(
     comparison: Comparison[Physics],
     hypothesis: Hypothesis[Physics],
@@ -199,7 +206,7 @@ def linearise_at_likely_errors(
     nut's stiffness, say, against a preload that was wrong in all settings alike.
     """
     physics = hypothesis.physics(coordinates)
-    resolved = _answer_at(partial(comparison.resolved, physics), errors)
+    resolved = resolved_at_errors(comparison, hypothesis, errors, coordinates)
     linearised_at = partial(linearise, resolved, physics, deviation=deviation)
     around = _answer_at(linearised_at, errors)
     likely = np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)

@@ -17,7 +17,7 @@ from monitor_core.fitting.solver.derivatives import residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised
 
 _PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
-_FLAT = 1e-5  # fall of χ² by a step, relatively, with which a search ends
+_FLAT = 1e-5  # fall of χ² by a step, relatively, with which a search ends unless told otherwise
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
 _LARGEST = 1e6
 
@@ -31,10 +31,14 @@ class GivenUpError(Exception):
 
 
 class Pace:
-    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more."""
+    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more.
 
-    def __init__(self, most_evaluations: int, to_beat: float = math.inf) -> None:
+    It ends with a step that makes χ² fall by no more than the share ``flat``.
+    """
+
+    def __init__(self, most_evaluations: int, to_beat: float = math.inf, flat: float = _FLAT) -> None:
         self.most_evaluations = self._left = most_evaluations
+        self.flat = flat
         self._to_beat = to_beat
         self._best: list[float] = []  # costs, each lower than the one before
         self._at = np.zeros(0)
@@ -94,7 +98,9 @@ class Steps(Generic[Physics]):
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals; those of the step before where a search ends, and asks in vain."""
-        ends = self._n_asked >= self._pace.most_evaluations or self._square - self._last < _FLAT * self._square
+        ends = (
+            self._n_asked >= self._pace.most_evaluations or self._square - self._last < self._pace.flat * self._square
+        )
         if self._derivatives is None or not ends:
             of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
             self._derivatives, self._square = np.vstack([of_values[self._chosen], self._of_prior]), self._last
@@ -122,7 +128,7 @@ def nearest_minimum(
         bounds=hypothesis.bounds,
         method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
         x_scale="jac",
-        ftol=_FLAT,
+        ftol=pace.flat,
         xtol=1e-6,
         gtol=1e-8,
         max_nfev=pace.most_evaluations,

@@ -14,6 +14,7 @@ from monitor_core.models.extended.physics import (
     moving_mass,
 )
 from monitor_core.models.extended.responses import responses
+from monitor_core.models.extended.slopes import Move, log_response_slopes
 
 __all__ = [
     "AddedPhysics",
@@ -22,10 +23,12 @@ __all__ = [
     "BodyPhysics",
     "ExtendedModel",
     "JointPhysics",
+    "Move",
     "PreparedLines",
     "ResponseCase",
     "ScrewBending",
     "ScrewPhysics",
+    "log_response_slopes",
     "moving_mass",
     "natural_frequencies",
     "paper_motor_end",

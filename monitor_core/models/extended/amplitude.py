@@ -123,7 +123,8 @@ class Motion:
 def motion_at(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Motion:
     """Return the motion in the effects that are there: evaluated at the knots, carried to the points."""
     excitations, added = lines.excitations, physics.added
-    characteristic, *motions = _functions(physics, excitations, states.at(excitations.case[excitations.of_knot]))
+    case = excitations.case[excitations.of_knot]
+    characteristic, *motions = _functions(physics.at(case), excitations, states.at(case))
     acting = bool(added.guide_friction), bool(added.cubic_nut_stiffness)
     functions = [
         {powers: term for powers, term in function.items() if np.all(np.array(powers) <= acting)}
@@ -219,7 +220,7 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     carried = path.carried.damped(1j * lines.drive.omega * (weights @ damping))
     if not cubic:
         return replace(path, carried=carried)
-    spring = nut_spring(physics, lines.drive.omega, path.nut)
+    spring = nut_spring(physics.at(lines.drive.case), lines.drive.omega, path.nut)
     # stiffness of the nut at which all of the path gives way
     resonant = -carried.load / (carried.nut_pole * carried.swing + path.before_bracket * carried.load)
     others = np.clip((path.beside_nut / path.compliance).real, 0.0, 1.0)

@@ -17,7 +17,7 @@ table 8-1.)
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.arrays import FloatArray, NumberArray, acts
 from monitor_core.models.extended.physics import ScrewBending
 
 
@@ -39,10 +39,10 @@ def yielding(
     d: NumberArray = np.ones_like(omega)
     y: NumberArray = np.zeros_like(omega)
     for number, share in enumerate(bending.shares, 1):
-        if not share:
+        if not acts(share):
             continue
         ratio = omega / (2.0 * np.pi * number**2 * bending.frequency)
-        damper = 2j * bending.damping_ratio * ratio if bending.damping_ratio else 0.0
+        damper = 2j * bending.damping_ratio * ratio if acts(bending.damping_ratio) else 0.0
         stiffness = softening - ratio * ratio + damper
         y = y * stiffness + bending.compliance * share * np.cos(number * np.pi * along) ** 2 * d
         d = d * stiffness

@@ -1,7 +1,7 @@
 """Let the physics of an axis depend on how it is set: a stiffness that follows the excitation, a drift of a preload.
 
-An axis states such a dependence as functions that return it as it is at one setting. Settings at which it is the same,
-as those of one excitation where a stiffness follows that, are evaluated together.
+An axis states such a dependence as functions that return it as it is at one setting. All settings are evaluated
+together, with arrays of what differs; those apart at which it has other terms, as a spring that is absent at some.
 """
 
 from collections.abc import Iterator
@@ -16,6 +16,7 @@ from monitor_core.models.extended.excitations import Excitations
 from monitor_core.models.extended.lines import DriveLines, PreparedLines
 from monitor_core.models.extended.memory import Memory
 from monitor_core.models.extended.physics import AxisPhysics, AxisSetting
+from monitor_core.models.extended.side_by_side import alike_in_terms, side_by_side
 
 _Index = npt.NDArray[np.intp]
 
@@ -45,16 +46,19 @@ def axis_at(physics: AxisPhysics, setting: AxisSetting) -> AxisPhysics:
 
 
 def axes_by_setting(physics: AxisPhysics, lines: PreparedLines) -> Iterator[tuple[AxisPhysics, SettingLines]]:
-    """Yield the axes that it is at the settings, each with the lines of those at which it is that one.
+    """Yield axes side by side, one for each case, with the lines of those cases; all that have the same terms at once.
 
     The same lines under other conditions share what is prepared.
     """
-    alike: dict[AxisPhysics, list[int]] = {}
-    split = _Split(lines)
-    for number in _drive_cases(split):
-        alike.setdefault(axis_at(physics, lines.conditions.setting(number)), []).append(number)
-    for axis, numbers in alike.items():
-        yield axis, _part(split, tuple(numbers))
+    split, known = _Split(lines), dict[AxisSetting, AxisPhysics]()
+    of_case = [lines.conditions.setting(number) for number in range(lines.conditions.position.size)]
+    for setting in of_case:
+        if setting not in known:
+            known[setting] = axis_at(physics, setting)
+    on_drive = np.array(_drive_cases(split))
+    for group in alike_in_terms([known[of_case[number]] for number in on_drive]):
+        part = _part(split, tuple(on_drive[group].tolist()))
+        yield side_by_side([known[of_case[number]] for number in part.cases.tolist()]), part
 
 
 class _Split:

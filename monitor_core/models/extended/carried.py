@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.arrays import FloatArray, NumberArray, acts
 from monitor_core.models.extended.physics import AddedPhysics
 
 _Function = NumberArray | float  # a plain number where it is that at every frequency
@@ -48,12 +48,14 @@ class Carried:
     @property
     def swing(self) -> NumberArray:
         """S: zero where the table swings on its bracket, the nut held still."""
-        return np.asarray(self.table_pole + self.bracket * self.table)
+        swing: NumberArray = self.table_pole + self.bracket * self.table
+        return swing
 
     @property
     def load(self) -> NumberArray:
         """L: zero where all that is carried would swing by itself, free of the contacts."""
-        return np.asarray(self.nut * self.swing + self.nut_pole * self.table)
+        load: NumberArray = self.nut * self.swing + self.nut_pole * self.table
+        return load
 
     def reached_through(self, compliance: NumberArray) -> "Reached":
         """Return how nut and table move behind a compliance C'."""
@@ -68,7 +70,7 @@ class Carried:
         """Return the same with one more damper between table and ground, jωc."""
         return replace(self, table=self.table + damper * self.table_pole)
 
-    def with_nut_of(self, mass: float, omega: FloatArray) -> "Carried":
+    def with_nut_of(self, mass: float | FloatArray, omega: FloatArray) -> "Carried":
         """Return the same with a mass taken from the table to the nut."""
         inertia = omega * omega * mass
         return replace(self, table=self.table + inertia * self.table_pole, nut=self.nut - inertia * self.nut_pole)
@@ -87,18 +89,18 @@ class Reached:
 
 def carried_by_contacts(added: AddedPhysics, omega: NumberArray, bracket: NumberArray, table: NumberArray) -> Carried:
     """Return what the contacts carry, given bracket and table of a drive without nut mass and absorbers."""
-    if not (added.nut_mass or added.table_absorber_mass or added.nut_absorber_mass):
+    if not (acts(added.nut_mass) or acts(added.table_absorber_mass) or acts(added.nut_absorber_mass)):
         return Carried(bracket, table)
     squared = omega * omega
     d: NumberArray = 1.0 + 0.0 * squared
     e: NumberArray = d
     z, n = table + squared * added.nut_mass, -squared * added.nut_mass
-    if added.table_absorber_mass:
+    if acts(added.table_absorber_mass):
         d, load = absorber(
             omega, added.table_absorber_mass, added.table_absorber_frequency, added.table_absorber_damping_ratio
         )
         z = z * d + load
-    if added.nut_absorber_mass:
+    if acts(added.nut_absorber_mass):
         e, load = absorber(
             omega, added.nut_absorber_mass, added.nut_absorber_frequency, added.nut_absorber_damping_ratio
         )
@@ -114,7 +116,7 @@ def absorber(
     Of what turns, with an inertia [kg·m²] in place of the mass, it is in N·m/rad.
     """
     ratio = omega / (2.0 * np.pi * frequency)
-    damper = 2j * damping_ratio * ratio if damping_ratio else 0.0
+    damper = 2j * damping_ratio * ratio if acts(damping_ratio) else 0.0
     return 1.0 - ratio * ratio + damper, -omega * omega * mass * (1.0 + damper)
 
 

@@ -28,16 +28,18 @@ from typing import Any
 
 import numpy as np
 
-from monitor_core.arrays import FloatArray, NumberArray, reciprocal
+from monitor_core.arrays import FloatArray, NumberArray, acts, reciprocal
 from monitor_core.models.extended.bending import yielding
 from monitor_core.models.extended.carried import Carried, absorber, carried_by_contacts
 from monitor_core.models.extended.conditions import AxisStates, EndMasks
 from monitor_core.models.extended.memory import Memory
 from monitor_core.models.extended.physics import AddedPhysics, AxisPhysics, JointPhysics
+from monitor_core.models.extended.traced import Traced, cosine_of_square, sinc_of_square
 from monitor_core.models.rod import RodWaves
 
 #: Where springs with a causal loss factor have their stated stiffness: near a drive's first axial mode. [rad/s]
 _LOSS_REFERENCE = 2.0 * np.pi * 200.0
+_ONE = np.array(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +118,7 @@ def entire_parts(
     table = added.guide_stiffness - omega * omega * states.moving_mass + _damper(omega, bodies.table_damping)
     here, memory = _Drive(physics, states), memory or Memory(omega.size)
     axial, axial_yield = memory.recall(_axial, here, omega, memory)
-    if physics.bending.compliance:  # one more in series: B/A + y/d
+    if acts(physics.bending.compliance):  # one more in series: B/A + y/d
         d, y = memory.recall(_bending, here, omega)
         axial, axial_yield = axial * d, axial_yield * d + axial * y
     return EntireParts(
@@ -170,7 +172,7 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
     near_base, far_base = near_bearing * near.cosine, far_bearing * far.at_end
     near_nut, far_nut = near_base - near.z_sine, far_bearing * far.at_nut - far.z_sine
     stiffness = near_nut * far_end + near_end * (far_nut - segment * far_end)
-    if not added.base_compliance:
+    if not acts(added.base_compliance):
         return stiffness, near_end * far_end
     ratio = omega / (2.0 * np.pi * added.base_frequency)
     base = 1.0 - ratio * ratio + 2j * added.base_damping_ratio * ratio
@@ -183,7 +185,7 @@ def _axial(drive: _Drive, omega: NumberArray, memory: Memory) -> tuple[NumberArr
 
 def _with_load_at_end(added: AddedPhysics, far: RodWaves[Any], omega: NumberArray) -> _FarRod:
     """Return the rod beyond the nut with what hangs on the far end of the screw."""
-    if not added.screw_end_absorber_mass:
+    if not acts(added.screw_end_absorber_mass):
         return _FarRod(far.cosine, far.cosine, far.sine_over_z, far.z_sine, 1.0)
     d, load = absorber(
         omega,
@@ -222,7 +224,7 @@ def _torsion(
     rotor = rotor + _damper(omega, bodies.motor_damping)
     free: NumberArray | FloatArray = ends.free
     turns = free * rotor
-    if physics.added.rotor_absorber_inertia:
+    if acts(physics.added.rotor_absorber_inertia):
         added = physics.added
         d, load = absorber(
             omega, added.rotor_absorber_inertia, added.rotor_absorber_frequency, added.rotor_absorber_damping_ratio
@@ -253,9 +255,9 @@ def _elastic(joints: JointPhysics, omega: NumberArray) -> NumberArray:
     (Kjartansson, J. Geophys. Res. 84 (1979) 4737); the papers' η leaves that out.
     """
     causal = joints.causal_loss_factor
-    if not causal:
+    if not acts(causal):
         # a real number where nothing is lost: the undamped drive is then computed in real numbers throughout
-        return np.asarray(1.0 + 1j * joints.loss_factor if joints.loss_factor else 1.0)
+        return 1.0 + 1j * joints.loss_factor * _ONE if acts(joints.loss_factor) else _ONE
     dynamic: NumberArray = 1.0 + 1j * joints.loss_factor + (_causal(causal, omega) - 1.0)
     return dynamic
 
@@ -268,12 +270,12 @@ def _causal(loss_factor: float, omega: NumberArray) -> NumberArray:
 
 def _steel(physics: AxisPhysics, omega: NumberArray) -> NumberArray | float:
     """Return the moduli of the screw's steel over what is stated, a plain number where it loses nothing."""
-    return _causal(physics.screw.causal_loss_factor, omega) if physics.screw.causal_loss_factor else 1.0
+    return _causal(physics.screw.causal_loss_factor, omega) if acts(physics.screw.causal_loss_factor) else 1.0
 
 
 def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
     """Return jωc, a plain number where nothing damps."""
-    return (1j * damping) * omega if damping else 0.0
+    return (1j * damping) * omega if acts(damping) else 0.0
 
 
 def _waves_of_both(
@@ -287,9 +289,13 @@ def _waves_of_both(
 
     Side by side: there are few lines, so that most of the time goes into calling numpy.
     """
+    lengths = position, screw_length - position
+    if any(isinstance(value, Traced) for value in (*lengths, *compliances, inertia)):
+        near, far = (_waves(omega, *rod, inertia) for rod in zip(lengths, compliances, strict=True))
+        return near, far
     length = np.empty((2, *position.shape))
     compliance = np.empty(length.shape, dtype=np.result_type(*compliances))
-    length[0], length[1] = position, screw_length - position
+    length[0], length[1] = lengths
     compliance[0], compliance[1] = compliances
     phase = omega * (length * np.sqrt(compliance * inertia))
     angle = np.pi * (phase / np.pi)  # the arithmetic of np.sinc, without what it does around it
@@ -298,6 +304,14 @@ def _waves_of_both(
     cosine, sine_over_z = np.cos(phase), length * compliance * sinc
     z_sine = omega * omega * (inertia * length) * sinc
     return RodWaves(cosine[0], sine_over_z[0], z_sine[0]), RodWaves(cosine[1], sine_over_z[1], z_sine[1])
+
+
+def _waves(omega: NumberArray, length: Any, compliance: Any, inertia: Any) -> RodWaves[Any]:  # noqa: ANN401 traced
+    """Return the same of one rod as functions of the square of its phase, which has no root at zero."""
+    square = omega * omega * (length * length * (compliance * inertia))
+    square = square if isinstance(square, Traced) else Traced(square)
+    sinc = sinc_of_square(square)
+    return RodWaves(cosine_of_square(square), length * compliance * sinc, omega * omega * (inertia * length) * sinc)
 
 
 def path_of(parts: EntireParts) -> Path:

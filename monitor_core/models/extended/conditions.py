@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import BoolArray, FloatArray
+from monitor_core.arrays import BoolArray, FloatArray, acts
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.extended.physics import AxisPhysics, AxisSetting
 from monitor_core.models.protocol import DriveConditions, MotorEnd
@@ -97,7 +97,9 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
     position = conditions.position + added.position_offset
     if not np.all((position > 0.0) & (position < screw.length)):
         off = position[np.argmax(np.abs(position - 0.5 * screw.length))]
-        raise OutsideValidityError(f"position must lie on the screw, within 0 and {screw.length} m; got {off} m")
+        raise OutsideValidityError(
+            f"position must lie on the screw, within 0 and {np.max(screw.length)} m; got {off} m"
+        )
     with_table = (1.0 - screw.axial_mass_share) * screw.mass_per_length * screw.length
     payload = conditions.payload_mass + np.where(conditions.payload_mass > 0.0, added.payload_error, 0.0)
     moving_mass = bodies.table_mass + bodies.nut_mass + with_table + added.table_mass + payload
@@ -105,10 +107,10 @@ def axis_states(physics: AxisPhysics, conditions: ConditionArrays) -> AxisStates
         raise OutsideValidityError(f"the moving mass must be positive; got {np.min(moving_mass):g} kg")
     if not np.all(moving_mass > added.nut_mass):
         raise OutsideValidityError(
-            f"nut_mass must be less than all that moves, {np.min(moving_mass):g} kg; got {added.nut_mass:g} kg"
+            f"nut_mass must be less than all that moves, {np.min(moving_mass):g} kg; got {np.max(added.nut_mass):g} kg"
         )
     softening = np.array(1.0)
-    if added.thermal_stiffness:
+    if acts(added.thermal_stiffness):
         softening = softening + added.thermal_stiffness * conditions.temperature_deviation
     if not np.all(softening > 0.0):
         raise OutsideValidityError(
@@ -146,12 +148,13 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
             raise OutsideValidityError(
                 "a preload has no effect on an axis without dynamic_load_rating; state the rating"
             )
-        if added.preload_exponent_change or added.preload_change or added.thermal_preload:
+        if acts(added.preload_exponent_change) or acts(added.preload_change) or acts(added.thermal_preload):
             raise OutsideValidityError(
                 "preload_exponent_change, preload_change and thermal_preload act on the preload; "
                 "state dynamic_load_rating and preload"
             )
-        return np.asarray(joints.nut_stiffness * over_lead**exponent)
+        as_stated: FloatArray = joints.nut_stiffness * over_lead**exponent
+        return as_stated
     if not np.all(conditions.preload_stated):
         raise OutsideValidityError("the nut rigidity of this axis follows the preload; state the preload")
     rated = 0.1 * rating
@@ -163,4 +166,5 @@ def nut_rigidities(physics: AxisPhysics, conditions: ConditionArrays) -> FloatAr
     preload = conditions.preload + added.preload_change + added.thermal_preload * conditions.temperature_deviation
     if not np.all(preload > 0.0):
         raise OutsideValidityError(f"the preload must stay positive at every temperature; got {np.min(preload):g} N")
-    return np.asarray(0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent)
+    of_preload: FloatArray = 0.8 * joints.nut_stiffness * (preload * over_lead / rated) ** exponent
+    return of_preload

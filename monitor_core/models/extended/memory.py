@@ -39,7 +39,10 @@ class _Known(Generic[Answer]):
 
     def holds(self, record: object, arguments: tuple[Any, ...]) -> bool:
         """Return whether all of it is the same now."""
-        if self.read_numbers is not None and self.read_numbers(record) != self.numbers:
+        try:
+            if self.read_numbers is not None and self.read_numbers(record) != self.numbers:
+                return False
+        except ValueError:  # an array stands where there was a number
             return False
         if not all(map(_same, self.arguments, arguments)):
             return False

@@ -8,6 +8,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+import numpy.typing as npt
+
 from monitor_core.errors import OutsideValidityError
 from monitor_core.models.parameters import transmission_ratio
 from monitor_core.models.published.receptance.parameters import JointParameters
@@ -216,6 +219,11 @@ class AxisPhysics:
     bending: ScrewBending = field(default_factory=ScrewBending)
     #: What depends on how the axis is set, in order: each returns the axis as it is there.
     by_setting: "tuple[Callable[[AxisPhysics, AxisSetting], AxisPhysics], ...]" = ()
+
+    def at(self, index: npt.NDArray[np.intp]) -> "AxisPhysics":
+        """Return the axis repeated for lines that belong to the conditions of this index: it is the same in all."""
+        del index
+        return self
 
 
 def moving_mass(axis: AxisPhysics) -> float:

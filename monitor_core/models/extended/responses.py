@@ -1,8 +1,11 @@
 """Compute the responses of the extended drive on prepared lines."""
 
-import numpy as np
+from collections.abc import Iterator
 
-from monitor_core.arrays import ComplexArray
+import numpy as np
+import numpy.typing as npt
+
+from monitor_core.arrays import ComplexArray, NumberArray, acts
 from monitor_core.models.extended.amplitude import linearise
 from monitor_core.models.extended.by_setting import axes_by_setting
 from monitor_core.models.extended.closed_form import Path, entire_parts, path_of, receptances_of
@@ -21,14 +24,13 @@ def responses(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
         return _by_setting(physics, lines)
     states = axis_states(physics, lines.conditions)
     drive = lines.drive
-    path = path_of(entire_parts(physics, drive.omega, states.at(drive.case), drive.ends, drive.memory))
+    on_drive = physics.at(drive.case)
+    path = path_of(entire_parts(on_drive, drive.omega, states.at(drive.case), drive.ends, drive.memory))
     path = linearise(path, physics, lines, states)
-    values = _displacements(path, lines)
-    _at_nut(values, path, physics, lines)
-    _add_second_mode(values, physics, lines)
-    values[lines.acceleration] *= -(lines.omega[lines.acceleration] ** 2)
-    _through_the_channels(values, physics, lines)
-    return values
+    values = np.empty(lines.omega.size, dtype=np.complex128)
+    for at, motion in motions(path, on_drive, lines):
+        values[at] = np.asarray(motion)[lines.drive_line[at]]
+    return observed(values, physics, lines)
 
 
 def _by_setting(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
@@ -39,60 +41,77 @@ def _by_setting(physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
     return values
 
 
-def _displacements(path: Path, lines: PreparedLines) -> ComplexArray:
-    """Return displacement or angle per unit excitation."""
-    drive, at = receptances_of(path), lines.drive_line
-    values = np.asarray(drive.table_per_torque, dtype=np.complex128)[at]
-    for lines_of, receptance in (
-        (lines.table_per_force, drive.table_per_force),
+def motions(
+    path: Path, physics: AxisPhysics, lines: PreparedLines
+) -> Iterator[tuple[npt.NDArray[np.intp], NumberArray]]:
+    """Yield displacements or angles per unit excitation on the lines of the drive, and the lines that see each."""
+    drive, seen = receptances_of(path), np.zeros(lines.omega.size, dtype=np.bool_)
+    for at, receptance in (
+        (np.setdiff1d(lines.table_per_force, lines.at_nut, assume_unique=True), drive.table_per_force),
         (lines.angle_per_torque, drive.angle_per_torque),
+        *_at_nut(path, physics, lines),
     ):
-        if lines_of.size:
-            values[lines_of] = receptance[at[lines_of]]
+        seen[at] = True
+        if at.size:
+            yield at, receptance
+    if not np.all(seen):
+        yield np.flatnonzero(~seen), drive.table_per_torque
+
+
+def observed(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
+    """Return what channels record of displacements and angles of the drive, shape (n_lines,)."""
+    values = with_second_mode(values, physics, lines)
+    values[lines.acceleration] *= -(lines.omega[lines.acceleration] ** 2)
+    _through_the_channels(values, physics, lines)
     return values
 
 
-def _at_nut(values: ComplexArray, path: Path, physics: AxisPhysics, lines: PreparedLines) -> None:
-    """Put the displacement of the nut where the accelerometer sits there, the nut's own mass before the bracket."""
+def _at_nut(
+    path: Path, physics: AxisPhysics, lines: PreparedLines
+) -> Iterator[tuple[npt.NDArray[np.intp], NumberArray]]:
+    """Yield the displacement of the nut where the accelerometer sits there, the nut's own mass before the bracket."""
     at = lines.at_nut
     if at.size:
-        more = max(physics.bodies.nut_mass - physics.added.nut_mass, 0.0)  # what is not there already
+        more = np.maximum(physics.bodies.nut_mass - physics.added.nut_mass, 0.0)  # what is not there already
         carried = path.carried.with_nut_of(more, lines.drive.omega)
         reached = carried.reached_through(1.0 / path.nut + path.before_bracket)
-        per_torque = path.unloaded_travel * reached.nut_per_travel
-        drive_line = lines.drive_line[at]
-        values[at] = np.where(lines.by_torque[at], per_torque[drive_line], reached.nut_per_force[drive_line])
+        yield at[lines.by_torque[at]], path.unloaded_travel * reached.nut_per_travel
+        yield at[~lines.by_torque[at]], reached.nut_per_force
 
 
-def _add_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
-    """Add one modal term to the displacement of table and nut; a torque drives it as the force torque/i."""
+def with_second_mode(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> ComplexArray:
+    """Return displacements and angles with a modal term at table and nut; a torque drives it as the force torque/i."""
+    values, at = values.copy(), lines.beyond_screw
+    physics = physics.at(lines.case[at])
     added = physics.added
-    if added.second_mode_residue:
-        at = lines.beyond_screw
+    if acts(added.second_mode_residue):
         omega, natural = lines.omega[at], 2.0 * np.pi * added.second_mode_frequency
         term = added.second_mode_residue / (
             natural**2 - omega**2 + 2j * added.second_mode_damping_ratio * natural * omega
         )
         values[at] += np.where(lines.by_torque[at], 1.0 / physics.screw.transmission_ratio, 1.0) * term
+    return values
 
 
 def _through_the_channels(values: ComplexArray, physics: AxisPhysics, lines: PreparedLines) -> None:
     """Let a torque act late, channels be recorded late and an accelerometer resonate on its mounting."""
-    added = physics.added
-    if added.response_delay:
+    everywhere = physics.at(lines.case).added
+    beyond = physics.at(lines.case[lines.beyond_screw]).added
+    if acts(beyond.response_delay):
         at = lines.beyond_screw
-        values[at] *= np.exp(-1j * added.response_delay * lines.omega[at])
-    if added.angle_delay:
-        late = np.exp(-1j * added.angle_delay * lines.omega)
+        values[at] *= np.exp(-1j * beyond.response_delay * lines.omega[at])
+    if acts(everywhere.angle_delay):
+        late = np.exp(-1j * everywhere.angle_delay * lines.omega)
         late[lines.beyond_screw] = 1.0
         values *= late
-    if added.torque_delay:
-        values *= np.where(lines.by_torque, np.exp(-1j * added.torque_delay * lines.omega), 1.0)
-    if added.response_ln_factor:
-        values[lines.beyond_screw] *= np.exp(added.response_ln_factor)
-    if added.torque_ln_factor:
-        values *= np.where(lines.by_torque, np.exp(-added.torque_ln_factor), 1.0)
-    if added.mounting_inverse_square:
+    if acts(everywhere.torque_delay):
+        values *= np.where(lines.by_torque, np.exp(-1j * everywhere.torque_delay * lines.omega), 1.0)
+    if acts(beyond.response_ln_factor):
+        values[lines.beyond_screw] *= np.exp(beyond.response_ln_factor)
+    if acts(everywhere.torque_ln_factor):
+        values *= np.where(lines.by_torque, np.exp(-everywhere.torque_ln_factor), 1.0)
+    added = physics.at(lines.case[lines.acceleration]).added
+    if acts(added.mounting_inverse_square):
         at = lines.acceleration
         ratio = lines.omega[at] * np.sqrt(added.mounting_inverse_square)
         damper = 2j * added.mounting_damping_ratio * ratio
