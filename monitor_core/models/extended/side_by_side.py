@@ -7,7 +7,7 @@ infinite, is so in all of them. Each of the axes has been checked by itself.
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +47,7 @@ class AxesSideBySide(AxisPhysics):
 
     def at(self, index: _Index) -> "AxesSideBySide":
         """Return the axes repeated for lines that belong to the conditions of this index."""
-        return AxesSideBySide(**{name: _repeated(getattr(self, name), index) for name in RECORDS})
+        return _assembled({name: _repeated(getattr(self, name), index) for name in RECORDS})
 
 
 def alike_in_terms(axes: Sequence[AxisPhysics]) -> list[_Index]:
@@ -61,7 +61,7 @@ def alike_in_terms(axes: Sequence[AxisPhysics]) -> list[_Index]:
 
 def side_by_side(axes: Sequence[AxisPhysics]) -> AxisPhysics:
     """Return axes of the same terms side by side; the axis itself where all are the same."""
-    records: dict[str, Any] = {}
+    records: dict[str, object] = {}
     for name, names in _NAMES.items():
         table, first = _table(axes, name), getattr(axes[0], name)
         differing = np.flatnonzero(np.any((table != table[0]) & ~np.isnan(table), axis=0)).tolist()
@@ -70,7 +70,7 @@ def side_by_side(axes: Sequence[AxisPhysics]) -> AxisPhysics:
         )
     if all(records[name] is getattr(axes[0], name) for name in records):
         return axes[0]
-    return AxesSideBySide(**records)
+    return _assembled(records)
 
 
 def numbers_of(axes: Sequence[AxisPhysics]) -> FloatArray:
@@ -103,9 +103,17 @@ def _repeated(record: Record, index: _Index) -> Record:
     return with_values(record, arrays) if arrays else record
 
 
-def with_values(record: Record, values: Mapping[str, Any]) -> Record:
+def with_values(record: Record, values: Mapping[str, object]) -> Record:
     """Return a record with others in the place of some numbers, as arrays, which its checks are not made for."""
     found = object.__new__(type(record))
     for item in fields(record):  # type: ignore[arg-type]
         object.__setattr__(found, item.name, values[item.name] if item.name in values else getattr(record, item.name))
     return found
+
+
+def _assembled(records: Mapping[str, object]) -> AxesSideBySide:
+    """Return axes of these records, which depend on settings no more."""
+    axes = object.__new__(AxesSideBySide)
+    for name, record in (*records.items(), ("by_setting", ())):
+        object.__setattr__(axes, name, record)
+    return axes
