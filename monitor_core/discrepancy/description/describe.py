@@ -43,6 +43,8 @@ _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
 _ASTRAY = 2.0
 #: Of χ², what something that swings at a port may leave for no law to be tried in its place.
 _NOTHING_ELSE = 0.1
+#: A fit of a law that is begun anew, how often, and the fall of χ² below which it has settled.
+_MOST_RESTARTS, _SETTLED = 3, 1.0
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
 _MOST_LEFT = 1.2
 _Varied = list[tuple[Base, FreeVariation]]
@@ -195,6 +197,7 @@ def _described(
     answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
     best = _believed(answers, lambda answer: delta_bic(baseline, answer.fitted, scale))
     others = [answer for answer in answers if answer is not best]
+    best = _settled(best)
     kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
     if not _holds(baseline, best, scale) or not (kept or _surpasses(final, best, scale)):
         return None, varied
@@ -291,6 +294,19 @@ def _hung_elsewhere(
     moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
     with suppress(OutsideValidityError):
         yield _Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
+
+
+def _settled(answer: _Answer) -> _Answer:
+    """Return an answer from where a fit begun anew falls no further: a law may end in a flat and bent valley."""
+    for _ in range(_MOST_RESTARTS if answer.tried is not None else 0):
+        at = answer.fitted
+        again = fit(at.comparison, at.hypothesis, at.coordinates, at.fitted)
+        fallen = at.cost - again.cost
+        if fallen > 0.0:
+            answer = replace(answer, fitted=again)
+        if fallen < _SETTLED:
+            break
+    return answer
 
 
 def _is_evident(answer: _Answer) -> bool:
