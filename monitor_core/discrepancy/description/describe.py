@@ -11,23 +11,22 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
+from monitor_core.discrepancy.description.answers import Answer, described_by, is_evident, settled, share_of_free
 from monitor_core.discrepancy.description.bases import Base, bases, bases_at_ports
 from monitor_core.discrepancy.description.free_variation import FreeVariation, fitted_settings, vary_freely
 from monitor_core.discrepancy.description.laws import TriedLaw, tried_law, tried_laws
 from monitor_core.discrepancy.description.no_form import without_form
-from monitor_core.discrepancy.description.quantities import Place, contacts_for, hung_elsewhere, quantities_of
-from monitor_core.discrepancy.explanation import Described, FoundParameter
-from monitor_core.discrepancy.screening.sizes import measured_band
+from monitor_core.discrepancy.description.quantities import contacts_for, hung_elsewhere, quantities_of
+from monitor_core.discrepancy.explanation import Described
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
-from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, found_parameters
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import Effect, Law, MachineSizes, Port, port_of, varying
+from monitor_core.effects import Effect, Law, MachineSizes, varying
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference
 from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
@@ -43,12 +42,9 @@ _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
 _ASTRAY = 2.0
 #: Of χ², what something that swings at a port may leave for no law to be tried in its place.
 _NOTHING_ELSE = 0.1
-#: A fit of a law that is begun anew, how often, and the fall of χ² below which it has settled.
-_MOST_RESTARTS, _SETTLED = 3, 1.0
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
 _MOST_LEFT = 1.2
 _Varied = list[tuple[Base, FreeVariation]]
-_PLACES = {Port.ROTOR: Place.MOTOR, Port.SCREW_END: Place.SCREW_END, Port.BASE: Place.BASE, Port.SCREW: Place.SCREW}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,38 +66,6 @@ class Description:
         steps = (*found.steps, self.fitted) if len(kept) == len(classes) else (self.fitted,)
         accepted = tuple(accepted for accepted, _ in kept)
         return replace(found, final=self.fitted, steps=steps, accepted=accepted), tuple(group for _, group in kept)
-
-
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """A law of a quantity, or without one what swings at a port, in a fit of everything."""
-
-    base: Base
-    fitted: Fitted[AxisPhysics]
-    effect: Effect[AxisPhysics]
-    tried: TriedLaw | None = None
-
-    @property
-    def before(self) -> Fitted[AxisPhysics]:
-        """The fit without it."""
-        law_on_port = self.tried is not None and self.base.port is not None
-        return self.base.fitted if law_on_port or self.base.before is None else self.base.before
-
-    @property
-    def place(self) -> str:
-        port = port_of(self.effect)
-        return str(self.tried.variation.quantity.place if self.tried else "" if port is None else _PLACES[port])
-
-    @property
-    def words(self) -> str:
-        if self.tried is None:
-            return f"something that swings at the {self.place}"
-        return f"{self.tried.variation.quantity.name} at the {self.place}, {self.tried.law.variable}"
-
-    @cached_property
-    def scale(self) -> EvidenceScale:
-        """What it leaves counts as noise."""
-        return evidence_scale(self.fitted)
 
 
 def describe(
@@ -143,22 +107,22 @@ def describe_elsewhere(
     Among effects of the catalogue alone the place that is nearest would get the name. ``final`` is the fit with what
     was found, ``without`` are fits that each lack one effect of it, which swings by itself.
     """
-    answers = list[_Answer]()
+    answers = list[Answer]()
     for before in without:
         if isinstance(before.physics(), AxisPhysics):
             progress("asking whether it swings elsewhere")
             bases_here = bases_at_ports((before,), sizes)
-            answers += [_Answer(base, base.fitted, base.port) for base in bases_here if base.port is not None]
-    answers = [answer for answer in answers if _is_evident(answer)]
+            answers += [Answer(base, base.fitted, base.port) for base in bases_here if base.port is not None]
+    answers = [answer for answer in answers if is_evident(answer)]
     if not answers:
         return None
     best = min(answers, key=lambda answer: answer.fitted.cost)
     if not _surpasses(final, best, best.scale) or not _holds(best.before, best, best.scale):
         return None
-    return Description(_answer(best, (), best.scale), best.fitted, best.before.hypothesis.keys)
+    return Description(described_by(best, (), best.scale), best.fitted, best.before.hypothesis.keys)
 
 
-def _believed(answers: Sequence[_Answer], evidence: Callable[[_Answer], float]) -> _Answer:
+def _believed(answers: Sequence[Answer], evidence: Callable[[Answer], float]) -> Answer:
     """Return the first, of most evidence, or what is alike and likelier: contacts yield before solid parts."""
     first = answers[0]
     quantity = contacts_for(first.tried.variation.quantity) if first.tried else None
@@ -188,20 +152,20 @@ def _described(
     promising = _promising(varied, baseline) if varied else ()
     answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
     answers += list(_hung_elsewhere(answers, with_laws, progress))
-    answers = [answer for answer in answers if _is_evident(answer)]
-    plain = [_Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
-    answers += [answer for answer in plain if _is_evident(answer) and _holds(baseline, answer, answer.scale)]
+    answers = [answer for answer in answers if is_evident(answer)]
+    plain = [Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
+    answers += [answer for answer in plain if is_evident(answer) and _holds(baseline, answer, answer.scale)]
     if not answers:
         return None, varied
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
     answers.sort(key=lambda answer: delta_bic(baseline, answer.fitted, scale), reverse=True)
     best = _believed(answers, lambda answer: delta_bic(baseline, answer.fitted, scale))
     others = [answer for answer in answers if answer is not best]
-    best = _settled(best)
+    best = settled(best)
     kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
     if not _holds(baseline, best, scale) or not (kept or _surpasses(final, best, scale)):
         return None, varied
-    described = _answer(best, _alike(baseline, best, others, scale), scale)
+    described = described_by(best, _alike(baseline, best, others, scale), scale)
     return Description(described, best.fitted, kept), varied
 
 
@@ -254,7 +218,7 @@ def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
     return tried.cost <= best.cost + _WORTH_A_REFIT * (best.variation.alike - best.cost)
 
 
-def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> _Answer | None:
+def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> Answer | None:
     quantity, law, before = tried.variation.quantity, tried.law, base.fitted
     progress(f"refitting with {quantity.name} that varies with {law.variable}, {law.form}")
     effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, law)
@@ -263,14 +227,14 @@ def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> _Ans
     pairs = zip(tried.coefficients, effect.parameters, strict=True)
     start[start.size - len(effect.parameters) :] = [(value - item.null) / item.scale for value, item in pairs]
     try:
-        return _Answer(base, fit(before.comparison, hypothesis, start, before.fitted), effect, tried)
+        return Answer(base, fit(before.comparison, hypothesis, start, before.fitted), effect, tried)
     except OutsideValidityError:
         return None
 
 
 def _hung_elsewhere(
-    answers: Sequence[_Answer], bases: Sequence[Base], progress: Callable[[str], None]
-) -> Iterator[_Answer]:
+    answers: Sequence[Answer], bases: Sequence[Base], progress: Callable[[str], None]
+) -> Iterator[Answer]:
     """Yield the best law, if it is of what hangs on the nut, for the same thing on the table, or the other way round.
 
     Without a law the fit of one may have gone to where the law does not lead back from: it starts from the other.
@@ -293,59 +257,27 @@ def _hung_elsewhere(
     start[start.size - n_own :] = found.coordinates[found.coordinates.size - n_own :]
     moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
     with suppress(OutsideValidityError):
-        yield _Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
+        yield Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
 
 
-def _settled(answer: _Answer) -> _Answer:
-    """Return an answer from where a fit begun anew falls no further: a law may end in a flat and bent valley."""
-    for _ in range(_MOST_RESTARTS if answer.tried is not None else 0):
-        at = answer.fitted
-        again = fit(at.comparison, at.hypothesis, at.coordinates, at.fitted)
-        fallen = at.cost - again.cost
-        if fallen > 0.0:
-            answer = replace(answer, fitted=again)
-        if fallen < _SETTLED:
-            break
-    return answer
-
-
-def _is_evident(answer: _Answer) -> bool:
-    """Return whether the data ask for it: a law beyond what swings without one, that beyond nothing."""
-    fitted = answer.fitted
-    if answer.tried is None and not _swings_in_the_band(answer):
-        return False
-    return delta_bic(answer.before, fitted, answer.scale) >= fitted.comparison.least_delta_bic
-
-
-def _swings_in_the_band(answer: _Answer) -> bool:
-    """Return whether what swings does so where it was measured, and is nothing that no axis could have.
-
-    Of a screw that bends the first mode may swing below that, where others do not.
-    """
-    parameters, (lowest, highest) = _parameters(answer, answer.scale), measured_band(answer.fitted)
-    lowest = 0.0 if port_of(answer.effect) is Port.SCREW else lowest
-    within = lowest < parameters["frequency_hz"].estimate.value < highest
-    return within and all(parameter.plausible for parameter in parameters.values())
-
-
-def _holds(baseline: Fitted[AxisPhysics], answer: _Answer, scale: EvidenceScale) -> bool:
+def _holds(baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:
     """Return whether it explains most of what is missing, on data that were held out, too."""
     fitted, remainder = answer.fitted, remainder_of(answer.fitted)
     of_missing = explained_share(baseline, fitted, remainder.misfit)
     gained = gain(baseline.held_out, fitted.held_out, scale)
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
-    return held and of_missing >= _LEAST_EXPLAINED and _share_of_free(answer) >= _LEAST_OF_FREE
+    return held and of_missing >= _LEAST_EXPLAINED and share_of_free(answer) >= _LEAST_OF_FREE
 
 
-def _surpasses(final: Fitted[AxisPhysics], answer: _Answer, scale: EvidenceScale) -> bool:
+def _surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:
     """Return whether it explains more than the effects with names in whose place it would stand, if there are any."""
     more = delta_bic(final, answer.fitted, scale)
     return not final.hypothesis.effects or more >= least_difference(answer.fitted.comparison)
 
 
 def _alike(
-    baseline: Fitted[AxisPhysics], best: _Answer, others: Sequence[_Answer], scale: EvidenceScale
+    baseline: Fitted[AxisPhysics], best: Answer, others: Sequence[Answer], scale: EvidenceScale
 ) -> tuple[str, ...]:
     """Return in words what the data do not distinguish from the best."""
     least = delta_bic(baseline, best.fitted, scale) - least_difference(best.fitted.comparison)
@@ -356,54 +288,3 @@ def _alike(
             if other.words != best.words and delta_bic(baseline, other.fitted, scale) > least
         )
     )
-
-
-def _share_of_free(answer: _Answer) -> float:
-    if answer.tried is None:
-        return 1.0
-    if answer.base.is_unfitted:  # what varied there was weighed otherwise
-        return explained_share(answer.before, answer.fitted, remainder_of(answer.fitted).misfit)
-    variation = answer.tried.variation
-    room = variation.alike - variation.free
-    return min((variation.alike - answer.tried.cost) / room, 1.0) if room > 0.0 else 0.0
-
-
-def _parameters(answer: _Answer, scale: EvidenceScale) -> dict[str, FoundParameter]:
-    evidence = delta_bic(answer.before, answer.fitted, scale)
-    return found_parameters(Member(answer.effect, answer.fitted, evidence, True), answer.fitted, scale)
-
-
-def _answer(answer: _Answer, alike: tuple[str, ...], scale: EvidenceScale) -> Described:
-    fitted, tried = answer.fitted, answer.tried
-    frequency, size, name = _swinging(answer)
-    return Described(
-        place=answer.place,
-        parameter="impedance" if tried is None else tried.variation.quantity.name,
-        law=None if tried is None else tried.law,
-        parameters=_parameters(answer, scale),
-        effects=(answer.effect,) if tried is None or answer.base.port is None else (answer.base.port, answer.effect),
-        alternatives=alike,
-        share=_share_of_free(answer),
-        delta_bic=delta_bic(answer.before, fitted, scale),
-        held_out_log_likelihood_gain=gain(answer.before.held_out, fitted.held_out, scale),
-        frequency_hz=frequency,
-        mass_kg=size if name == "mass" else None,
-        inertia_kg_m2=size if name == "inertia" else None,
-    )
-
-
-def _swinging(answer: _Answer) -> tuple[float | None, float | None, str]:
-    """Return frequency and size of what swings where the answer is, and whether that is a mass or an inertia."""
-    record = answer.tried.variation.quantity.record if answer.tried else ""
-    if record == "bending" or port_of(answer.effect) is Port.SCREW:
-        return answer.fitted.physics().bending.frequency, None, ""
-    added, port = answer.fitted.physics().added, port_of(answer.effect)
-    own = answer.tried.variation.quantity.field if answer.tried else f"{port}_absorber".replace("-", "_")
-    own = own.removesuffix("_frequency").removesuffix("_mass").removesuffix("_inertia")
-    if own.endswith("absorber") and port is not Port.BASE:
-        name = "inertia" if own == "rotor_absorber" else "mass"
-        return getattr(added, f"{own}_frequency"), getattr(added, f"{own}_{name}"), name
-    if own in ("base", "base_absorber"):
-        omega = 2.0 * math.pi * added.base_frequency
-        return added.base_frequency, 1.0 / (added.base_compliance * omega**2), "mass"
-    return None, None, ""
