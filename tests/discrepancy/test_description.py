@@ -13,7 +13,7 @@ from monitor_core.effects import Variable
 from monitor_core.effects.variation import Form
 from monitor_core.fitting.conditions.settings import default_folds
 from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.hold_out import fitted_values, gap_of
+from monitor_core.fitting.hold_out import fitted_values, gap_of, judged_gap
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
 from monitor_core.fitting.residuals.responses import compare_responses
@@ -139,10 +139,18 @@ def test_what_swings_at_a_port_is_described_with_its_size_and_frequency(tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "place"), [("outside:rotor-absorber", "motor"), ("table-absorber", None)])
-def test_what_was_named_for_swinging_on_the_table_is_sought_at_every_port(kind, place):
+@pytest.mark.parametrize(
+    ("kind", "size", "seed", "place"),
+    [
+        ("outside:rotor-absorber", "large", 41, "motor"),
+        ("outside:rotor-absorber", "small", 43, "motor"),  # all that is left could be a healthy axis
+        ("table-absorber", "large", 41, None),
+    ],
+)
+def test_what_was_named_for_swinging_on_the_table_is_sought_at_every_port(kind, size, seed, place):
     """An inertia on the rotor leads its port by far; a mass on the table is left its name."""
-    _, baseline, candidates, sizes = stated(kind, "large", 41)
+    _, baseline, candidates, sizes = stated(kind, size, seed)
+    assert (size == "small") is not judged_gap(baseline).exceeds_healthy
     (on_table,) = (effect for effect in candidates if effect.key == "table-absorber")
     found = next(found for found in screen(baseline, [on_table]))
     named = fit(baseline.comparison, baseline.hypothesis.with_effect(on_table), found.starts[0], baseline.fitted)

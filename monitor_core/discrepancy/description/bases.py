@@ -67,11 +67,10 @@ def bases(
 def bases_at_ports(from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes | None) -> Iterator[Base]:
     """Yield fits, those given with something on a port that the catalogue has nothing for.
 
-    They are tried where the ``sizes`` of the machine are known, and whole responses were measured and are missed by the
-    first fit.
+    They are tried where the ``sizes`` of the machine are known, and whole responses were measured.
     """
-    missed = judged_gap(from_here[0]).exceeds_healthy and has_lines(from_here[0].comparison.layout)
-    own = () if sizes is None or not missed else sized_for(PORT_EFFECTS, sizes)
+    seen = has_lines(from_here[0].comparison.layout)
+    own = () if sizes is None or not seen else sized_for(PORT_EFFECTS, sizes)
     for before in dict.fromkeys(from_here):
         applying = _applying(before, own)
         screened = [found for found in screen(before, applying) if _promises(found, before)] if applying else []

@@ -84,7 +84,8 @@ def describe(
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
-        at_ports = tuple(bases_at_ports((baseline, final), sizes))
+        missed = judged_gap(baseline).exceeds_healthy  # or no response has a resonance too many
+        at_ports = tuple(bases_at_ports((baseline, final), sizes)) if missed else ()
         swinging, _ = _described(baseline, final, (), at_ports, progress)
         if swinging is not None and _leaves_nothing_else(baseline, swinging):
             return swinging
