@@ -107,6 +107,19 @@ def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
 
 
 @pytest.mark.slow
+def test_what_was_found_goes_where_a_law_leaves_nothing_of_it():
+    """Warm settings came late, so a preload that drifts was taken for one that follows the temperature as well."""
+    _, baseline, candidates, sizes = stated("outside:preload-drift", "large", 42)
+    (thermal,) = (effect for effect in candidates if effect.key == "thermal-preload")
+    hypothesis = baseline.hypothesis.with_effect(thermal)
+    start = hypothesis.carried_over(baseline.hypothesis, baseline.coordinates)
+    final = fit(baseline.comparison, hypothesis, start, baseline.fitted)
+    answer = describe(final, final, candidates, sizes, lambda _sentence: None)  # from this fit alone
+    assert answer.described.law.variable is Variable.ORDER
+    assert answer.kept == frozenset() == answer.fitted.hypothesis.keys - {answer.described.effects[0].key}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [41, 43])
 def test_a_coupling_that_cracks_is_described_with_how_much_it_yields_once_a_turn(seed):
     """Its compliance is up to so many times as large where the crack opens, and as stated half a turn on."""

@@ -20,13 +20,14 @@ from monitor_core.discrepancy.description.laws import TriedLaw, tried_law, tried
 from monitor_core.discrepancy.description.no_form import without_form
 from monitor_core.discrepancy.description.quantities import contacts_for, hung_elsewhere, quantities_of
 from monitor_core.discrepancy.explanation import Described
+from monitor_core.discrepancy.search.clean import LEAST_SIZE
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, Law, MachineSizes, varying
 from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference, significance
 from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
@@ -164,6 +165,8 @@ def _described(
     others = [answer for answer in answers if answer is not best]
     best = settled(best)
     kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
+    best = _without_needless(best, kept)
+    kept &= best.fitted.hypothesis.keys
     if not _holds(baseline, best, scale) or not (kept or _surpasses(final, best, scale)):
         return None, varied
     described = described_by(best, _alike(baseline, best, others, scale), scale)
@@ -259,6 +262,18 @@ def _hung_elsewhere(
     moved = replace(tried, variation=replace(tried.variation, quantity=quantity))
     with suppress(OutsideValidityError):
         yield Answer(base, fit(found.comparison, hypothesis, start, found.fitted), effect, moved)
+
+
+def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:
+    """Return an answer without effects that had been found beside it, but whose size may be nothing now."""
+    fitted, hypothesis = answer.fitted, answer.fitted.hypothesis
+    for effect in hypothesis.effects:
+        if effect.key in kept and significance(fitted, effect, answer.scale) < LEAST_SIZE:
+            hypothesis = hypothesis.without(effect.key)
+    if hypothesis.keys == fitted.hypothesis.keys:
+        return answer
+    start = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
+    return replace(answer, fitted=fit(fitted.comparison, hypothesis, start, fitted.fitted))
 
 
 def _holds(baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:

@@ -13,7 +13,7 @@ from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 #: Standard deviations that the size of an effect must measure at least, and that a declared parameter may be pulled by.
-_LEAST_SIZE, _STRAINED = 3.0, 3.5
+LEAST_SIZE, _STRAINED = 3.0, 3.5
 #: A gap on held-out values that rises by this factor does not fall.
 _RISES = 1.02
 
@@ -36,7 +36,7 @@ def is_clean(without: Fitted[Physics], fuller: Fitted[Physics], effect: Effect[P
     scale, comparison = evidence_scale(fuller), fuller.comparison
     # natural frequencies show that of an added mode, and hardly how large the mode is
     has_only_frequency = effect.frequency is not None and not has_lines(comparison.layout)
-    if not has_only_frequency and significance(fuller, effect, scale) < _LEAST_SIZE:
+    if not has_only_frequency and significance(fuller, effect, scale) < LEAST_SIZE:
         return False
     before, after = gap_of(comparison, without.held_out), gap_of(comparison, fuller.held_out)
     forgiven = 0.5 * forgiven_share * max(delta_bic(without, fuller, scale), 0.0)
