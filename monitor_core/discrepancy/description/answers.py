@@ -12,6 +12,7 @@ from monitor_core.discrepancy.screening.sizes import measured_band
 from monitor_core.discrepancy.verdict.classes import Member, found_parameters
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, Port, port_of
+from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -60,7 +61,10 @@ def settled(answer: Answer) -> Answer:
     """Return an answer from where a fit begun anew falls no further: a law may end in a flat and bent valley."""
     for _ in range(_MOST_RESTARTS if answer.tried is not None else 0):
         at = answer.fitted
-        again = fit(at.comparison, at.hypothesis, at.coordinates, at.fitted)
+        try:
+            again = fit(at.comparison, at.hypothesis, at.coordinates, at.fitted)
+        except OutsideValidityError:  # with settings as stated, and not as they are likely to be
+            break
         fallen = at.cost - again.cost
         if fallen > 0.0:
             answer = replace(answer, fitted=again)

@@ -273,7 +273,10 @@ def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:
     if hypothesis.keys == fitted.hypothesis.keys:
         return answer
     start = hypothesis.carried_over(fitted.hypothesis, fitted.coordinates)
-    return replace(answer, fitted=fit(fitted.comparison, hypothesis, start, fitted.fitted))
+    try:
+        return replace(answer, fitted=fit(fitted.comparison, hypothesis, start, fitted.fitted))
+    except OutsideValidityError:
+        return answer
 
 
 def _holds(baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:
