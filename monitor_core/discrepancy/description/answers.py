@@ -1,4 +1,4 @@
-"""What may be said of a misfit: the law of one quantity, or what swings at a port, in a fit of everything."""
+"""Say what a description may answer: the law of one quantity, or what swings at a port, in a fit of everything."""
 
 import math
 from dataclasses import dataclass, replace
