@@ -63,11 +63,9 @@ def conclude(
             return Conclusion(outcome, settings, described)
     if outcome in _UNCERTAIN and not follow:
         outcome, settings = by_tolerances, relaxed
-    if outcome in _UNCERTAIN:
-        return Conclusion(outcome, settings, described)
     if outcome in _SURE:
-        return Conclusion(outcome, settings, _elsewhere(workspace, found.final, sizes))
-    return Conclusion(outcome, settings)
+        described = _elsewhere(workspace, found.final, sizes)
+    return Conclusion(outcome, settings, None if outcome is Outcome.NONE else described)
 
 
 def _elsewhere(workspace: Workspace[Physics], final: Fitted[Physics], sizes: MachineSizes | None) -> Description | None:

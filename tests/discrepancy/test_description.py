@@ -47,6 +47,14 @@ def stated(kind, size, seed, changed=lambda observations, _drive: observations):
     return case, baseline, drive.candidates(sizes), sizes
 
 
+def fitted_with(key, baseline, candidates):
+    """Return the fit with one of the candidates more, from where it is absent."""
+    (effect,) = (effect for effect in candidates if effect.key == key)
+    hypothesis = baseline.hypothesis.with_effect(effect)
+    start = hypothesis.carried_over(baseline.hypothesis, baseline.coordinates)
+    return fit(baseline.comparison, hypothesis, start, baseline.fitted)
+
+
 @pytest.mark.slow
 def test_an_absorber_that_wanders_is_described_with_its_mass_and_frequency(tmp_path):
     """0.3 per metre about the middle of the screw; the law is written as an effect file and read back as it was."""
@@ -86,10 +94,7 @@ def test_a_nut_that_softens_is_described_at_the_nut():
 def test_what_was_found_does_not_stand_in_the_way_of_a_law_of_the_axis_as_stated():
     """A nut that softens was taken for one whose stiffness is cubic; with both it would soften to nothing."""
     _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
-    (cubic,) = (effect for effect in candidates if effect.key == "cubic-stiffness")
-    hypothesis = baseline.hypothesis.with_effect(cubic)
-    start = hypothesis.carried_over(baseline.hypothesis, baseline.coordinates)
-    final = fit(baseline.comparison, hypothesis, start, baseline.fitted)
+    final = fitted_with("cubic-stiffness", baseline, candidates)
     answer = describe(baseline, final, [], None, lambda _sentence: None)  # from these two fits alone
     assert (answer.described.place, answer.described.law.variable) == ("nut", Variable.EXCITATION)
     assert len(answer.described.effects) == 1
@@ -110,10 +115,7 @@ def test_a_preload_that_drifts_is_described_with_the_order_of_measurement():
 def test_what_was_found_goes_where_a_law_leaves_nothing_of_it():
     """Warm settings came late, so a preload that drifts was taken for one that follows the temperature as well."""
     _, baseline, candidates, sizes = stated("outside:preload-drift", "large", 42)
-    (thermal,) = (effect for effect in candidates if effect.key == "thermal-preload")
-    hypothesis = baseline.hypothesis.with_effect(thermal)
-    start = hypothesis.carried_over(baseline.hypothesis, baseline.coordinates)
-    final = fit(baseline.comparison, hypothesis, start, baseline.fitted)
+    final = fitted_with("thermal-preload", baseline, candidates)
     answer = describe(final, final, candidates, sizes, lambda _sentence: None)  # from this fit alone
     assert answer.described.law.variable is Variable.ORDER
     assert answer.kept == frozenset() == answer.fitted.hypothesis.keys - {answer.described.effects[0].key}

@@ -6,16 +6,9 @@ One large effect of each kind that the benchmark draws with others; the form err
 import pytest
 
 from benchmarks.blind_cases import ON_LINES
-from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.effects.damping_friction import SCREW_LOSS
-from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.machine_sizes import sizes_of_drive
-from monitor_core.fitting.residuals.responses import compare_responses
-from monitor_core.models.families import build_model
-from monitor_core.recordings.model_file import parse_model
+from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
-from tests.hidden_effects.frf_file import observations
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
 #: By key of the effect: the plant, and how well its size is asked for. [-]
@@ -34,11 +27,7 @@ FOUND = {
 def explained(kind, size, plant, seed):
     """Return the case and what the workflow makes of it with all of its candidates."""
     case = draw_case(kind, size, seed=seed, respond=plant.respond)
-    file, measured = parse_model(case.baseline, kind), observations(case)
-    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
-    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
-    folds = default_folds(observation.conditions for observation in measured)
-    return case, explain_comparison(compare_responses(measured, held_out=folds), drive, candidates)
+    return case, answered(case)
 
 
 @pytest.mark.slow

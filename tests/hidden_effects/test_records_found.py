@@ -2,16 +2,9 @@
 
 import pytest
 
-from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import RecordFault
-from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
-from monitor_core.fitting.machine_sizes import sizes_of_drive
-from monitor_core.fitting.residuals.responses import compare_responses
-from monitor_core.models.families import build_model
-from monitor_core.recordings.model_file import parse_model
+from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import NONE, draw_case
-from tests.hidden_effects.frf_file import observations
 from tests.hidden_effects.machines import BENCH, MACHINES
 from tests.hidden_effects.situations import Situation, WrongRecord
 from tests.hidden_effects.truth import finite_elements, transmission_line
@@ -21,11 +14,7 @@ def explained(kind, wrong, plant, seed, machine=BENCH):
     """Return the case and what the workflow makes of it with all of its candidates."""
     situation = Situation(machine=machine, design="usual", wrong=WrongRecord(*wrong))
     case = draw_case(kind, "large", seed=seed, respond=plant.respond, situation=situation)
-    file, measured = parse_model(case.baseline, kind), observations(case)
-    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
-    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
-    folds = default_folds(observation.conditions for observation in measured)
-    return case, explain_comparison(compare_responses(measured, held_out=folds), drive, candidates)
+    return case, answered(case)
 
 
 @pytest.mark.slow

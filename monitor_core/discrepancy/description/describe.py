@@ -3,8 +3,7 @@
 One quantity at a time varies freely over the settings (:mod:`.free_variation`); the laws that come near to what the
 best of them would explain are refitted, with everything else. They compete with what may swing at a port of the drive
 (:mod:`.bases`), which comes first where it leaves next to nothing. All are judged on data that no fit saw; where none
-holds, that something varies may still be sure
-(:mod:`.no_form`).
+holds, that something varies may still be sure (:mod:`.no_form`).
 """
 
 import math

@@ -35,9 +35,8 @@ _STEP = 1e-3
 def bent_to(fitted: Fitted[Physics], records: HasRecords[Physics]) -> dict[int, float]:
     """Return the records of a fit that would very strongly have a tag or gain of their own, with the evidence for it.
 
-    By their places, best first.
-
-    ``records`` is the comparison that was fitted. A record that was held out has bent nothing.
+    By their places, best first. ``records`` is the comparison that was fitted. A record that was held out has bent
+    nothing.
     """
     taken = np.max([taken_by_each(fitted, row) for row in _directions(fitted, records)], axis=0)
     scale = evidence_scale(fitted)

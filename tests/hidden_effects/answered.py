@@ -1,0 +1,19 @@
+"""Let the workflow answer a case with all of its candidates."""
+
+from monitor_core.discrepancy.explain_comparison import explain_comparison
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.fitting.residuals.responses import compare_responses
+from monitor_core.models.families import build_model
+from monitor_core.recordings.model_file import parse_model
+from tests.hidden_effects.frf_file import observations
+
+
+def answered(case):
+    """Return what the workflow makes of a case."""
+    file, measured = parse_model(case.baseline, "a case"), observations(case)
+    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
+    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
+    folds = default_folds(observation.conditions for observation in measured)
+    return explain_comparison(compare_responses(measured, held_out=folds), drive, candidates)
