@@ -9,6 +9,7 @@ from typing import Generic
 import numpy as np
 
 from monitor_core.discrepancy.conclusion import conclude
+from monitor_core.discrepancy.description.describe import swinging_at_port
 from monitor_core.discrepancy.explanation import (
     Explanation,
     FoundEffect,
@@ -29,7 +30,7 @@ from monitor_core.discrepancy.localisation.localise import (
 from monitor_core.discrepancy.localisation.misfit_kind import signatures
 from monitor_core.discrepancy.records.rounds import cleared
 from monitor_core.discrepancy.search.found import Found
-from monitor_core.discrepancy.search.search import find_steps, judge_found, judge_so_far, leave_out
+from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
@@ -39,6 +40,7 @@ from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
     hidden_in_remainder,
+    names_nothing,
     remainder_of,
 )
 from monitor_core.discrepancy.verdict.wandering import Wandering, wandering
@@ -84,25 +86,30 @@ def explain_comparison(
     layout = comparison.layout
     progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
     records = cleared(comparison, axis, progress, candidates)
+    before: _Searched[Physics] | None = None
     while True:
         searched = _search(
-            records.kept, axis, candidates, baseline=records.baseline, settings=settings, progress=progress,
-            time_is_up=time_is_up,
+            records.kept, axis, candidates, baseline=records.baseline, before=before, sizes=sizes, settings=settings,
+            progress=progress, time_is_up=time_is_up,
         )  # fmt: skip
         # what a wrong record leaves must not be described
-        worst = records.worst(searched.final) if searched.is_settled else None
+        worst, before = records.worst(searched.final) if searched.is_settled else None, None
         if worst is None:
             explanation, final = _explain(searched, candidates, settings, sizes)
             if searched.unfinished or (searched.is_settled and final is searched.final):
                 break
             worst = records.worst(final)
+            # what has no name in spite of the record will have none without it
+            before = searched if explanation.outcome is Outcome.DESCRIBED else None
         if worst is None:
             break
         progress(f"once more without record {worst.record.number} ({worst.record.setting})")
         records = replace(records.with_wrong(worst), right=frozenset())
     if explanation.outcome is Outcome.UNKNOWN and records.wrong and not explanation.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
-        searched = _search(comparison, axis, candidates, settings=settings, progress=progress, time_is_up=time_is_up)
+        searched = _search(
+            comparison, axis, candidates, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up
+        )
         whole, _ = _explain(searched, candidates, settings, sizes)
         if whole.outcome is not Outcome.UNKNOWN:
             return whole
@@ -137,11 +144,16 @@ def _search(
     candidates: Sequence[Effect[Physics]],
     *,
     baseline: Fitted[Physics] | None = None,
+    before: _Searched[Physics] | None = None,
+    sizes: MachineSizes | None,
     settings: ExplainSettings,
     progress: Callable[[str], None],
     time_is_up: Callable[[], bool] | None,
 ) -> _Searched[Physics]:
-    """Find what explains the records that are kept; ``baseline`` is the fit without any effect if it is known."""
+    """Find what explains the records that are kept; ``baseline`` is the fit without any effect if it is known.
+
+    Of a search ``before``, with a record more, the effects are fitted anew, and no other ones are sought.
+    """
     said = ["comparing the model as stated"]
 
     def report(sentence: str) -> None:
@@ -150,18 +162,26 @@ def _search(
 
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
-    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report)
+
+
+    def swings_at_port(fitted: Fitted[Physics]) -> bool:
+        return swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
+
+    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, swings_at_port)
     hidden, unfinished = list[str](), ""
     try:
         with stoppable.stoppable():
-            steps = find_steps(workspace, baseline)
+            steps = () if before is None else find_again(workspace, before.found)
+            steps = steps or find_steps(workspace, baseline)
             while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
                 hidden.append(least.key)
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
-            found = judge_found(workspace, steps)
+            lost = names_nothing(steps[0], steps[-1], settings.outcome)
+            found = judge_found(workspace, steps, alternatives=not lost)
             classes, final = classes_with_fit(found, candidates)
-            final = at_mode(final)
+            # where something is missing no size is so well known that the mode would matter
+            final = final if judged_gap(final).exceeds_healthy else at_mode(final)
     except TimeIsUpError:
         hidden, unfinished = [], _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)

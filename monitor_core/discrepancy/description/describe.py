@@ -7,7 +7,7 @@ holds, that something varies may still be sure (:mod:`.no_form`).
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -32,6 +32,7 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
 
 _FEWEST_SETTINGS = 6
+_CLOSER = 2  # times as many quantities as are kept: seen roughly, these are looked at more closely
 _QUANTITIES, _LAWS_OF_EACH, _REFITS, _UNFITTED_REFITS = 3, 2, 4, 2
 #: Of what the best law takes away, how much less another one may at first sight: everything else was not refitted yet.
 _WORTH_A_REFIT = 0.15
@@ -84,8 +85,7 @@ def describe(
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
-        missed = judged_gap(baseline).exceeds_healthy  # or no response has a resonance too many
-        at_ports = tuple(bases_at_ports((baseline, final), sizes)) if missed else ()
+        at_ports = _at_ports(baseline, final, sizes)
         swinging, _ = _described(baseline, final, (), at_ports, progress)
         if swinging is not None and _leaves_nothing_else(baseline, swinging):
             return swinging
@@ -95,6 +95,27 @@ def describe(
             described, _ = _described(baseline, final, at_ports, at_ports, progress)
         return described or _without_form(baseline, final, varied)
     return None
+
+
+def swinging_at_port(
+    baseline: Fitted[Any], fitted: Fitted[Any], sizes: MachineSizes | None, progress: Callable[[str], None]
+) -> Description | None:
+    """Return what swings at a port that the catalogue has nothing for, where that leaves nothing else to seek.
+
+    ``fitted`` is what the catalogue has come to so far; None of a rigid axis or few settings.
+    """
+    if not isinstance(baseline.physics(), AxisPhysics) or len(fitted_settings(baseline)) < _FEWEST_SETTINGS:
+        return None
+    progress("asking whether something swings that has no name")
+    swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, fitted, sizes), progress)
+    return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
+
+
+def _at_ports(
+    baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], sizes: MachineSizes | None
+) -> tuple[Base, ...]:
+    missed = judged_gap(baseline).exceeds_healthy  # or no response has a resonance too many
+    return tuple(bases_at_ports((baseline, final), sizes)) if missed else ()
 
 
 def describe_elsewhere(
@@ -207,8 +228,13 @@ def _without_form(baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], var
 
 def _variations(fitted: Fitted[AxisPhysics]) -> Iterator[FreeVariation]:
     """Yield the quantities whose free variation leaves least, best first."""
-    free = [vary_freely(fitted, quantity) for quantity in quantities_of(fitted.physics())]
-    yield from sorted((each for each in free if each is not None), key=lambda each: each.free)[:_QUANTITIES]
+    roughly = _best(vary_freely(fitted, quantity, roughly=True) for quantity in quantities_of(fitted.physics()))
+    closer = (vary_freely(fitted, each.quantity) for each in roughly[: _CLOSER * _QUANTITIES])
+    yield from _best(closer)[:_QUANTITIES]
+
+
+def _best(variations: Iterable[FreeVariation | None]) -> list[FreeVariation]:
+    return sorted((each for each in variations if each is not None), key=lambda each: each.free)
 
 
 def _laws(fitted: Fitted[AxisPhysics], variation: FreeVariation) -> tuple[TriedLaw, ...]:

@@ -24,6 +24,7 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.models.extended import AxisPhysics, AxisSetting
 
 _COARSE = np.array([0.03, 0.07, 0.12, 0.2, 0.3, 0.45, 0.7, 1.1, 1.6, 2.3, 3.2, 4.2])
+_FEW = _COARSE[1::3]
 #: A resonance of its own is narrow: of a damping ratio of a few per cent no step may lie far from the next.
 _FINE = np.concatenate([np.arange(0.015, 0.3, 0.015), [0.36, 0.44, 0.54]])
 #: Values one after the other that are in one half: neighbours are alike.
@@ -77,9 +78,14 @@ class FreeVariation:
         return np.asarray(np.sum(cost, axis=-1))
 
 
-def vary_freely(fitted: Fitted[AxisPhysics], quantity: Quantity) -> FreeVariation | None:
-    """Return what the settings that were fitted leave with a quantity of their own; None where there is no answer."""
-    steps = _FINE if quantity.is_frequency else _COARSE
+def vary_freely(
+    fitted: Fitted[AxisPhysics], quantity: Quantity, *, roughly: bool = False
+) -> FreeVariation | None:
+    """Return what the settings that were fitted leave with a quantity of their own; None where there is no answer.
+
+    Seen ``roughly`` it varies by a few values only, enough to tell what may be worth a closer look.
+    """
+    steps = _FINE if quantity.is_frequency else _FEW if roughly else _COARSE
     grid, costs = np.concatenate([-steps[::-1], [0.0], steps]), []
     here = fitted.physics()
     for theta in grid:

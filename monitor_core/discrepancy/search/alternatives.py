@@ -14,15 +14,20 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 
 def judge_effect(
-    workspace: Workspace[Physics], final: Fitted[Physics], effect: Effect[Physics], scale: EvidenceScale
+    workspace: Workspace[Physics],
+    final: Fitted[Physics],
+    effect: Effect[Physics],
+    scale: EvidenceScale,
+    *,
+    alternatives: bool = True,
 ) -> Accepted[Physics]:
-    """Return the evidence for an effect of the final fit, and its alternatives.
+    """Return the evidence for an effect of the final fit, and its ``alternatives`` where they are asked for.
 
     Physics without which the model is far from the data, and that is found at its textbook value, has no rival.
     """
     without = workspace.without(final, effect)
     refitted: list[tuple[Effect[Physics], Fitted[Physics]]] = []
-    if not (is_at_textbook_value(final, effect) and is_far(without)):
+    if alternatives and not (is_at_textbook_value(final, effect) and is_far(without)):
         refitted = [(rival.effect, rival.fitted) for rival in rivals_at(workspace, without)]
         if screening_misleads(without):
             refitted += _substitutions(workspace, final, effect, {other.key for other, _ in refitted})

@@ -34,15 +34,34 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     baseline = known or workspace.fit(hypothesis, hypothesis.null)
     workspace.reach(baseline)
     first = add_textbook_physics(workspace, baseline)
-    steps = add_stepwise(workspace, first, [first] if first is not baseline else [])
+    taken = [first] if first is not baseline else []
+    steps = add_stepwise(workspace, first, taken, most_effects=len(first.hypothesis.effects) + 1)
     workspace.remember(baseline)
-    # the best without an effect is in no false minimum, as far as an effect has led out of it
-    first = first if first.hypothesis.effects else workspace.baseline
-    steps = _other_first_steps(workspace, first, steps)
-    current = steps[-1] if steps else first
+    if len(steps) > len(taken) and not (may_lack_more(steps[-1]) and workspace.is_explained_otherwise(steps[-1])):
+        steps = add_stepwise(workspace, steps[-1], steps)
+        # the best without an effect is in no false minimum, as far as an effect has led out of it
+        first = first if first.hypothesis.effects else workspace.baseline
+        steps = _other_first_steps(workspace, first, steps)
+    current = steps[-1] if steps else first if first.hypothesis.effects else workspace.baseline
     final = cleaned(workspace, prune(workspace, current, current.hypothesis.effects))
     before = [workspace.baseline, *steps[:-1]] if final.hypothesis.effects else []
     return _leading_to(final, before)
+
+
+def find_again(workspace: Workspace[Physics], found: Found[Physics]) -> tuple[Fitted[Physics], ...]:
+    """Return the fits of a search of other records, made anew: without any effect, and after each step.
+
+    Nothing where one of them has no answer.
+    """
+    steps = list[Fitted[Physics]]()
+    for step in (found.baseline, *found.steps):
+        fitted = workspace.try_fit(replace(step.hypothesis, axis=workspace.axis), step.coordinates)
+        if fitted is None:
+            return ()
+        workspace.remember(fitted)
+        workspace.reach(*steps, fitted)
+        steps.append(fitted)
+    return tuple(steps)
 
 
 def leave_out(
@@ -53,11 +72,15 @@ def leave_out(
     return _leading_to(final, [step for step in steps if step.hypothesis.keys < final.hypothesis.keys])
 
 
-def judge_found(workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]]) -> Found[Physics]:
-    """Judge what a search has found: the evidence for each effect, and what else would do in its place."""
+def judge_found(
+    workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], *, alternatives: bool = True
+) -> Found[Physics]:
+    """Judge what a search has found: the evidence for each effect, and ``alternatives`` that would do in its place."""
     final = steps[-1]
     scale = evidence_scale(final)
-    accepted = tuple(judge_effect(workspace, final, effect, scale) for effect in findings(final))
+    accepted = tuple(
+        judge_effect(workspace, final, effect, scale, alternatives=alternatives) for effect in findings(final)
+    )
     return Found(
         baseline=workspace.baseline if accepted else final,
         steps=tuple(steps[1:]),

@@ -12,13 +12,17 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
 
 def add_stepwise(
-    workspace: Workspace[Physics], start: Fitted[Physics], steps: Sequence[Fitted[Physics]]
+    workspace: Workspace[Physics],
+    start: Fitted[Physics],
+    steps: Sequence[Fitted[Physics]],
+    most_effects: int | None = None,
 ) -> list[Fitted[Physics]]:
     """Return the steps with those of adding one effect after the other, as long as the evidence carries them."""
     current, taken = start, list(steps)
+    most = workspace.settings.most_effects if most_effects is None else most_effects
     baseline = workspace.so_far[:1]
     workspace.remember(current)
-    while len(current.hypothesis.effects) < workspace.settings.most_effects:
+    while len(current.hypothesis.effects) < most:
         workspace.progress(f"{_effects(current)} found, screening {len(workspace.remaining(current))} more")
         better = _best_addition(workspace, current)
         if better is None:

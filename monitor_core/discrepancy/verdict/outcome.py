@@ -192,6 +192,13 @@ def outcome_of(
     return Outcome.EQUIVALENT if any(found.others for found in classes) else Outcome.NAMED
 
 
+def names_nothing(baseline: Fitted[Physics], final: Fitted[Physics], settings: OutcomeSettings) -> bool:
+    """Return whether a fit leaves so much that none of its effects gets its name, whatever else would do."""
+    remainder = remainder_of(final)
+    explained = explained_share(baseline, final, remainder.misfit)
+    return remainder.gap.exceeds_healthy and explained < settings.least_share
+
+
 def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: float) -> float:
     """Return the share :math:`(C_0 - C_1)/(C_0 - C_1 + R)` of the misfit that is gone, with costs C before and after.
 
