@@ -43,7 +43,7 @@ from monitor_core.discrepancy.verdict.outcome import (
     names_nothing,
     remainder_of,
 )
-from monitor_core.discrepancy.verdict.wandering import Wandering, wandering
+from monitor_core.discrepancy.verdict.wandering import Wandering, leaves_only_wandering, wandering
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
@@ -163,11 +163,13 @@ def _search(
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
 
+    def has_no_name(fitted: Fitted[Physics]) -> bool:
+        return (
+            leaves_only_wandering(fitted, settings.outcome)
+            or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
+        )
 
-    def swings_at_port(fitted: Fitted[Physics]) -> bool:
-        return swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
-
-    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, swings_at_port)
+    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, has_no_name)
     hidden, unfinished = list[str](), ""
     try:
         with stoppable.stoppable():
@@ -181,7 +183,7 @@ def _search(
             found = judge_found(workspace, steps, alternatives=not lost)
             classes, final = classes_with_fit(found, candidates)
             # where something is missing no size is so well known that the mode would matter
-            final = final if judged_gap(final).exceeds_healthy else at_mode(final)
+            final = final if lost or judged_gap(final).exceeds_healthy else at_mode(final)
     except TimeIsUpError:
         hidden, unfinished = [], _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
@@ -273,6 +275,10 @@ def _found_effect(
         for name, parameter in parameters.items()
         if not parameter.plausible
     ]
+    if group.stands_in_for:
+        remarks += [
+            f"a stand-in for something else: {group.stands_in_for} would explain more, which such data cannot tell"
+        ]
     remarks += [
         f"{name} = {_value(parameter)} is at an end of the range that is searched"
         for name, parameter in parameters.items()
@@ -295,6 +301,7 @@ def _found_effect(
         delta_bic=member.delta_bic,
         held_out_log_likelihood_gain=group.held_out_gain,
         remarks=tuple(remarks),
+        stands_in_for=group.stands_in_for,
     )
 
 

@@ -92,11 +92,12 @@ class FoundEffect:
     delta_bic: float  # BIC without it less BIC with it
     held_out_log_likelihood_gain: float
     remarks: tuple[str, ...] = ()  # "a stand-in for something else: …"
+    stands_in_for: str = ""  # key of an effect that such data cannot test and that would explain more
 
     @property
     def plausible(self) -> bool:
-        """Whether every parameter lies within its plausible range."""
-        return all(parameter.plausible for parameter in self.parameters.values())
+        """Whether it may be what is missing: nothing would explain more, and every parameter is within its range."""
+        return not self.stands_in_for and all(parameter.plausible for parameter in self.parameters.values())
 
 
 @dataclass(frozen=True, slots=True)

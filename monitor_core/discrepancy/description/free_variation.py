@@ -78,9 +78,7 @@ class FreeVariation:
         return np.asarray(np.sum(cost, axis=-1))
 
 
-def vary_freely(
-    fitted: Fitted[AxisPhysics], quantity: Quantity, *, roughly: bool = False
-) -> FreeVariation | None:
+def vary_freely(fitted: Fitted[AxisPhysics], quantity: Quantity, *, roughly: bool = False) -> FreeVariation | None:
     """Return what the settings that were fitted leave with a quantity of their own; None where there is no answer.
 
     Seen ``roughly`` it varies by a few values only, enough to tell what may be worth a closer look.

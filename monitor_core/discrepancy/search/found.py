@@ -29,6 +29,15 @@ class Accepted(Generic[Physics]):
     without: Fitted[Physics]  # the effect
 
 
+@dataclass(frozen=True, slots=True)
+class Unseen:
+    """An effect that the data cannot show as itself, since what tells it from others does not vary."""
+
+    key: str
+    instead_of: frozenset[str]  # keys of what was found and would not be needed with it
+    delta_bic: float  # of what was found, less that with it in its place
+
+
 @dataclass(frozen=True, eq=False)
 class Found(Generic[Physics]):
     """Where a search ended."""
@@ -40,3 +49,4 @@ class Found(Generic[Physics]):
     evidence_scale: EvidenceScale
     screened: tuple[Screened[Physics], ...]  # what is not in the final fit
     least_delta_bic: float  # that one more effect would have needed
+    unseen: tuple[Unseen, ...] = ()  # that would do as well as something accepted, or better

@@ -15,6 +15,7 @@ from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.stepwise import add_stepwise, findings, holds, prune
 from monitor_core.discrepancy.search.textbook import add_textbook_physics
+from monitor_core.discrepancy.search.unseen import unseen_in_place
 from monitor_core.discrepancy.search.workspace import Workspace, may_lack_more
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, least_difference
@@ -89,6 +90,7 @@ def judge_found(
         evidence_scale=scale,
         screened=workspace.screened(final),
         least_delta_bic=workspace.least_evidence(final),
+        unseen=unseen_in_place(workspace, final, accepted, scale) if alternatives else (),
     )
 
 

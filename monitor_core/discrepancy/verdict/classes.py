@@ -84,6 +84,12 @@ class EquivalenceClass(Generic[Physics]):
     members: tuple[Member[Physics], ...]
     untested: tuple[str, ...]  # keys of effects that such data cannot test and that would do as well
     held_out_gain: float
+    stands_in_for: str = ""  # key of an effect that such data cannot test and that would do better
+
+    @property
+    def is_plausible(self) -> bool:
+        """Return whether the representative may be what is missing."""
+        return self.representative.plausible and not self.stands_in_for
 
     @property
     def others(self) -> tuple[str, ...]:
@@ -144,8 +150,12 @@ def equivalence_class(
         else:
             members[alike] = replace(members[alike], aliases=(*members[alike].aliases, member.effect.key))
     members.sort(key=lambda member: (member.effect.key in barred, not member.plausible, -member.delta_bic))
+    least = least_difference(found.final.comparison)
+    instead = [unseen for unseen in found.unseen if accepted.effect.key in unseen.instead_of]
     untested = foreign_modes(accepted.without, candidates)
-    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain)
+    untested += tuple(unseen.key for unseen in instead if unseen.delta_bic < least)
+    better = next((unseen.key for unseen in instead if unseen.delta_bic >= least), "")
+    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better)
 
 
 def _margin_of_shape(gain: float) -> float:

@@ -17,6 +17,7 @@ from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.effects.sizes import MachineSizes, Reference
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Layout
+from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.conditions.settings import WARMER, is_testable, known_mass, varied_conditions
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
@@ -48,7 +49,9 @@ def next_measurement(
     if outcome in (Outcome.UNKNOWN, Outcome.PARTIAL):
         advice += checks_of_what_is_left(found.final, sizes)
     if outcome is not Outcome.NAMED:
-        reported = {key for found_class in classes for key in found_class.keys}
+        lines = has_lines(layout)  # of natural frequencies it is said above what distinguishes what is not tested
+        untested = {key for found_class in classes for key in found_class.untested if lines}
+        reported = {key for found_class in classes for key in found_class.keys} - untested
         unseen = [effect for effect in candidates if effect.key not in reported]
         advice += _to_see_more(layout, unseen, sizes)
     return "; ".join(advice)
@@ -94,7 +97,7 @@ def _to_distinguish(found_class: EquivalenceClass[Physics], sizes: MachineSizes 
             f"look at the parts themselves, {' or '.join(map(_size_of, (first, *never)))}, or change one of them on "
             f"purpose and measure {first.fitted.comparison.layout.settings[0].name} again"
         )
-    if found_class.untested:
+    if found_class.untested and not has_lines(first.fitted.comparison.layout):
         yield (
             f"measure whole frequency responses{_band(sizes)}, which distinguish {key} from "
             f"{' and '.join(found_class.untested)}"

@@ -179,10 +179,10 @@ def outcome_of(
     left = remainder.is_left(settings)
     if not classes:
         return Outcome.UNKNOWN if left else Outcome.NONE
-    plausible = [found for found in classes if found.representative.plausible]
+    plausible = [found for found in classes if found.is_plausible]
     if not plausible or (left and explained < settings.least_share):
         return Outcome.UNKNOWN
-    stand_ins = [found.representative.delta_bic for found in classes if not found.representative.plausible]
+    stand_ins = [found.representative.delta_bic for found in classes if not found.is_plausible]
     if sum(stand_ins) > sum(found.representative.delta_bic for found in plausible):
         return Outcome.UNKNOWN  # what has a name explains less than what stands in for something else
     if remainder.gap.exceeds_healthy and all(found.others for found in classes):
@@ -196,7 +196,8 @@ def names_nothing(baseline: Fitted[Physics], final: Fitted[Physics], settings: O
     """Return whether a fit leaves so much that none of its effects gets its name, whatever else would do."""
     remainder = remainder_of(final)
     explained = explained_share(baseline, final, remainder.misfit)
-    return remainder.gap.exceeds_healthy and explained < settings.least_share
+    left = remainder.gap.exceeds_healthy or (remainder.is_pulled(settings) and follow_conditions(final))
+    return left and explained < settings.least_share
 
 
 def explained_share(baseline: Fitted[Physics], final: Fitted[Physics], left: float) -> float:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, Remainder
+from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, Remainder, remainder_of
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.groups import has_lines
@@ -29,6 +29,8 @@ _STEPS = np.concatenate([np.arange(0.01, 0.1, 0.01), np.arange(0.1, 0.3, 0.02), 
 _LN_FACTORS = np.concatenate([-_STEPS[::-1], _STEPS])
 #: Of the misfit that is left, what a resonance that wanders takes up by its frequency alone.
 _LEAST_OF_REMAINDER = 0.5
+#: The same where no other effect need be sought beside it.
+_ALMOST_ALL = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,13 @@ def wandering(
         for key, found in freed.items()
         if found.delta_bic > final.comparison.least_delta_bic and found.taken > _LEAST_OF_REMAINDER * remainder.misfit
     }
+
+
+def leaves_only_wandering(fitted: Fitted[Physics], settings: OutcomeSettings) -> bool:
+    """Return whether almost all that a fit leaves goes with a frequency of its own that wanders."""
+    remainder = remainder_of(fitted)
+    found = wandering(fitted, fitted.hypothesis.effects, remainder, settings)
+    return any(each.taken > _ALMOST_ALL * remainder.misfit for each in found.values())
 
 
 def wandering_of(fitted: Fitted[Physics], effect: Effect[Physics]) -> Wandering:

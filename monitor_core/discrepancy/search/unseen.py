@@ -1,0 +1,67 @@
+"""Ask whether effects that such data cannot show as themselves would do in the place of what was found.
+
+A nut that hardens is told from other causes by an excitation that varies; where that does not vary it is no candidate.
+But its amplitude differs from setting to setting all the same, and something else, that goes with the position or the
+preload, would get a name in its place.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+from monitor_core.discrepancy.screening.screen import screen
+from monitor_core.discrepancy.screening.sizes import Screened
+from monitor_core.discrepancy.search.found import Accepted, Unseen
+from monitor_core.discrepancy.search.stepwise import prune
+from monitor_core.discrepancy.search.workspace import Workspace, lowest_cost
+from monitor_core.effects.effect import Physics
+from monitor_core.fitting.conditions.groups import has_lines
+from monitor_core.fitting.conditions.settings import is_testable
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference
+from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+
+def unseen_in_place(
+    workspace: Workspace[Physics],
+    final: Fitted[Physics],
+    accepted: Sequence[Accepted[Physics]],
+    scale: EvidenceScale,
+) -> tuple[Unseen, ...]:
+    """Return what would do as well as effects that were found, or better, each where it does best.
+
+    Of natural frequencies alone nothing is returned: what only responses would show is another question.
+    """
+    if not has_lines(workspace.comparison.layout):
+        return ()
+    found = sorted(_in_place(workspace, final, accepted, scale), key=lambda unseen: (unseen.key, -unseen.delta_bic))
+    return tuple(next(best) for _, best in groupby(found, key=lambda unseen: unseen.key))
+
+
+def _in_place(
+    workspace: Workspace[Physics],
+    final: Fitted[Physics],
+    accepted: Sequence[Accepted[Physics]],
+    scale: EvidenceScale,
+) -> Iterator[Unseen]:
+    layout, settings, physics = workspace.comparison.layout, workspace.settings, final.physics()
+    effects = [each for each in workspace.candidates if not is_testable(each, layout) and each.applies(physics)]
+    least = -least_difference(workspace.comparison)
+    for found in accepted if effects else ():
+        worth_it = settings.least_share_of_gain * (found.without.cost - final.cost)
+        for screened in screen(found.without, effects):
+            if screened.predicted_gain < max(worth_it, settings.least_predicted_gain):
+                break
+            workspace.progress(f"asking whether {screened.effect.key} would do in the place of {found.effect.key}")
+            fitted = _fitted(workspace, found.without, screened)
+            if fitted is None:
+                continue
+            fitted = prune(workspace, fitted, fitted.hypothesis.effects[:-1])
+            more = delta_bic(final, fitted, scale)
+            if more > least:
+                yield Unseen(screened.effect.key, final.hypothesis.keys - fitted.hypothesis.keys, more)
+
+
+def _fitted(
+    workspace: Workspace[Physics], without: Fitted[Physics], screened: Screened[Physics]
+) -> Fitted[Physics] | None:
+    hypothesis = without.hypothesis.with_effect(screened.effect)
+    return lowest_cost(*(workspace.try_fit(hypothesis, start) for start in screened.starts))
