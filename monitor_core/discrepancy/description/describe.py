@@ -85,7 +85,7 @@ def describe(
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
-        at_ports = _at_ports(baseline, final, sizes)
+        at_ports = _at_ports(baseline, (baseline, final), sizes)
         swinging, _ = _described(baseline, final, (), at_ports, progress)
         if swinging is not None and _leaves_nothing_else(baseline, swinging):
             return swinging
@@ -107,15 +107,15 @@ def swinging_at_port(
     if not isinstance(baseline.physics(), AxisPhysics) or len(fitted_settings(baseline)) < _FEWEST_SETTINGS:
         return None
     progress("asking whether something swings that has no name")
-    swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, fitted, sizes), progress)
+    swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline,), sizes), progress)
     return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
 
 
 def _at_ports(
-    baseline: Fitted[AxisPhysics], final: Fitted[AxisPhysics], sizes: MachineSizes | None
+    baseline: Fitted[AxisPhysics], from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes | None
 ) -> tuple[Base, ...]:
     missed = judged_gap(baseline).exceeds_healthy  # or no response has a resonance too many
-    return tuple(bases_at_ports((baseline, final), sizes)) if missed else ()
+    return tuple(bases_at_ports(from_here, sizes)) if missed else ()
 
 
 def describe_elsewhere(
