@@ -1,0 +1,41 @@
+"""A nut that goes with the amplitude gets no other name where the excitation does not vary."""
+
+import numpy as np
+import pytest
+
+from tests.hidden_effects.answered import answered
+from tests.hidden_effects.cases import draw_case
+from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.situations import Situation
+
+
+def poor(machine, seed):
+    """Return a situation of twelve settings, whose excitation is one."""
+    (of_size,) = (each for each in MACHINES if each.name == machine)
+    return Situation(machine=jittered(of_size, np.random.default_rng([seed, 1])), design="poor")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "size", "machine", "seed"),
+    [("outside:contact-loss", "small", "gantry", 664844176), ("outside:nut-softening", "large", "mini", 664844156)],
+)
+def test_what_a_nut_that_hardens_would_explain_better_is_a_stand_in(kind, size, machine, seed) -> None:
+    """Softening and loss of contact, which pass for an exponent of the preload."""
+    answer = answered(draw_case(kind, size, 0.003, seed, situation=poor(machine, seed)))
+    assert answer.outcome == "unknown"
+    assert {effect.stands_in_for for effect in answer.effects} == {"cubic-stiffness"}
+    assert not any(effect.plausible for effect in answer.effects)
+    assert all("cubic-stiffness would explain more" in effect.remarks[0] for effect in answer.effects)
+    assert "vary the excitation level" in answer.next_measurement
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", ["gantry", "bench"])
+def test_an_exponent_of_the_preload_keeps_its_name(machine) -> None:
+    """A class of two at most, where a nut that hardens would do as well."""
+    answer = answered(draw_case("preload-exponent", "large", 0.003, 77, situation=poor(machine, 77)))
+    (found,) = answer.effects
+    assert found.key == "preload-exponent"
+    assert found.stands_in_for == ""
+    assert set(found.equivalent_to) <= {"cubic-stiffness"}
