@@ -3,7 +3,7 @@
 import pytest
 
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, remainder_of
-from monitor_core.discrepancy.verdict.wandering import wandering, wandering_of
+from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering, wandering_of
 from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.machine_sizes import sizes_of_drive
@@ -44,11 +44,13 @@ def test_a_resonance_that_wanders_is_found_at_other_frequencies_elsewhere(wander
     assert found.delta_bic > fitted.comparison.least_delta_bic
     assert found.lowest < 0.95 * truth["frequency_hz"]
     assert found.highest > 1.05 * truth["frequency_hz"]
+    assert leaves_only_wandering(fitted, OutcomeSettings())
 
 
 def test_one_that_stays_does_not_wander():
     fitted, absorber, truth = with_absorber("table-absorber")
     assert wandering(fitted, [absorber], remainder_of(fitted), OutcomeSettings()) == {}
+    assert not leaves_only_wandering(fitted, OutcomeSettings())
     found = wandering_of(fitted, absorber)
     assert found.delta_bic < 0.0
     assert found.lowest == found.highest == pytest.approx(truth["frequency_hz"], rel=0.01)

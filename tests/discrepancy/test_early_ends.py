@@ -1,0 +1,55 @@
+"""A search ends where going on would change nothing of the answer."""
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy.explain_comparison import explain_comparison
+from monitor_core.fitting.conditions.settings import default_folds
+from monitor_core.fitting.described_axis import DescribedDrive
+from monitor_core.fitting.machine_sizes import sizes_of_drive
+from monitor_core.fitting.residuals.responses import compare_responses
+from monitor_core.models.families import build_model
+from monitor_core.recordings.model_file import parse_model
+from tests.hidden_effects import frf_file
+from tests.hidden_effects.cases import draw_case
+from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.situations import Situation, WrongRecord
+from tests.hidden_effects.truth import transmission_line
+
+
+def told(kind, seed, wrong=None):
+    """Return the answer to a case of a centre at 21 settings, and what was said on the way."""
+    (centre,) = (each for each in MACHINES if each.name == "centre")
+    situation = Situation(machine=jittered(centre, np.random.default_rng([seed, 1])), design="usual", wrong=wrong)
+    case = draw_case(kind, "large", 0.003, seed, respond=transmission_line.respond, situation=situation)
+    file, measured = parse_model(case.baseline, kind), frf_file.observations(case)
+    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
+    sizes = sizes_of_drive(drive.physics({}), measured)
+    said = []
+    comparison = compare_responses(measured, held_out=default_folds(each.conditions for each in measured))
+    answer = explain_comparison(comparison, drive, drive.candidates(sizes), sizes=sizes, progress=said.append)
+    return answer, said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["outside:screw-end-absorber", "outside:rotor-absorber"])
+def test_what_has_no_name_is_asked_for_after_the_first_effect(kind) -> None:
+    answer, said = told(kind, 41)
+    assert answer.outcome == "described"
+    assert not any(sentence.startswith("1 effect found") for sentence in said)
+
+
+@pytest.mark.slow
+def test_of_a_pair_of_the_catalogue_the_search_goes_on() -> None:
+    answer, said = told("added-mass+far-bearing-stiffness", 42)
+    assert {effect.key for effect in answer.effects} == {"added-mass", "far-bearing-stiffness"}
+    assert any(sentence.startswith("1 effect found") for sentence in said)
+
+
+@pytest.mark.slow
+def test_without_a_wrong_record_what_was_described_is_fitted_anew_and_not_sought() -> None:
+    answer, said = told("outside:screw-end-absorber", 43, WrongRecord("gain", 1))
+    assert answer.outcome == "described"
+    assert [str(record.fault) for record in answer.records] == ["gain"]
+    begun = [sentence for sentence in said if "screening" in sentence]
+    assert len(begun) == 1
