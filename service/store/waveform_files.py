@@ -3,6 +3,7 @@
 :class:`FolderFiles` keeps them in a folder. :mod:`service.store.waveform_objects` keeps them elsewhere.
 """
 
+import mmap
 import os
 import threading
 import uuid
@@ -266,8 +267,10 @@ def give_back_cache(file: FileIO) -> None:
     # Nobody reads a waveform soon after it was written (the store remembers it). The system begins to write what it is
     # told will not be wanted, so that there is less to wait for later; and the next file takes the same pages of its
     # cache, in place of ever new ones: on a virtual machine those cost more than the disk does.
+    # The page that the next frame begins in stays: it would have to be read back first.
     if hasattr(os, "posix_fadvise"):
-        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        whole_pages = file.tell() // mmap.PAGESIZE * mmap.PAGESIZE
+        os.posix_fadvise(file.fileno(), 0, whole_pages, os.POSIX_FADV_DONTNEED)
 
 
 def remove_file(root: Path, path: str) -> None:

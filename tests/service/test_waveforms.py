@@ -59,6 +59,22 @@ def test_file_grows_request_by_request_and_is_plain_zstd_around_messagepack(tmp_
     assert [item["measurement"] for frame in frames for item in frame] == ["m0", "m1", "m2"]
 
 
+def bytes_from_disk() -> int:
+    """Return how many bytes this process had the system read from a disk."""
+    counts = dict(line.split(": ") for line in Path("/proc/self/io").read_text().splitlines())
+    return int(counts["read_bytes"])
+
+
+def test_next_frame_reads_nothing_back(tmp_path: Path) -> None:
+    """A frame begins in the page that the one before ended in: forgotten, it would be read from the disk first."""
+    store = WaveformStore(tmp_path)
+    written(store, window(0))
+    before = bytes_from_disk()
+    for seed in range(1, 6):
+        written(store, window(seed))
+    assert bytes_from_disk() == before
+
+
 @pytest.mark.parametrize("n_samples", [1000, 200_000])
 @pytest.mark.parametrize("n_before", [0, 2])
 def test_what_is_not_kept_is_taken_back(tmp_path: Path, n_samples: int, n_before: int) -> None:
