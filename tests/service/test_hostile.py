@@ -333,3 +333,27 @@ def test_half_headers_are_given_up_and_long_ones_refused(shared_api: Api, monkey
     long_but_whole = head + b"X-Long: " + b"a" * MOST_HEADER_BYTES + b"\r\nConnection: close\r\n\r\n"
     assert b"headers-too-large" in said(long_but_whole)
     assert shared_api.http.get("/healthz").status_code == 200
+
+
+def test_body_may_come_in_any_parts(shared_api: Api, axis: str) -> None:
+    """As one, byte by byte, and in parts that wait for each other: what is read is the same."""
+    rng = np.random.default_rng(3)
+    samples = rng.standard_normal(2**15).astype("<f4").tobytes()  # larger than uvicorn lets wait
+    body = msgpack.packb({"windows": [window(3000 + i, samples, samples) for i in range(2)]})
+    head = f"POST /v1/axes/{axis}/windows HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: {MSGPACK}\r\n".encode()
+
+    def answered(part_bytes: int, *, chunked: bool) -> bytes:
+        parts = [body[at : at + part_bytes] for at in range(0, len(body), part_bytes)]
+        with socket.create_connection((shared_api.http.base_url.host, shared_api.http.base_url.port)) as open_:
+            if chunked:
+                open_.sendall(head + b"Transfer-Encoding: chunked\r\n\r\n")
+                open_.sendall(b"".join(b"%x\r\n%b\r\n" % (len(part), part) for part in parts) + b"0\r\n\r\n")
+            else:
+                open_.sendall(head + b"Content-Length: %d\r\n\r\n" % len(body))
+                for part in parts:
+                    open_.sendall(part)
+            return open_.recv(2**16)
+
+    assert answered(len(body), chunked=False).startswith(b"HTTP/1.1 201")
+    for part_bytes, chunked in ((70_000, False), (1000, False), (10, True), (1, True)):
+        assert answered(part_bytes, chunked=chunked).startswith(b"HTTP/1.1 200"), part_bytes  # the same windows

@@ -173,7 +173,7 @@ class _Body:
         self.largest = largest
         self.size = 0
         self._receive = receive
-        self._content: BytesIO | None = BytesIO()
+        self._content: BytesIO | bytes | None = BytesIO()
         self.complete = False
 
     async def more(self) -> int:
@@ -184,9 +184,13 @@ class _Body:
                 raise ClientDisconnect
             self.complete = not message.get("more_body", False)
             chunk = message.get("body", b"")
-            if chunk and self._content is not None:
+            if chunk and isinstance(self._content, BytesIO):
                 self.size += len(chunk)
-                return self._content.write(chunk)
+                if self.complete and self.size == len(chunk):
+                    self._content = chunk  # it came in one part, as most do: a copy would take as long as reading it
+                else:
+                    self._content.write(chunk)
+                return len(chunk)
         return 0
 
     async def handed_over(self) -> Message:
@@ -194,7 +198,8 @@ class _Body:
         if self._content is None:
             return await self._receive()
         content, self._content = self._content, None
-        return {"type": "http.request", "body": content.getvalue(), "more_body": False}
+        body = content.getvalue() if isinstance(content, BytesIO) else content
+        return {"type": "http.request", "body": body, "more_body": False}
 
 
 class _Stream:
@@ -271,6 +276,14 @@ class Connection(HttpToolsProtocol):
         self._header_bytes = None
         self._stop_waiting()
         super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """Keep a part of a body as it came, unless another one waits: uvicorn would copy it twice."""
+        if not self.cycle.body:
+            self.cycle.body = b""  # type: ignore[assignment]  # to add to no bytes copies nothing
+        elif isinstance(self.cycle.body, bytes):
+            self.cycle.body = bytearray(self.cycle.body)  # many small parts would be copied again and again
+        super().on_body(body)
 
     def on_response_complete(self) -> None:
         """Wait for the next request, unless that is there already."""
