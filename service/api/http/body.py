@@ -151,24 +151,34 @@ class _PackedBody:
 
     def _value(self, name: str) -> object:
         """Read the value of a member: samples stay where they are, everything else is short and no list."""
-        at, kind = self._unpacker.tell(), self._next()
+        at = self._unpacker.tell()
+        kind = self._kind_at(at)
+        if name in CHANNELS and kind in ("list", "bytes"):
+            return self._samples_at(at)
         if name not in CHANNELS:
-            _require_few(_announced(self._body[at : at + 5]))
+            _require_few(_announced(self._body, at))
+        if kind in ("list", "map"):
+            self._unpacker.skip()
+            value: object = []
+        else:
+            value = self._unpacker.unpack()
+        if name not in CHANNELS:
+            self._count(self._unpacker.tell() - at)
+        return value
+
+    def _samples_at(self, at: int) -> PackedSamples | memoryview:
         self._unpacker.skip()
-        value = self._body[at : self._unpacker.tell()]
-        if name not in CHANNELS:
-            self._count(len(value))
-        elif kind in ("list", "bytes"):
-            samples = _samples(value)
-            if isinstance(samples, PackedSamples):
-                self._in_lists += samples.count
-                _require_room(self._in_lists, len(self._body))
-            return samples
-        return [] if kind in ("list", "map") else msgpack.unpackb(value)
+        samples = _samples(self._body[at : self._unpacker.tell()])
+        if isinstance(samples, PackedSamples):
+            self._in_lists += samples.count
+            _require_room(self._in_lists, len(self._body))
+        return samples
 
     def _next(self) -> str:
-        at = self._unpacker.tell()
-        return _kind(self._body[at]) if at < len(self._body) else "nothing"
+        return self._kind_at(self._unpacker.tell())
+
+    def _kind_at(self, at: int) -> str:
+        return _KINDS[self._body[at]] if at < len(self._body) else "nothing"
 
     def _count(self, n_bytes: int) -> None:
         self._beside_samples += n_bytes
@@ -184,16 +194,21 @@ def _kind(first: int) -> str:
     return "bytes" if first in (0xC4, 0xC5, 0xC6) else "other"
 
 
-def _announced(header: memoryview) -> int:
+_KINDS = [_kind(first) for first in range(256)]
+#: How many bytes say how long a text or bytes are, by what they begin with.
+_LENGTH_BYTES = {0xC4: 1, 0xC5: 2, 0xC6: 4, 0xD9: 1, 0xDA: 2, 0xDB: 4}
+
+
+def _announced(body: memoryview, at: int) -> int:
     """Return how many bytes a text or bytes say that they are; 0 of anything else."""
-    size = {0xC4: 1, 0xC5: 2, 0xC6: 4, 0xD9: 1, 0xDA: 2, 0xDB: 4}.get(header[0], 0) if header else 0
-    return int.from_bytes(header[1 : 1 + size])
+    size = _LENGTH_BYTES.get(body[at], 0) if at < len(body) else 0
+    return int.from_bytes(body[at + 1 : at + 1 + size]) if size else 0
 
 
 def _samples(value: memoryview) -> PackedSamples | memoryview:
     """Return a list or bytes of samples without what stands before them: their kind, and how many they are."""
     header = {0xC4: 2, 0xC5: 3, 0xC6: 5, 0xDC: 3, 0xDD: 5}.get(value[0], 1)
     content = value[header:]
-    if _kind(value[0]) == "bytes":
+    if _KINDS[value[0]] == "bytes":
         return content
     return PackedSamples(content, int.from_bytes(value[1:header]) if header > 1 else value[0] & 0x0F)
