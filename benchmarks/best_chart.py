@@ -9,8 +9,9 @@ after each session the evidence for a step towards loss on any day so far, every
 
 over the structures r of :mod:`monitor_core.trend.belief` with their weights, its season, an open level, a scatter of
 one degree of freedom, and a step d of some three standard deviations of a session. It keeps every session and forgets
-nothing. Its limit is that at which an independent axis has 0.7 alarms a year, the fewest that are asked: no row can
-then have fewer without it. Rows and changes are those of :mod:`benchmarks.false_alarms`.
+nothing. For the rows its limit is that at which an independent axis has 0.7 alarms a year, the fewest that are asked:
+no row can then have fewer without it. For the delays it is given also the 1.2 a year that are the most that are asked.
+Rows and changes are those of :mod:`benchmarks.false_alarms`.
 """
 
 import math
@@ -27,7 +28,7 @@ BASELINE = 20  # sessions before the first look
 WATCHED = 200  # sessions after a change
 #: Prior standard deviations in those of a session: of the level, of a step, and of the scatter a rough value.
 LEVEL, STEP, SCATTER = 100.0, 3.0, 0.8
-FEWEST_ALARMS = 0.7  # a year
+FEWEST_ALARMS, MOST_ALARMS = 0.7, 1.2  # a year
 OF_HEALTHY = ("independent", "AR(1) 0.3", "AR(1) 0.5", "AR(1) 0.7", "season ± 2",
               "lubrication, 1 up", "lubrication, 2 up", "lubrication, 1 down", "shop")  # fmt: skip
 OF_CHANGES = ("1 σ step", "2 σ step", "2 σ step in the shop")
@@ -85,26 +86,30 @@ def drawn(history: History, rng: np.random.Generator, axes: int, sessions: int) 
 def main(arguments: list[str]) -> None:
     """Print both tables."""
     axes, seed = (int(a) for a in (arguments + ["100", "500"][len(arguments) :])[:2])
-    limit = math.nan
+    limit = lower_limit = math.nan
     print("healthy axis          alarms a year, where an independent one has 0.7")
     for number, row in enumerate(OF_HEALTHY):
         rng = np.random.default_rng([2032, seed, number])
         highest = evidence(drawn(ROWS[row], rng, axes, BASELINE + DAYS))[:, BASELINE:].max(axis=1)
         if row == "independent":
             limit = float(np.quantile(highest, math.exp(-FEWEST_ALARMS)))
+            lower_limit = float(np.quantile(highest, math.exp(-MOST_ALARMS)))
         quiet = float(np.mean(highest <= limit))
         half = 1.96 * math.sqrt((1.0 - quiet) / (quiet * axes))  # of −ln(quiet), by the delta method
         print(f"{row:22s}{abs(math.log(quiet)):5.2f} ± {half:.2f}", flush=True)
-    print(f"\nchange after a baseline of  days: median; not within {WATCHED} days")
+    print(f"\nchange after a baseline of  days: median; not within {WATCHED} days; the same with 1.2 alarms a year")
     for number, change in enumerate(OF_CHANGES):
         row, shape = CHANGES[change]
         for after in (BASELINE, 100):
             rng = np.random.default_rng([2033, seed, number, after])
             values = drawn(ROWS[row], rng, axes, after + WATCHED) + shape(np.arange(after + WATCHED) - after)
-            beyond = evidence(values) > limit
-            seen = beyond[~beyond[:, :after].any(axis=1), after:]
-            delay = np.where(seen.any(axis=1), seen.argmax(axis=1) + 1.0, math.inf)
-            print(f"{change:26s}{after:4d} d {np.median(delay):6.0f}  {np.mean(np.isinf(delay)):6.1%}", flush=True)
+            found = evidence(values)
+            said = []
+            for beyond in (found > limit, found > lower_limit):
+                seen = beyond[~beyond[:, :after].any(axis=1), after:]
+                delay = np.where(seen.any(axis=1), seen.argmax(axis=1) + 1.0, math.inf)
+                said.append(f"{np.median(delay):6.0f}  {np.mean(np.isinf(delay)):6.1%}")
+            print(f"{change:26s}{after:4d} d {'  '.join(said)}", flush=True)
 
 
 if __name__ == "__main__":
