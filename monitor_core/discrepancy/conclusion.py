@@ -16,11 +16,13 @@ from monitor_core.discrepancy.verdict.outcome import (
     explained_share,
     follow_conditions,
     outcome_of,
+    remainder_of,
 )
 from monitor_core.effects.effect import Physics
 from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
+_BELIEVED = (Outcome.NAMED, Outcome.EQUIVALENT, Outcome.PARTIAL)
 _UNCERTAIN, _SURE = (Outcome.UNKNOWN, Outcome.PARTIAL), (Outcome.NAMED, Outcome.EQUIVALENT)
 
 
@@ -66,6 +68,19 @@ def conclude(
     if outcome in _SURE:
         described = _elsewhere(workspace, found.final, sizes)
     return Conclusion(outcome, settings, None if outcome is Outcome.NONE else described)
+
+
+def has_names(
+    baseline: Fitted[Physics],
+    final: Fitted[Physics],
+    classes: Sequence[EquivalenceClass[Physics]],
+    settings: OutcomeSettings,
+) -> bool:
+    """Return whether a name is believed of what was found, with the tolerances as stated or as they may be."""
+    remainder = remainder_of(final, baseline)
+    explained = explained_share(baseline, final, remainder.misfit)
+    tried = (settings,) if follow_conditions(final) else (settings, settings.of_tolerances())
+    return any(outcome_of(classes, remainder, explained=explained, settings=each) in _BELIEVED for each in tried)
 
 
 def _elsewhere(workspace: Workspace[Physics], final: Fitted[Physics], sizes: MachineSizes | None) -> Description | None:

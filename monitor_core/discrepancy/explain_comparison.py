@@ -8,7 +8,7 @@ from typing import Generic
 
 import numpy as np
 
-from monitor_core.discrepancy.conclusion import conclude
+from monitor_core.discrepancy.conclusion import conclude, has_names
 from monitor_core.discrepancy.description.describe import swinging_at_port
 from monitor_core.discrepancy.explanation import (
     Explanation,
@@ -183,7 +183,12 @@ def _search(
             found = judge_found(workspace, steps, alternatives=not lost)
             classes, final = classes_with_fit(found, candidates)
             # where something is missing no size is so well known that the mode would matter
-            final = final if lost or judged_gap(final).exceeds_healthy else at_mode(final)
+            if (
+                not lost
+                and not judged_gap(final).exceeds_healthy
+                and has_names(found.baseline, final, classes, settings.outcome)
+            ):
+                final = at_mode(final)
     except TimeIsUpError:
         hidden, unfinished = [], _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
