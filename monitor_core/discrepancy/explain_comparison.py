@@ -86,21 +86,22 @@ def explain_comparison(
     layout = comparison.layout
     progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
     records = cleared(comparison, axis, progress, candidates)
-    before: _Searched[Physics] | None = None
+    searched: _Searched[Physics] | None = None
+    described = False
     while True:
         searched = _search(
-            records.kept, axis, candidates, baseline=records.baseline, before=before, sizes=sizes, settings=settings,
-            progress=progress, time_is_up=time_is_up,
+            records.kept, axis, candidates, baseline=records.baseline, before=searched, has_no_name=described,
+            sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
         )  # fmt: skip
         # what a wrong record leaves must not be described
-        worst, before = records.worst(searched.final) if searched.is_settled else None, None
+        worst, described = records.worst(searched.final) if searched.is_settled else None, False
         if worst is None:
             explanation, final = _explain(searched, candidates, settings, sizes)
             if searched.unfinished or (searched.is_settled and final is searched.final):
                 break
             worst = records.worst(final)
             # what has no name in spite of the record will have none without it
-            before = searched if explanation.outcome is Outcome.DESCRIBED else None
+            described = explanation.outcome is Outcome.DESCRIBED
         if worst is None:
             break
         progress(f"once more without record {worst.record.number} ({worst.record.setting})")
@@ -145,6 +146,7 @@ def _search(
     *,
     baseline: Fitted[Physics] | None = None,
     before: _Searched[Physics] | None = None,
+    has_no_name: bool = False,
     sizes: MachineSizes | None,
     settings: ExplainSettings,
     progress: Callable[[str], None],
@@ -152,7 +154,8 @@ def _search(
 ) -> _Searched[Physics]:
     """Find what explains the records that are kept; ``baseline`` is the fit without any effect if it is known.
 
-    Of a search ``before``, with a record more, the effects are fitted anew, and no other ones are sought.
+    Of a search ``before``, with a record more, the effects are fitted anew; others are sought beside them unless what
+    is missing ``has_no_name``.
     """
     said = ["comparing the model as stated"]
 
@@ -163,17 +166,17 @@ def _search(
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
 
-    def has_no_name(fitted: Fitted[Physics]) -> bool:
+    def explained_otherwise(fitted: Fitted[Physics]) -> bool:
         return (
             leaves_only_wandering(fitted, settings.outcome)
             or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
         )
 
-    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, has_no_name)
+    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)
     hidden, unfinished = list[str](), ""
     try:
         with stoppable.stoppable():
-            steps = () if before is None else find_again(workspace, before.found)
+            steps = () if before is None else find_again(workspace, before.found, others=not has_no_name)
             steps = steps or find_steps(workspace, baseline)
             while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
                 hidden.append(least.key)

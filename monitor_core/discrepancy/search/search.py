@@ -49,10 +49,13 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     return _leading_to(final, before)
 
 
-def find_again(workspace: Workspace[Physics], found: Found[Physics]) -> tuple[Fitted[Physics], ...]:
+def find_again(
+    workspace: Workspace[Physics], found: Found[Physics], *, others: bool = True
+) -> tuple[Fitted[Physics], ...]:
     """Return the fits of a search of other records, made anew: without any effect, and after each step.
 
-    Nothing where one of them has no answer.
+    What is needed no more is left out, and ``others`` are sought beside it if they may be. Nothing is returned where
+    one of the fits has no answer.
     """
     steps = list[Fitted[Physics]]()
     for step in (found.baseline, *found.steps):
@@ -62,7 +65,12 @@ def find_again(workspace: Workspace[Physics], found: Found[Physics]) -> tuple[Fi
         workspace.remember(fitted)
         workspace.reach(*steps, fitted)
         steps.append(fitted)
-    return tuple(steps)
+    if not others:
+        return tuple(steps)
+    further = add_stepwise(workspace, steps[-1], steps[1:])
+    final = further[-1] if further else steps[0]
+    final = cleaned(workspace, prune(workspace, final, final.hypothesis.effects))
+    return _leading_to(final, [workspace.baseline, *further[:-1]] if final.hypothesis.effects else [])
 
 
 def leave_out(
