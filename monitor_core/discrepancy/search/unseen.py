@@ -1,8 +1,9 @@
-"""Ask whether effects that such data cannot show as themselves would do in the place of what was found.
+"""Ask whether effects that such data cannot show as themselves would do instead of what was found.
 
 A nut that hardens is told from other causes by an excitation that varies; where that does not vary it is no candidate.
 But its amplitude differs from setting to setting all the same, and something else, that goes with the position or the
-preload, would get a name in its place.
+preload, would get a name. What goes with a temperature or a payload that does not vary does the same in
+all settings: there it is a wrong parameter, which has a name.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,11 +14,13 @@ from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Accepted, Unseen
 from monitor_core.discrepancy.search.stepwise import prune
 from monitor_core.discrepancy.search.workspace import Workspace, lowest_cost
-from monitor_core.effects.effect import Physics
+from monitor_core.effects.effect import ConditionAxis, Physics
 from monitor_core.fitting.conditions.groups import has_lines
-from monitor_core.fitting.conditions.settings import is_testable
+from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+_OF_AMPLITUDE = frozenset({ConditionAxis.LEVEL})
 
 
 def unseen_in_place(
@@ -42,8 +45,9 @@ def _in_place(
     accepted: Sequence[Accepted[Physics]],
     scale: EvidenceScale,
 ) -> Iterator[Unseen]:
-    layout, settings, physics = workspace.comparison.layout, workspace.settings, final.physics()
-    effects = [each for each in workspace.candidates if not is_testable(each, layout) and each.applies(physics)]
+    settings, physics = workspace.settings, final.physics()
+    missing = _OF_AMPLITUDE - varied_conditions(workspace.comparison.layout)
+    effects = [each for each in workspace.candidates if each.needs & missing and each.applies(physics)]
     least = -least_difference(workspace.comparison)
     for found in accepted if effects else ():
         worth_it = settings.least_share_of_gain * (found.without.cost - final.cost)
