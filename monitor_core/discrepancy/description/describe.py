@@ -81,7 +81,7 @@ def describe(
     ``baseline`` is the fit without any effect, ``final`` that with what was found; ``sizes`` of the machine are those
     in which something may swing at a port.
     """
-    if not isinstance(baseline.physics(), AxisPhysics) or len(fitted_settings(baseline)) < _FEWEST_SETTINGS:
+    if not _may_be_described(baseline):
         return None
     with suppress(TimeIsUpError):
         progress("describing what is left")
@@ -104,11 +104,16 @@ def swinging_at_port(
 
     ``fitted`` is what the catalogue has come to so far; None of a rigid axis or few settings.
     """
-    if not isinstance(baseline.physics(), AxisPhysics) or len(fitted_settings(baseline)) < _FEWEST_SETTINGS:
+    if not _may_be_described(baseline):
         return None
     progress("asking whether something swings that has no name")
     swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline,), sizes), progress)
     return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
+
+
+def _may_be_described(baseline: Fitted[Any]) -> bool:
+    """Return whether it is a drive, at enough settings; a rigid axis has no ports."""
+    return isinstance(baseline.physics(), AxisPhysics) and len(fitted_settings(baseline)) >= _FEWEST_SETTINGS
 
 
 def _at_ports(
