@@ -38,8 +38,9 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     taken = [first] if first is not baseline else []
     steps = add_stepwise(workspace, first, taken, most_effects=len(first.hypothesis.effects) + 1)
     workspace.remember(baseline)
-    if len(steps) > len(taken) and not (may_lack_more(steps[-1]) and workspace.is_explained_otherwise(steps[-1])):
-        steps = add_stepwise(workspace, steps[-1], steps)
+    has_another = len(steps) > len(taken)
+    if not (has_another and may_lack_more(steps[-1]) and workspace.is_explained_otherwise(steps[-1])):
+        steps = add_stepwise(workspace, steps[-1], steps) if has_another else steps
         # the best without an effect is in no false minimum, as far as an effect has led out of it
         first = first if first.hypothesis.effects else workspace.baseline
         steps = _other_first_steps(workspace, first, steps)
