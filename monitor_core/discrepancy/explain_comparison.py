@@ -1,41 +1,20 @@
 """Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
-import numpy as np
-
 from monitor_core.discrepancy.conclusion import conclude, has_names
 from monitor_core.discrepancy.description.describe import swinging_at_port
-from monitor_core.discrepancy.explanation import (
-    Explanation,
-    FoundEffect,
-    FoundParameter,
-    Gap,
-    GapPair,
-    Misfit,
-    MisfitMap,
-    Outcome,
-    Step,
-)
-from monitor_core.discrepancy.localisation.localise import (
-    HealthyScatter,
-    localise,
-    misfit_map,
-    varied_conditions_of_maps,
-)
-from monitor_core.discrepancy.localisation.misfit_kind import signatures
-from monitor_core.discrepancy.records.rounds import cleared
+from monitor_core.discrepancy.explanation import Explanation, Outcome
+from monitor_core.discrepancy.in_words import Judged, explanation_of
+from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
-from monitor_core.discrepancy.verdict.classes import EquivalenceClass, found_parameters
-from monitor_core.discrepancy.verdict.next_measurement import next_measurement
-from monitor_core.discrepancy.verdict.not_found import candidates_not_found
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
@@ -43,16 +22,12 @@ from monitor_core.discrepancy.verdict.outcome import (
     names_nothing,
     remainder_of,
 )
-from monitor_core.discrepancy.verdict.wandering import Wandering, leaves_only_wandering, wandering
-from monitor_core.effects import PREFIX
+from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
-from monitor_core.effects.units import unit_sentence
-from monitor_core.errors import OutsideValidityError
-from monitor_core.fitting.comparison import Comparison, Panel
+from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.described_axis import DescribedAxis
-from monitor_core.fitting.evidence import EvidenceScale
-from monitor_core.fitting.hold_out import gap_of, judged_gap
+from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
 
@@ -91,30 +66,31 @@ def explain_comparison(
     while True:
         searched = _search(
             records.kept, axis, candidates, baseline=records.baseline, before=searched, has_no_name=described,
-            sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
+            worst_under=records.worst, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
         )  # fmt: skip
         # what a wrong record leaves must not be described
-        worst, described = records.worst(searched.final) if searched.is_settled else None, False
+        worst, described = searched.worst, False
         if worst is None:
-            explanation, final = _explain(searched, candidates, settings, sizes)
-            if searched.unfinished or (searched.is_settled and final is searched.final):
+            judged = _judge(searched, settings, sizes)
+            if searched.unfinished or (searched.is_settled and judged.final is searched.final):
                 break
-            worst = records.worst(final)
+            worst = records.worst(judged.final)
             # what has no name in spite of the record will have none without it
-            described = explanation.outcome is Outcome.DESCRIBED
+            described = judged.outcome is Outcome.DESCRIBED
         if worst is None:
             break
         progress(f"once more without record {worst.record.number} ({worst.record.setting})")
         records = replace(records.with_wrong(worst), right=frozenset())
-    if explanation.outcome is Outcome.UNKNOWN and records.wrong and not explanation.unfinished:
+    if judged.outcome is Outcome.UNKNOWN and records.wrong and not judged.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
         searched = _search(
             comparison, axis, candidates, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up
         )
-        whole, _ = _explain(searched, candidates, settings, sizes)
+        whole = _judge(searched, settings, sizes)
         if whole.outcome is not Outcome.UNKNOWN:
-            return whole
-    return replace(explanation, records=records.named(final))
+            judged, records = whole, Records(comparison)
+    progress("locating the misfit")
+    return replace(explanation_of(judged, candidates, sizes), records=records.named(judged.final))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,6 +100,7 @@ class _Searched(Generic[Physics]):
     found: Found[Physics]
     classes: tuple[EquivalenceClass[Physics], ...]
     hidden: tuple[str, ...]
+    worst: Worst | None  # of the records, where no more is left than a healthy axis leaves
     unfinished: str
     axis: StoppableAxis[Physics]
     workspace: Workspace[Physics]
@@ -147,6 +124,7 @@ def _search(
     baseline: Fitted[Physics] | None = None,
     before: _Searched[Physics] | None = None,
     has_no_name: bool = False,
+    worst_under: Callable[[Fitted[Physics]], Worst | None] = lambda _: None,
     sizes: MachineSizes | None,
     settings: ExplainSettings,
     progress: Callable[[str], None],
@@ -155,7 +133,8 @@ def _search(
     """Find what explains the records that are kept; ``baseline`` is the fit without any effect if it is known.
 
     Of a search ``before``, with a record more, the effects are fitted anew; others are sought beside them unless what
-    is missing ``has_no_name``.
+    is missing ``has_no_name``. Where a record is ``worst_under`` what explains the others, nothing is sought that would
+    do in the place of what was found: it will be sought without that record.
     """
     said = ["comparing the model as stated"]
 
@@ -173,7 +152,7 @@ def _search(
         )
 
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)
-    hidden, unfinished = list[str](), ""
+    hidden, worst, unfinished = list[str](), None, ""
     try:
         with stoppable.stoppable():
             steps = () if before is None else find_again(workspace, before.found, others=not has_no_name)
@@ -182,7 +161,8 @@ def _search(
                 hidden.append(least.key)
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
-            lost = names_nothing(steps[0], steps[-1], settings.outcome)
+            worst = None if judged_gap(steps[-1]).exceeds_healthy else worst_under(steps[-1])
+            lost = worst is not None or names_nothing(steps[0], steps[-1], settings.outcome)
             found = judge_found(workspace, steps, alternatives=not lost)
             classes, final = classes_with_fit(found, candidates)
             # where something is missing no size is so well known that the mode would matter
@@ -193,71 +173,40 @@ def _search(
             ):
                 final = at_mode(final)
     except TimeIsUpError:
-        hidden, unfinished = [], _unfinished(workspace, said[-1])
+        hidden, worst, unfinished = [], None, _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
-    return _Searched(replace(found, final=final), tuple(classes), tuple(hidden), unfinished, stoppable, workspace)
+    found = replace(found, final=final)
+    return _Searched(found, tuple(classes), tuple(hidden), worst, unfinished, stoppable, workspace)
 
 
-def _explain(
-    searched: _Searched[Physics],
-    candidates: Sequence[Effect[Physics]],
-    settings: ExplainSettings,
-    sizes: MachineSizes | None,
-) -> tuple[Explanation, Fitted[Physics]]:
-    """Judge what is left, describe it if it is too much, and put all of it into words; return the final fit, too."""
-    found, final, unfinished = searched.found, searched.final, searched.unfinished
+def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: MachineSizes | None) -> Judged[Physics]:
+    """Judge what is left, and describe it if it is too much."""
+    found, final = searched.found, searched.final
     classes: Sequence[EquivalenceClass[Physics]] = searched.classes
-    comparison = final.comparison
     remainder = remainder_of(final, found.baseline)
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
-    with nullcontext() if unfinished else searched.axis.stoppable():
+    with nullcontext() if searched.unfinished else searched.axis.stoppable():
         concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
-                             unfinished=bool(unfinished), sizes=sizes)  # fmt: skip
+                             unfinished=bool(searched.unfinished), sizes=sizes)  # fmt: skip
     outcome, description = concluded.outcome, concluded.description
     if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)
         found, classes = description.put_into(found, classes)
-    said_of_it = () if description is None else (description.described,)
+    # an effect that would do in the place of another is reported there
     reported = {key for group in classes for key in group.keys}
-    searched.workspace.progress("locating the misfit")
-    scale = found.evidence_scale
-    scatter = HealthyScatter(scale.correlation, math.sqrt(max(scale.mean_square, 1.0)))
-    explanation = Explanation(
+    hidden = (key for key in searched.hidden if key not in reported and remainder.is_left(concluded.judged_by))
+    return Judged(
         outcome=outcome,
-        effects=tuple(_found_effect(group, final, scale, wanders) for group in classes),
-        localisation=_misfits(found.baseline, candidates, scatter),
-        remainder=_misfits(final, candidates, scatter) if outcome is not Outcome.NONE else (),
-        gap=Gap(comparison.unit, comparison.noise_floor, _gap_pair(found.baseline), _gap_pair(final)),
-        steps=_steps(found, classes),
-        candidates=candidates_not_found(found, candidates, classes, not_tried="time was up" if unfinished else None),
-        pulls={name: math.sqrt(value) for name, value in remainder.pulls.items()} | _parameter_pulls(final),
-        least_delta_bic=found.least_delta_bic,
-        next_measurement=next_measurement(found, classes, outcome, candidates, sizes, described=said_of_it),
-        ln_ratios=_ln_ratios(final),
-        added={key: values for key, values in _values(final).items() if not key.startswith(PREFIX)},
-        panels=_panels(found),
-        maps=_maps(found),
-        gap_by_channel=_gap_by_channel(found),
-        pulls_before=_parameter_pulls(found.baseline),
-        # an effect that would do in the place of another is reported there
-        hidden_in_remainder=tuple(
-            key for key in searched.hidden if key not in reported and remainder.is_left(concluded.judged_by)
-        ),
-        unfinished=unfinished,
-        described=said_of_it,
+        found=found,
+        final=final,
+        classes=tuple(classes),
+        remainder=remainder,
+        wanders=wanders,
+        hidden=tuple(hidden),
+        described=() if description is None else (description.described,),
+        unfinished=searched.unfinished,
     )
-    return explanation, final
-
-
-def _ln_ratios(final: Fitted[Physics]) -> dict[str, float]:
-    """Return ln(refitted/stated) of the parameters of the model file, those that are called wrong included."""
-    wrong = {key.removeprefix(PREFIX): values for key, values in _values(final).items() if key.startswith(PREFIX)}
-    return final.hypothesis.ln_ratios(final.coordinates) | {name: values["ln_ratio"] for name, values in wrong.items()}
-
-
-def _values(final: Fitted[Physics]) -> dict[str, dict[str, float]]:
-    return final.hypothesis.values(final.coordinates)
 
 
 def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
@@ -269,113 +218,3 @@ def _unfinished(workspace: Workspace[Physics], doing: str) -> str:
         f"Time was up while {doing}: {not_tried}, and what else would do in the place of what was found was not looked "
         "for to the end; give it more time to be sure of the answer."
     )
-
-
-def _found_effect(
-    group: EquivalenceClass[Physics], stated: Fitted[Physics], scale: EvidenceScale, wanders: Mapping[str, Wandering]
-) -> FoundEffect:
-    """Return the representative of a class with its parameters and remarks, as the augmented model states it."""
-    member = group.representative
-    parameters = found_parameters(member, stated, scale)
-    remarks = [f"the same finding as {key}" for key in group.aliases]
-    remarks += [
-        f"a stand-in for something else: {name} = {_value(parameter)} is beyond its plausible range"
-        for name, parameter in parameters.items()
-        if not parameter.plausible
-    ]
-    if group.stands_in_for:
-        remarks += [
-            f"a stand-in for something else: {group.stands_in_for} would explain more, which such data cannot tell"
-        ]
-    remarks += [
-        f"{name} = {_value(parameter)} is at an end of the range that is searched"
-        for name, parameter in parameters.items()
-        if parameter.at_end
-    ]
-    if (found := wanders.get(member.effect.key)) is not None:
-        remarks += [
-            "a stand-in for something whose frequency wanders: it would be "
-            f"{found.lowest:.4g} Hz at one setting and {found.highest:.4g} Hz at another"
-        ]
-    if "ln_factor" in parameters:
-        estimate = parameters["ln_factor"].estimate
-        remarks += [unit_sentence(member.effect.name, estimate.value, estimate.standard_uncertainty)]
-    return FoundEffect(
-        key=member.effect.key,
-        name=member.effect.name,
-        physics=member.effect.physics,
-        parameters=parameters,
-        equivalent_to=group.others,
-        delta_bic=member.delta_bic,
-        held_out_log_likelihood_gain=group.held_out_gain,
-        remarks=tuple(remarks),
-        stands_in_for=group.stands_in_for,
-    )
-
-
-def _steps(found: Found[Physics], classes: Sequence[EquivalenceClass[Physics]]) -> tuple[Step, ...]:
-    """Return what was added in each step, by the representatives of their classes, and what it left."""
-    pairs = zip(found.accepted, classes, strict=True)
-    named = {accepted.effect.key: group.representative.effect.key for accepted, group in pairs}
-    steps = []
-    for earlier, later in zip((found.baseline, *found.steps), found.steps, strict=False):
-        added = [effect.key for effect in later.hypothesis.effects if effect.key not in earlier.hypothesis.keys]
-        left = found.final if later is found.steps[-1] else later
-        steps.append(Step(" + ".join(named.get(key, key) for key in added), _gap_pair(left)))
-    return tuple(steps)
-
-
-def _gap_pair(fitted: Fitted[Physics]) -> GapPair:
-    """Return the gap of a fit on the values it saw and on those it did not."""
-    return GapPair(fitted.gap, gap_of(fitted.comparison, fitted.held_out))
-
-
-def _value(parameter: FoundParameter) -> str:
-    return f"{parameter.estimate.value:.3g}" + ("" if parameter.unit == "-" else f" {parameter.unit}")
-
-
-def _misfits(
-    fitted: Fitted[Physics], candidates: Sequence[Effect[Physics]], scatter: HealthyScatter
-) -> tuple[Misfit, ...]:
-    present, physics = fitted.hypothesis.keys, fitted.physics()
-    others = [effect for effect in candidates if effect.key not in present and effect.applies(physics)]
-    return localise(fitted.comparison.layout, fitted.standardised, signatures(fitted, others), scatter)
-
-
-def _panels(found: Found[Physics]) -> tuple[Panel, ...]:
-    """Return pictures of both models, if they have an answer at the settings as stated and not only as fitted."""
-    comparison, models = found.final.comparison, {}
-    for name, fitted in (("before", found.baseline), ("after", found.final)):
-        physics = fitted.physics()
-        with suppress(OutsideValidityError):
-            comparison.misfit(physics)
-            models[name] = physics
-    return comparison.panels(models)
-
-
-def _maps(found: Found[Physics]) -> tuple[MisfitMap, ...]:
-    layout = found.final.comparison.layout
-    maps = []
-    for over in varied_conditions_of_maps(layout) or (None,):
-        rows, columns, before = misfit_map(layout, found.baseline.standardised, over)
-        _, _, after = misfit_map(layout, found.final.standardised, over)
-        title = "Misfit in standard deviations" + ("" if over is None else f" over {over}")
-        maps.append(MisfitMap(title, rows, columns, before, after))
-    return tuple(maps)
-
-
-def _gap_by_channel(found: Found[Physics]) -> dict[str, tuple[float, float]]:
-    comparison, both = found.final.comparison, (found.baseline, found.final)
-    gaps = {}
-    for channel, name in enumerate(comparison.layout.channels):
-        chosen = found.final.fitted & (comparison.layout.channel == channel)
-        if np.any(chosen):
-            before, after = (comparison.gap(fitted.misfit, fitted.standardised, chosen) for fitted in both)
-            gaps[name] = (before, after)
-    return gaps
-
-
-def _parameter_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
-    hypothesis = fitted.hypothesis
-    pulls = fitted.coordinates[: hypothesis.n_uncertain].tolist()
-    return dict(zip(hypothesis.uncertain, pulls, strict=True))

@@ -17,9 +17,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from monitor_core.arrays import FloatArray
+from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.discrepancy.explanation import RecordFault, WrongRecord
 from monitor_core.discrepancy.records.faults import RecordsUnderTest
 from monitor_core.discrepancy.records.record_cost import RecordCosts, record_costs, scatter_of
@@ -71,23 +70,27 @@ def worst_record(
     fitted: Fitted[Physics],
     whole: HasRecords[Physics],
     known: frozenset[int],
+    right: frozenset[int] = frozenset(),
 ) -> WrongRecord | None:
     """Return the record that is most surely wrong under a fit, None without any.
 
-    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted.
+    ``whole`` is the comparison of all records, of which ``known`` are found to be wrong already and were not fitted;
+    those that are ``right`` may stand out.
     """
     overview = _overview(fitted, whole)
     if overview is None:
         return None
     here, look, _ = overview
-    others = np.array([number not in known for number in range(here.chi_squared.size)])
+    numbers = np.arange(here.chi_squared.size)
+    wrong_before = np.isin(numbers, list(known))
+    others = ~wrong_before & ~np.isin(numbers, list(right))
     scores = np.where(others, _scores(fitted, whole, here, look), -np.inf)
     order = np.argsort(-scores, kind="stable")
     found = [
         wrong
         for index in order[:_MOST_CLOSELY].tolist()
         if scores[index] > VERY_STRONG
-        and not _shared_by_level(whole, index, scores, others)
+        and not _shared_by_level(whole, index, scores, others, wrong_before)
         and (wrong := record_under(fitted, whole, index)) is not None
     ]
     worst = max(found, key=lambda wrong: wrong.delta_bic, default=None)
@@ -163,16 +166,20 @@ def _scores(fitted: Fitted[Physics], whole: HasRecords[Physics], here: RecordCos
 
 
 def _shared_by_level(
-    whole: HasRecords[Physics], index: int, scores: FloatArray, others: "npt.NDArray[np.bool_]"
+    whole: HasRecords[Physics], index: int, scores: FloatArray, others: BoolArray, wrong_before: BoolArray
 ) -> bool:
-    """Return whether the other records of an unusual level of one condition stand out, too."""
+    """Return whether the other records of an unusual level of one condition stand out, too, or stood out before."""
     for axis in CONDITIONS:
         levels = levels_of(whole.layout, axis)
-        same = (levels == levels[index]) & others
+        same = levels == levels[index]
         same[index] = False
-        n_same = int(np.count_nonzero(same))
+        n_same, n_wrong = int(np.count_nonzero(same)), int(np.count_nonzero(same & wrong_before))
         if not n_same or 2 * n_same > levels.size:
             continue
-        if float(np.median(scores[same])) > _ALIKE * scores[index]:
+        # with this one more than half of the level would be wrong
+        if n_wrong and 2 * n_wrong >= n_same:
+            return True
+        rest = same & others
+        if np.any(rest) and float(np.median(scores[rest])) > _ALIKE * scores[index]:
             return True
     return False

@@ -57,7 +57,7 @@ class Records(Generic[Physics]):
         """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
         if not isinstance(self.whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(self.whole.layout.settings):
             return None
-        record = worst_record(fitted, self.whole, self.wrong | self.right) or self._bent_to(fitted)
+        record = worst_record(fitted, self.whole, self.wrong, self.right) or self._bent_to(fitted)
         if record is None:
             return None
         account = accounted_for(fitted, self.whole, self.wrong, record, self.candidates)
@@ -83,7 +83,7 @@ class Records(Generic[Physics]):
                 without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
             except OutsideValidityError:
                 continue
-            worst = worst_record(without, whole, self.wrong | self.right)
+            worst = worst_record(without, whole, self.wrong, self.right)
             if worst is not None and worst.number - 1 == numbers[place]:
                 return worst
         return None

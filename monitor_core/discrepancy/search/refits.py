@@ -209,7 +209,7 @@ def _promising(workspace: Workspace[Physics], current: Fitted[Physics]) -> list[
     by_slope = sorted(worth_it, key=lambda result: result.score, reverse=True)[: settings.n_refitted_by_slope]
     # of χ²: near the data, where screening foretells what refits find, its difference is that of BIC
     least = max(result.predicted_gain for result in worth_it) - least_difference(workspace.comparison)
-    alike = [result for result in screened if result.predicted_gain >= least]
+    alike = [result for result in screened if result.predicted_gain >= max(least, settings.least_predicted_gain)]
     return list(dict.fromkeys((*chosen, *by_slope, *alike)))
 
 

@@ -37,10 +37,12 @@ and the hardening h of the nut; see ``amplitude``.
 
 import contextlib
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from monitor_core.arrays import FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
@@ -149,7 +151,7 @@ def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisState
     where the damper adds jωcd to z, :math:`c_s d` and :math:`e + c_s n` times as much to S and L, and hardening adds hk
     to κ.
     """
-    parts = entire_parts(physics, excitations.omega, states, excitations.ends)
+    parts = entire_parts(physics, excitations.omega, states, excitations.ends, excitations.memory)
     carried = parts.carried
     d, e, swing, load = carried.table_pole, carried.nut_pole, carried.swing, carried.load
     p = parts.axial * parts.torsion
@@ -189,8 +191,10 @@ def nut_spring(physics: AxisPhysics, omega: FloatArray, nut: NumberArray) -> Num
 
 
 _GAUSSIAN = np.sqrt(2.0 / np.pi)
-#: Newton's method: longest step, and one whose square is nothing.
-_LONGEST, _SETTLED = 2.0, 1e-5
+#: Powers of the rms velocity and deflection that c and h go with.
+_EXPONENTS = np.array([-1.0, 2.0])
+#: Newton's method: longest step, one that leads next to where it began, and one whose square is nothing.
+_LONGEST, _NEXT, _SETTLED = 2.0, 0.03, 1e-5
 _ITERATIONS = 60
 #: Nodes s and weights of Gauss's rule for averages over s exp(−s): exact for mean and slope of a parabola.
 _ENERGIES = 3.0 + np.sqrt(3.0) * np.array([-1.0, 1.0])
@@ -245,37 +249,81 @@ def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) 
 def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> FloatArray:
     """Return rows c and h that agree with their own motion, (2, n_excitations), at s = ``energy`` (2: the rms motion).
 
-    Newton's method on logarithms. In these both sides are nearly straight lines. That of c σ_v rises ever more slowly
-    with c, that of h/σ_δ² with −h of a nut that softens and ever faster with h of one that hardens: from the linear
-    motion no step leads too far.
+    They are sought from those found last for these excitations where those are next to them, for a derivative asks for
+    axes that hardly differ; otherwise from the linear motion.
     """
-    wanted = np.array([friction * _GAUSSIAN, 1.5 * energy * cubic])
-    acting = np.flatnonzero(wanted)
-    exponents = np.array([-1.0, 2.0])[acting, None]
+    balance = _Balance(motion, np.array([friction * _GAUSSIAN, 1.5 * energy * cubic]))
+    kind, known = (*np.sign(balance.wanted).tolist(), energy), motion.excitations.balances
+    found = None
+    if kind in known:
+        with contextlib.suppress(OutsideValidityError):
+            found = balance.sought_from(known[kind], longest=_NEXT)
+    if found is None:
+        found = balance.sought_from(balance.linear())
+    if found is None:
+        raise OutsideValidityError(
+            f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, "
+            f"cubic_nut_stiffness {cubic:g} 1/m²); lower one of them"
+        )
+    known[kind] = found
+    return balance.rows(found)
 
-    def values(logarithms: FloatArray) -> FloatArray:
-        rows = np.zeros((2, motion.level.size))
-        rows[acting] = np.sign(wanted[acting, None]) * np.exp(logarithms)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Balance:
+    """Damper and hardening that agree with the motion they lead to, by Newton's method on their logarithms.
+
+    In these both sides are nearly straight lines. That of c σ_v rises ever more slowly with c, that of h/σ_δ² with −h
+    of a nut that softens and ever faster with h of one that hardens: from the linear motion no step leads too far.
+    """
+
+    motion: Motion
+    wanted: FloatArray  # c σ_v and h/σ_δ², 0 of what is not there
+
+    @property
+    def acting(self) -> npt.NDArray[np.intp]:
+        """Which of them are there; logarithms have shape (n_acting, n_excitations)."""
+        return np.flatnonzero(self.wanted)
+
+    def rows(self, logarithms: FloatArray) -> FloatArray:
+        """Return c and h, shape (2, n_excitations); raises OutsideValidityError of a nut without any stiffness."""
+        rows, acting = np.zeros((2, self.motion.level.size)), self.acting
+        rows[acting] = np.sign(self.wanted[acting, None]) * np.exp(logarithms)
         if np.any(rows[1] <= -1.0):
             raise OutsideValidityError("the nut softens to nothing at the stated excitation; raise cubic_nut_stiffness")
         return rows
 
-    constant = np.log(np.abs(wanted[acting, None]))
-    logarithms = constant + exponents * np.log(motion.rms(*np.zeros((2, motion.level.size))))
-    with contextlib.suppress(np.linalg.LinAlgError):  # nowhere to go: as good as no answer
-        for _ in range(_ITERATIONS):
-            rms, slopes = motion.rms_and_slopes(*values(logarithms))
-            off = logarithms - constant - exponents * np.log(rms)
-            jacobian = np.eye(acting.size)[:, :, None] - exponents[:, None] * slopes[:, acting]
-            step = -np.linalg.solve(np.moveaxis(jacobian, 2, 0), off.T[..., None])[..., 0].T
-            step = np.clip(step, -_LONGEST, _LONGEST)
-            logarithms = logarithms + step
-            if np.all(np.abs(step) < _SETTLED):
-                return values(logarithms)
-    raise OutsideValidityError(
-        f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, cubic_nut_stiffness "
-        f"{cubic:g} 1/m²); lower one of them"
-    )
+    def linear(self) -> FloatArray:
+        """Return the logarithms that the motion without both leads to."""
+        rms = self.motion.rms(*np.zeros((2, self.motion.level.size)))
+        return -self._left_by(np.zeros_like(rms), rms)
+
+    def sought_from(self, start: FloatArray, longest: float = math.inf) -> FloatArray | None:
+        """Return the logarithms, None if there are none or a step to them would be longer than that."""
+        logarithms = start
+        with contextlib.suppress(np.linalg.LinAlgError):  # nowhere to go: as good as no answer
+            for _ in range(_ITERATIONS):
+                step = self._step(logarithms)
+                logarithms, length = logarithms + step, float(np.max(np.abs(step)))
+                if length < _SETTLED:
+                    return logarithms
+                if length > longest:
+                    return None
+        return None
+
+    def _step(self, logarithms: FloatArray) -> FloatArray:
+        acting = self.acting
+        rms, slopes = self.motion.rms_and_slopes(*self.rows(logarithms))
+        jacobian = np.eye(acting.size)[:, :, None] - _EXPONENTS[acting, None, None] * slopes[:, acting]
+        off = self._left_by(logarithms, rms)
+        step = -np.linalg.solve(np.moveaxis(jacobian, 2, 0), off.T[..., None])[..., 0].T
+        return np.asarray(np.clip(step, -_LONGEST, _LONGEST))
+
+    def _left_by(self, logarithms: FloatArray, rms: FloatArray) -> FloatArray:
+        """Return by how much logarithms are larger than their motion asks for."""
+        acting = self.acting
+        constant = np.log(np.abs(self.wanted[acting, None]))
+        return np.asarray(logarithms - constant - _EXPONENTS[acting, None] * np.log(rms))
 
 
 def _require_sliding(motion: Motion, friction: float) -> None:

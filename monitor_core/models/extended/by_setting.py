@@ -138,4 +138,5 @@ def _excitations(excitations: Excitations, cases: _Index) -> Excitations:
         of_point=of_point,
         first_point=np.searchsorted(of_point, np.arange(numbers.size)),
         weight=excitations.weight[points],
+        memory=Memory(knots.size),
     )

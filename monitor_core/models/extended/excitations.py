@@ -6,7 +6,7 @@ over the whole band, and costs little.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import scipy.sparse
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.models.extended.conditions import EndMasks, end_masks
+from monitor_core.models.extended.memory import Memory
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd
 
 #: Relative distance of points. The trapezoidal rule is off by 2 exp(−2π ζ/distance) of the mean square of a resonance
@@ -49,6 +50,8 @@ class Excitations:
     of_point: npt.NDArray[np.intp]  # which excitation a point belongs to, rising; shape (n_points,)
     first_point: npt.NDArray[np.intp]  # of each excitation; shape (n_excitations,)
     weight: FloatArray  # share of the excitation's power, sum 1 over each; shape (n_points,) [-]
+    memory: Memory  # of what the drive answered at the knots
+    balances: dict[tuple[float, ...], FloatArray] = field(default_factory=dict, init=False)  # found last; amplitude.py
 
     @property
     def size(self) -> int:
@@ -99,6 +102,7 @@ def _on_grids(
         of_point=np.repeat(numbers, sizes),
         first_point=np.cumsum([0, *sizes])[:-1],
         weight=np.concatenate([np.zeros(0), *map(_power_shares, points)]),
+        memory=Memory(of_knot.size),
     )
 
 
