@@ -24,6 +24,7 @@ from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.free_parameter import prior_jacobian, prior_residuals
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.damped_steps import Patience
 from monitor_core.fitting.solver.derivatives import one_sided_derivative, residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised, linearise_at_likely_errors, resolved_at_errors
 from monitor_core.fitting.solver.steps import GivenUpError, Pace, nearest_minimum, remembered
@@ -34,9 +35,9 @@ _MOST_STAGES = 8
 _STUCK = 0.999  # of the tolerance of the stage before: where it does not shrink the search stands in a false minimum
 _MOST_ROUNDS, _SAME_ERRORS = 3, 1e-3  # of likely errors and the misfit around them; in standard deviations
 _SAME_MISFIT = 0.02  # standard deviations, rms: by which a misfit may differ once the data are resolved anew
-_MOST_EVALUATIONS = 60
+_TO_MINIMUM = Patience(60, flat=1e-5)
 #: A stage need not end at its minimum; a fall of χ² that would hardly let the tolerance shrink is not waited for.
-_MOST_TEMPERED_EVALUATIONS, _FLAT_TEMPERED = 5, 5e-4
+_OF_A_STAGE = Patience(8, flat=5e-4, damping=1.0)
 #: A step of a fit without some of its values: of singular values, what is unseen; of the squares of residuals, by how
 #: much those after it may differ from what its slope says.
 _UNSEEN, _NEARLY_LINEAR = 1e-10, 0.01
@@ -195,7 +196,7 @@ def fit(
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
         tempered = likely(np.hypot(layout.standard_deviation, tolerance))
-        stage = Pace(_MOST_TEMPERED_EVALUATIONS, flat=_FLAT_TEMPERED)
+        stage = Pace(_OF_A_STAGE)
         at = nearest_minimum(tempered, hypothesis, at, chosen, stage)
         errors = tempered(at).errors
     around = linearise_at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at)
@@ -203,7 +204,7 @@ def fit(
         errors = around.errors
         along = likely(layout.standard_deviation)
         try:
-            at = nearest_minimum(along, hypothesis, at, chosen, Pace(_MOST_EVALUATIONS, to_beat))
+            at = nearest_minimum(along, hypothesis, at, chosen, Pace(_TO_MINIMUM, to_beat))
         except GivenUpError as creeping:
             at, given_up = creeping.coordinates, True
         # resolved here, at the errors that are likely now

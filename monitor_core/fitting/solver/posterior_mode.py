@@ -119,7 +119,7 @@ def _deviations(fitted: Fitted[Physics]) -> FloatArray:
 _NEGLIGIBLE = 0.25
 _STEP = 0.1  # of a standard deviation, for derivatives of a cost that is smooth to far less
 _NEAR = 0.15  # of a standard deviation: so near the mode the search ends
-_SETTLED = 0.02  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
+_SETTLED = 0.005  # of half the cost, where a step gains no more (a cost around likely errors is no smoother)
 _MOST_ITERATIONS = 12
 _FARTHEST = 5.0  # standard deviations: beyond lies no mode of what least squares have found
 _LEAST_PRECISION = 1e-3  # of a coordinate's own scale, inverse squared: what is known less has no scale but its own

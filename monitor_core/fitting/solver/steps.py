@@ -6,18 +6,17 @@ from functools import lru_cache
 from typing import Generic
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from monitor_core.arrays import BoolArray, FloatArray
 from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.free_parameter import prior_jacobian, prior_residuals
 from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.damped_steps import Patience, minimum_by_damped_steps
 from monitor_core.fitting.solver.derivatives import residual_jacobian
 from monitor_core.fitting.solver.linearised import Linearised
 
 _PATIENCE, _FASTER = 10, 3.0  # steps before a search may be given up, and how much faster than now it might yet become
-_FLAT = 1e-5  # fall of χ² by a step, relatively, with which a search ends unless told otherwise
 #: Phases wrap, so a misfit in logarithms is bounded; anything larger is no fit at all.
 _LARGEST = 1e6
 
@@ -31,14 +30,11 @@ class GivenUpError(Exception):
 
 
 class Pace:
-    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more.
+    """Watch the costs that a search comes by, and leave it where it creeps and cannot beat a cost any more."""
 
-    It ends with a step that makes χ² fall by no more than the share ``flat``.
-    """
-
-    def __init__(self, most_evaluations: int, to_beat: float = math.inf, flat: float = _FLAT) -> None:
-        self.most_evaluations = self._left = most_evaluations
-        self.flat = flat
+    def __init__(self, patience: Patience, to_beat: float = math.inf) -> None:
+        self.patience = patience
+        self._left = patience.most_evaluations
         self._to_beat = to_beat
         self._best: list[float] = []  # costs, each lower than the one before
         self._at = np.zeros(0)
@@ -76,13 +72,9 @@ class Steps(Generic[Physics]):
     ) -> None:
         self._around, self._hypothesis, self._chosen, self._pace = around, hypothesis, chosen, pace
         self._of_prior = prior_jacobian(hypothesis.priors)
-        self._n_asked = -1  # the start is looked at before the search
-        self._last = self._square = math.inf  # of the residuals: at the last step, where the derivatives were taken
-        self._derivatives: FloatArray | None = None
 
     def residuals(self, coordinates: FloatArray) -> FloatArray:
         """Return the residuals of the chosen values and the priors, infinite where the search must not go."""
-        self._n_asked += 1
         nowhere = np.full(np.count_nonzero(self._chosen) + len(self._of_prior), np.inf)
         try:
             around = self._around(coordinates)
@@ -92,19 +84,14 @@ class Steps(Generic[Physics]):
         if not np.max(np.abs(whitened)) < _LARGEST:
             return nowhere
         found = np.concatenate([whitened, prior_residuals(self._hypothesis.priors, coordinates)])
-        self._last = float(found @ found)
-        self._pace.require(lambda: self._last + around.whitened_by.log_determinant(self._chosen), coordinates)
+        square = float(found @ found)
+        self._pace.require(lambda: square + around.whitened_by.log_determinant(self._chosen), coordinates)
         return found
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
-        """Return the derivatives of the residuals; those of the step before where a search ends, and asks in vain."""
-        ends = (
-            self._n_asked >= self._pace.most_evaluations or self._square - self._last < self._pace.flat * self._square
-        )
-        if self._derivatives is None or not ends:
-            of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
-            self._derivatives, self._square = np.vstack([of_values[self._chosen], self._of_prior]), self._last
-        return self._derivatives
+        """Return the derivatives of the residuals."""
+        of_values = residual_jacobian(self._around(coordinates), self._hypothesis, coordinates)
+        return np.vstack([of_values[self._chosen], self._of_prior])
 
 
 def nearest_minimum(
@@ -121,16 +108,4 @@ def nearest_minimum(
     steps = Steps(around, hypothesis, chosen, pace)
     if not np.all(np.isfinite(steps.residuals(start))):
         return start  # too far from the data for a slope to mean anything
-    found = least_squares(
-        steps.residuals,
-        start,
-        jac=steps.jacobian,
-        bounds=hypothesis.bounds,
-        method="dogbox",  # takes steps along a bound, where a start with an absent effect lies
-        x_scale="jac",
-        ftol=pace.flat,
-        xtol=1e-6,
-        gtol=1e-8,
-        max_nfev=pace.most_evaluations,
-    )
-    return np.asarray(found.x)
+    return minimum_by_damped_steps(steps.residuals, steps.jacobian, start, hypothesis.bounds, pace.patience)
