@@ -62,6 +62,7 @@ def explain_comparison(
     progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
     records = cleared(comparison, axis, progress, candidates)
     searched: _Searched[Physics] | None = None
+    of_all: Judged[Physics] | None = None
     described = False
     while True:
         searched = _search(
@@ -74,6 +75,7 @@ def explain_comparison(
             judged = _judge(searched, settings, sizes)
             if searched.unfinished or (searched.is_settled and judged.final is searched.final):
                 break
+            of_all = of_all if records.wrong else judged
             worst = records.worst(judged.final)
             # what has no name in spite of the record will have none without it
             described = judged.outcome is Outcome.DESCRIBED
@@ -83,12 +85,13 @@ def explain_comparison(
         records = replace(records.with_wrong(worst), right=frozenset())
     if judged.outcome is Outcome.UNKNOWN and records.wrong and not judged.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
-        searched = _search(
-            comparison, axis, candidates, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up
-        )
-        whole = _judge(searched, settings, sizes)
-        if whole.outcome is not Outcome.UNKNOWN:
-            judged, records = whole, Records(comparison)
+        if of_all is None:
+            searched = _search(
+                comparison, axis, candidates, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up
+            )
+            of_all = _judge(searched, settings, sizes)
+        if of_all.outcome is not Outcome.UNKNOWN:
+            judged, records = of_all, Records(comparison)
     progress("locating the misfit")
     return replace(explanation_of(judged, candidates, sizes), records=records.named(judged.final))
 
