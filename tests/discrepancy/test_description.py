@@ -122,7 +122,7 @@ def test_what_was_found_goes_where_a_law_leaves_nothing_of_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [41, 43])
+@pytest.mark.parametrize("seed", [40, 43, 44])
 def test_a_coupling_that_cracks_is_described_with_how_much_it_yields_once_a_turn(seed):
     """Its compliance is up to so many times as large where the crack opens, and as stated half a turn on."""
     case, answer, before = described("outside:cracked-coupling", "medium", seed)

@@ -30,7 +30,7 @@ class Patience:
 
     most_evaluations: int  # of the residuals
     flat: float  # fall of the sum, relatively, with which it ends: by a step, or foretold for one that failed
-    damping: float = 0.1  # to begin with: 1 and more where a start is far from the minimum
+    damping: float = 0.001  # to begin with: 1 and more where a start is far from the minimum
 
 
 def minimum_by_damped_steps(
