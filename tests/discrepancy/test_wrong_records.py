@@ -124,6 +124,25 @@ def test_records_of_one_level_that_an_effect_moves_together_are_not_wrong() -> N
     assert [effect.key for effect in answer.effects] == ["payload-mass"]
 
 
+def test_a_level_is_not_taken_out_record_by_record() -> None:
+    """One more record with a payload stands out as half of them did: that is no other wrong record."""
+    heavier = [replace(each, payload_mass=each.payload_mass + 4.0 * bool(each.payload_mass)) for each in CONDITIONS]
+    comparison = compared(
+        [
+            replace(observation, conditions=stated)
+            for observation, stated in zip(measured(true_subject(), heavier), CONDITIONS, strict=True)
+        ]
+    )
+    *taken_out, last = (number for number, stated in enumerate(CONDITIONS) if stated.payload_mass)
+    rest = comparison.only(frozenset(range(len(CONDITIONS))) - {*taken_out, last})
+    hypothesis = Hypothesis(subject())
+    fitted = fit(rest, hypothesis, hypothesis.null, fitted_values(rest.layout))
+    by_itself = worst_record(fitted, comparison, frozenset(), right=frozenset(taken_out))
+    assert by_itself.number == last + 1
+    half, others = frozenset(taken_out[: len(taken_out) // 2 + 1]), frozenset(taken_out[len(taken_out) // 2 + 1 :])
+    assert worst_record(fitted, comparison, half, right=others) is None
+
+
 @pytest.mark.slow
 def test_of_healthy_machines_no_record_is_named() -> None:
     named = [

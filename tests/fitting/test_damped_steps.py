@@ -5,9 +5,10 @@ import pytest
 import scipy.optimize
 
 from monitor_core.fitting.solver.damped_steps import Patience, minimum_by_damped_steps
+from tests.fitting.strd import MODELS, agreed_digits, certified, regression
 
 ANYWHERE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])
-EXACT = Patience(most_evaluations=200, flat=1e-14)
+EXACT = Patience(most_evaluations=500, flat=1e-14)
 
 
 def test_a_linear_problem_ends_where_the_normal_equations_do() -> None:
@@ -17,6 +18,15 @@ def test_a_linear_problem_ends_where_the_normal_equations_do() -> None:
         lambda x: slopes @ x - wanted, lambda _: slopes, np.zeros(4), (np.full(4, -np.inf), np.full(4, np.inf)), EXACT
     )
     np.testing.assert_allclose(found, np.linalg.lstsq(slopes, wanted, rcond=None)[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_certified_values_are_found_from_the_nearer_start(name) -> None:
+    """Of all 27 nonlinear regressions of the National Institute of Standards and Technology."""
+    expected, problem = certified(name), regression(name)
+    anywhere = np.full(expected.values.size, -np.inf), np.full(expected.values.size, np.inf)
+    found = minimum_by_damped_steps(problem.residuals, problem.jacobian, expected.starts[1], anywhere, EXACT)
+    assert agreed_digits(found, expected.values) >= 4.0
 
 
 @pytest.mark.parametrize("upper", [np.inf, 0.5])

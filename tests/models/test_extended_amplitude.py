@@ -328,6 +328,20 @@ def test_the_response_changes_smoothly(effect, size) -> None:
         assert np.linalg.norm(fine - coarse) < 2e-3 * np.linalg.norm(coarse)
 
 
+def test_what_was_asked_before_does_not_change_the_answer() -> None:
+    """Axes near and far from each other, with friction, a nut that hardens or softens, or both, on the same lines."""
+    physics, level, rng = soft_nut(), 1.0, np.random.default_rng(5)
+    velocity, deflection = linear_motion(physics, MOTOR, level)
+    case = case_of(RECEPTANCE, FEW_LINES, DriveConditions(0.52, excitation_level=level), MOTOR)
+    lines = prepare_lines([case])
+    for _ in range(40):
+        friction = rng.choice([0.0, 0.3]) * 3e4 * velocity * 10.0 ** rng.choice([-4.0, -1.0, 0.0])
+        cubic = rng.choice([-0.02, 0.0, 3.0]) * 10.0 ** rng.choice([-4.0, -1.0, 0.0]) / deflection**2
+        for nearer in (1.0, 1.0 + 1e-4, 1.01, 0.99):
+            axis = add(physics, guide_friction=friction * nearer, cubic_nut_stiffness=cubic * nearer)
+            np.testing.assert_allclose(responses(axis, lines), response_of(axis, case), rtol=1e-7)
+
+
 def test_any_hardening_has_an_answer() -> None:
     """The more, the larger β: a nut ten decades stiffer, as read off the compliance that force and table meet.
 
