@@ -24,8 +24,10 @@ from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
-from monitor_core.effects import Effect, Law, MachineSizes, varying
+from monitor_core.effects import Effect, Law, MachineSizes, Variable, varying
+from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
+from monitor_core.fitting.conditions.settings import varied_conditions
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference, significance
 from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
@@ -109,6 +111,24 @@ def swinging_at_port(
     progress("asking whether something swings that has no name")
     swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline,), sizes), progress)
     return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
+
+
+def following_excitation(
+    baseline: Fitted[Any], fitted: Fitted[Any], progress: Callable[[str], None]
+) -> Description | None:
+    """Return what follows the excitation by a law of its own, where that leaves nothing else to seek.
+
+    ``fitted`` is what the catalogue has come to so far; the law stands in its place, and explains more. None where the
+    excitation does not vary, of a rigid axis or few settings.
+    """
+    if not _may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
+        return None
+    progress("asking whether something follows the excitation by another law")
+    found, _ = _described(baseline, fitted, (Base(baseline),), (), progress)
+    if found is None or found.fitted is None or found.kept or judged_gap(found.fitted).exceeds_healthy:
+        return None
+    law = found.described.law
+    return found if law is not None and law.variable is Variable.EXCITATION else None
 
 
 def _may_be_described(baseline: Fitted[Any]) -> bool:
