@@ -109,7 +109,7 @@ def swinging_at_port(
     if not _may_be_described(baseline):
         return None
     progress("asking whether something swings that has no name")
-    swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline,), sizes), progress)
+    swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline, fitted), sizes), progress)
     return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
 
 
