@@ -19,6 +19,8 @@ _JITTERED = (
     "bearing_damping", "nut_damping", "coupling_damping", "table_damping", "motor_damping",
 )  # fmt: skip
 _LENGTH_JITTER = 0.03
+#: Of the usual preload, the largest multiple that a design sets: no maker rates a nut below what it is set to.
+_LARGEST_MULTIPLE = 1.64
 #: How mass, frequency and length make a unit: exponents of their ratios.
 _EXPONENTS = {
     "-": (0, 0, 0), "kg": (1, 0, 0), "1/kg": (-1, 0, 0), "m": (0, 0, 1), "1/m": (0, 0, -1), "s": (0, -1, 0),
@@ -129,7 +131,7 @@ def jittered(machine: Machine, rng: np.random.Generator) -> Machine:
     """Return another machine of that size: no two makers build the same one, nor describe it."""
     parts = {name: _about(getattr(machine.parts, name), _JITTER, rng) for name in _JITTERED}
     parts["screw_length"] = _about(machine.parts.screw_length, _LENGTH_JITTER, rng)
-    preload = _about(machine.preload, _JITTER, rng)
+    preload = min(_about(machine.preload, _JITTER, rng), machine.parts.rated_preload / _LARGEST_MULTIPLE)
     return replace(machine, parts=replace(machine.parts, **parts), preload=preload)
 
 
