@@ -114,6 +114,28 @@ def test_remainder_counts_what_settings_are_pulled_by() -> None:
     assert left.misfit == pytest.approx(10 * (4.0 - 1.0), rel=0.01)
 
 
+@pytest.mark.parametrize(("share", "outcome"), [(0.9, Outcome.UNKNOWN), (0.99, Outcome.PARTIAL)])
+def test_a_declared_parameter_that_is_pulled_beside_what_was_found_is_left(share, outcome) -> None:
+    """By 5 of its deviations; without what was found, too, and the residuals show nothing of it."""
+    deviation, size = 0.1, 5.0 * math.sqrt(share / (1.0 - share))
+    data = DESIGN @ [1e3 * 5.0 * deviation, size, 0.0]
+    comparison = LinearComparison(layout_of([4] * 10, np.ones(40)), 1e3 * DESIGN, data, np.zeros((0, 40)))
+    baseline, final = (
+        fit(comparison, hypothesis, hypothesis.null)
+        for hypothesis in (
+            Hypothesis(LinearAxis({"stiffness": deviation}, 3), effects) for effects in ((), (quantity(1),))
+        )
+    )
+    left = remainder_of(final, baseline)
+    assert not left.gap.exceeds_healthy
+    assert left.strain == pytest.approx(5.0, rel=1e-2)
+    assert left.misfit == pytest.approx(25.0, rel=2e-2)
+    explained = explained_share(baseline, final, left.misfit)
+    assert explained == pytest.approx(share, abs=5e-3)
+    assert outcome_of((GOOD,), left, explained=explained, settings=SETTINGS) is outcome
+    assert remainder_of(baseline, baseline).strain == 0.0  # nothing found: its wrong value is no name
+
+
 def errors_of_settings(errors):
     """Return a fit of ten settings that err so, in standard deviations, three of them at another level."""
     fitted = linear(10.0 * np.repeat(errors, 4), directions=np.full((1, 40), 10.0))

@@ -67,6 +67,10 @@ def _with_representative(
         return None
 
 
+#: Standard deviations that a declared parameter is pulled by at most where nothing is missing.
+STRAINED = 4.0
+
+
 @dataclass(frozen=True, slots=True)
 class OutcomeSettings:
     """When something is left. The figures are set on simulated machines, see benchmarks/hidden_effects."""
@@ -80,8 +84,8 @@ class OutcomeSettings:
     pulls_of_tolerances: float = 9.0
     #: Of what is left: an effect that explains less, besides others, may be a part of it in disguise.
     least_of_remainder: float = 0.25
-    #: Standard deviations: a declared parameter that what was found has pulled so far makes no clean name of it.
-    strained: float = 4.0
+    #: Standard deviations: a declared parameter that is pulled so far beside what was found makes no clean name of it.
+    strained: float = STRAINED
 
     def of_tolerances(self) -> "OutcomeSettings":
         """Return the settings for errors of conditions that nothing explains: their tolerances are too small."""
@@ -133,14 +137,14 @@ class Remainder:
     gap: JudgedGap
     pulls: Mapping[str, float]  # variances by kind of condition error, from :func:`variances_of_pulls`
     misfit: float  # beyond that of healthy axes, of residuals and of pulls, in χ²
-    strain: float = 0.0  # the largest pull of a declared parameter that what was added has made, in σ
+    strain: float = 0.0  # the largest pull of a declared parameter beside what was found, in σ
 
     def is_pulled(self, settings: OutcomeSettings) -> bool:
         """Return whether condition errors scatter more than their tolerances allow."""
         return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
 
     def is_strained(self, settings: OutcomeSettings) -> bool:
-        """Return whether what was added pulls a declared parameter beyond belief."""
+        """Return whether a declared parameter is pulled beyond belief: what was found is not all that is missing."""
         return self.strain > settings.strained
 
     def is_left(self, settings: OutcomeSettings) -> bool:
@@ -156,16 +160,21 @@ def remainder_of(fitted: Fitted[Physics], baseline: Fitted[Physics] | None = Non
     .. math::
 
         R = \chi^2 \left( 1 - \left( \frac{limit}{gap} \right)^2 \right) + n_{settings} \sum_k (s_k^2 - 1)
+            + \sum_j p_j^2
 
     with the excess of the gap over what healthy axes leave, and of the variances of the pulls over one, both only where
-    there is any. Against the ``baseline`` it is known which pulls of declared parameters are those of what was added.
+    there is any. With a ``baseline``, against which something was found, pulls :math:`p_j` of declared parameters
+    beyond belief count, too: what has pulled them is missing beside it.
     """
     gap, pulls = judged_gap(fitted), variances_of_pulls(fitted)
     chi_squared = float(np.sum(fitted.standardised[fitted.fitted] ** 2))
     excess = 1.0 - (gap.most_of_healthy / gap.in_floors) ** 2 if gap.exceeds_healthy else 0.0
     of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
+    declared = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
+    strains = declared if baseline is not None and findings(fitted) else np.zeros(0)
     misfit = chi_squared * excess + len(fitted.comparison.layout.settings) * of_settings
-    return Remainder(gap, pulls, misfit, 0.0 if baseline is None else strain(baseline, fitted))
+    misfit += float(np.sum(strains[strains > STRAINED] ** 2))
+    return Remainder(gap, pulls, misfit, float(np.max(strains, initial=0.0)))
 
 
 def outcome_of(
