@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.description.describe import describe, describe_elsewhere
+from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
 from monitor_core.discrepancy.description.quantities import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
@@ -99,6 +99,19 @@ def test_what_was_found_does_not_stand_in_the_way_of_a_law_of_the_axis_as_stated
     assert (answer.described.place, answer.described.law.variable) == ("nut", Variable.EXCITATION)
     assert len(answer.described.effects) == 1
     assert [effect.key for effect in answer.fitted.hypothesis.effects] == [answer.described.effects[0].key]
+
+
+@pytest.mark.slow
+def test_what_follows_the_excitation_by_a_law_of_its_own_is_asked_before_all_effects_are():
+    """Beside a first effect that stands in its way; a preload that drifts is none."""
+    _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
+    first = fitted_with("preload-exponent", baseline, candidates)
+    found = following_excitation(baseline, first, lambda _sentence: None)
+    assert (found.described.place, found.described.law.variable) == ("nut", Variable.EXCITATION)
+    assert found.kept == frozenset()
+    _, baseline, candidates, _ = stated("outside:preload-drift", "large", 42)
+    first = fitted_with("preload-exponent", baseline, candidates)
+    assert following_excitation(baseline, first, lambda _sentence: None) is None
 
 
 @pytest.mark.slow
