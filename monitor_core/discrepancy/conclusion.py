@@ -77,7 +77,7 @@ def has_names(
     settings: OutcomeSettings,
 ) -> bool:
     """Return whether a name is believed of what was found, with the tolerances as stated or as they may be."""
-    remainder = remainder_of(final, baseline)
+    remainder = remainder_of(final, counts_strain=True)
     explained = explained_share(baseline, final, remainder.misfit)
     tried = (settings,) if follow_conditions(final) else (settings, settings.of_tolerances())
     return any(outcome_of(classes, remainder, explained=explained, settings=each) in _BELIEVED for each in tried)

@@ -188,7 +188,7 @@ def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: Machi
     """Judge what is left, and describe it if it is too much."""
     found, final = searched.found, searched.final
     classes: Sequence[EquivalenceClass[Physics]] = searched.classes
-    remainder = remainder_of(final, found.baseline)
+    remainder = remainder_of(final, counts_strain=True)
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
     with nullcontext() if searched.unfinished else searched.axis.stoppable():
         concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),

@@ -126,14 +126,14 @@ def test_a_declared_parameter_that_is_pulled_beside_what_was_found_is_left(share
             Hypothesis(LinearAxis({"stiffness": deviation}, 3), effects) for effects in ((), (quantity(1),))
         )
     )
-    left = remainder_of(final, baseline)
+    left = remainder_of(final, counts_strain=True)
     assert not left.gap.exceeds_healthy
     assert left.strain == pytest.approx(5.0, rel=1e-2)
     assert left.misfit == pytest.approx(25.0, rel=2e-2)
     explained = explained_share(baseline, final, left.misfit)
     assert explained == pytest.approx(share, abs=5e-3)
     assert outcome_of((GOOD,), left, explained=explained, settings=SETTINGS) is outcome
-    assert remainder_of(baseline, baseline).strain == 0.0  # nothing found: its wrong value is no name
+    assert remainder_of(baseline, counts_strain=True).strain == 0.0  # nothing found: its wrong value is no name
 
 
 def errors_of_settings(errors):

@@ -45,9 +45,7 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
         first = first if first.hypothesis.effects else workspace.baseline
         steps = _other_first_steps(workspace, first, steps)
     current = steps[-1] if steps else first if first.hypothesis.effects else workspace.baseline
-    final = cleaned(workspace, prune(workspace, current, current.hypothesis.effects))
-    before = [workspace.baseline, *steps[:-1]] if final.hypothesis.effects else []
-    return _leading_to(final, before)
+    return _ended(workspace, current, steps)
 
 
 def find_again(
@@ -69,9 +67,15 @@ def find_again(
     if not others:
         return tuple(steps)
     further = add_stepwise(workspace, steps[-1], steps[1:])
-    final = further[-1] if further else steps[0]
-    final = cleaned(workspace, prune(workspace, final, final.hypothesis.effects))
-    return _leading_to(final, [workspace.baseline, *further[:-1]] if final.hypothesis.effects else [])
+    return _ended(workspace, further[-1] if further else steps[0], further)
+
+
+def _ended(
+    workspace: Workspace[Physics], current: Fitted[Physics], steps: Sequence[Fitted[Physics]]
+) -> tuple[Fitted[Physics], ...]:
+    """Return the fits of a search that has come to a fit by steps: without what is not needed, or is no clean name."""
+    final = cleaned(workspace, prune(workspace, current, current.hypothesis.effects))
+    return _leading_to(final, [workspace.baseline, *steps[:-1]] if final.hypothesis.effects else [])
 
 
 def leave_out(

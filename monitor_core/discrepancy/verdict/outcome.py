@@ -152,7 +152,7 @@ class Remainder:
         return self.gap.exceeds_healthy or self.is_pulled(settings) or self.is_strained(settings)
 
 
-def remainder_of(fitted: Fitted[Physics], baseline: Fitted[Physics] | None = None) -> Remainder:
+def remainder_of(fitted: Fitted[Physics], *, counts_strain: bool = False) -> Remainder:
     r"""Return what a fit leaves.
 
     Of its misfit, what is beyond that of healthy axes is
@@ -163,15 +163,15 @@ def remainder_of(fitted: Fitted[Physics], baseline: Fitted[Physics] | None = Non
             + \sum_j p_j^2
 
     with the excess of the gap over what healthy axes leave, and of the variances of the pulls over one, both only where
-    there is any. With a ``baseline``, against which something was found, pulls :math:`p_j` of declared parameters
-    beyond belief count, too: what has pulled them is missing beside it.
+    there is any. With ``counts_strain``, where something was found, pulls :math:`p_j` of declared parameters beyond
+    belief count, too: what has pulled them is missing beside it.
     """
     gap, pulls = judged_gap(fitted), variances_of_pulls(fitted)
     chi_squared = float(np.sum(fitted.standardised[fitted.fitted] ** 2))
     excess = 1.0 - (gap.most_of_healthy / gap.in_floors) ** 2 if gap.exceeds_healthy else 0.0
     of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
     declared = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
-    strains = declared if baseline is not None and findings(fitted) else np.zeros(0)
+    strains = declared if counts_strain and findings(fitted) else np.zeros(0)
     misfit = chi_squared * excess + len(fitted.comparison.layout.settings) * of_settings
     misfit += float(np.sum(strains[strains > STRAINED] ** 2))
     return Remainder(gap, pulls, misfit, float(np.max(strains, initial=0.0)))
