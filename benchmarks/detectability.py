@@ -63,6 +63,39 @@ def detectability(case: Case, recorder: Recorder, form: ModelFormError) -> float
     return min(found)
 
 
+def detectability_of_record(case: Case, form: ModelFormError) -> float:
+    """Return d′ of the record that is wrong beside what is hidden, which is known but for its sizes; NaN without one.
+
+    What is wrong changes ln H of its setting, or of one channel there; its errors and all else are refitted. A position
+    or a preload may simply be that wrong, at the price of its tolerance.
+    """
+    which, ln_factor = case.wrong_setting, case.wrong_ln_factor
+    if which is None or ln_factor is None:
+        return math.nan
+    frequency, settings = case.measured[0].frequency, case.settings
+    linear = Axis(parts=case.axis.parts, hidden=replace(case.axis.hidden, **_defaults(_STEPPED)))
+    weight, here = _Weight.of(case, form), _responses(linear, settings, frequency)
+    trace, price = np.zeros_like(here), math.inf
+    trace[which] = ln_factor
+    if not np.any(ln_factor):
+        stated = case.measured[2 * which].stated
+        trace[which] = np.log(here[which] / _responses(linear, [stated], frequency)[0])
+        price = _price_of_tag(settings[which], stated)
+    traces = [_traces(case, key, linear, here, Recorder())[0] for key in case.truth]
+    others = [_flat(_FREE * weight(each)) for each in traces]
+    left = _left(linear, case, weight, trace, others, {})
+    return min(math.sqrt(float(left @ left)), price)
+
+
+def _price_of_tag(true: Setting, stated: Setting) -> float:
+    """Return how many tolerances a position and a preload are off, infinitely many where another tag is."""
+    if (true.payload, true.temperature_deviation) != (stated.payload, stated.temperature_deviation):
+        return math.inf
+    assumed = SettingTolerances()
+    off = (true.position - stated.position) / assumed.position
+    return math.hypot(off, math.log(true.preload / stated.preload) / assumed.preload_share)
+
+
 def _left(  # noqa: PLR0917
     axis: Axis, case: Case, weight: "_Weight", trace: np.ndarray, others: list[np.ndarray], at_first: dict[str, float]
 ) -> np.ndarray:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind_cases import NOISES, PLANTS, Job, composition, drawn
-from benchmarks.detectability import detectability
+from benchmarks.detectability import detectability, detectability_of_record
 from benchmarks.score_card import Scored, score_card
 from monitor_core.discrepancy.explain_comparison import explain_comparison
 from monitor_core.discrepancy.explanation import Explanation
@@ -56,6 +56,7 @@ def draw(job: Job, folder: Path, seed: int, form: ModelFormError) -> str:
             "truth": case.truth,
             "d_prime": detectability(case, recorder, form),
             "wrong_setting": case.wrong_setting,
+            "d_prime_of_record": detectability_of_record(case, form),
         }
         sealed.write_text(json.dumps(truth, sort_keys=True), encoding="utf-8")
     return sealed.read_text(encoding="utf-8")
@@ -193,7 +194,7 @@ def main() -> None:
             print(f"{len(answers)} of {n} answered: {found['name']} {found['outcome']}", flush=True)
     truths = [json.loads(text) for text in sealed]
     scored = [
-        Scored(job, truth["truth"], found, truth["d_prime"], truth["wrong_setting"])
+        Scored(job, truth["truth"], found, truth["d_prime"], truth["wrong_setting"], truth["d_prime_of_record"])
         for job, truth, found in zip(jobs, truths, answers, strict=True)
     ]
     card = score_card(scored, digest, seed, learnt=options.learnt)

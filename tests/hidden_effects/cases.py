@@ -81,6 +81,7 @@ class Case:
     axis: Axis
     settings: tuple[Setting, ...]  # how the axis really was set
     wrong_setting: int | None = None  # of which a record is wrong
+    wrong_ln_factor: np.ndarray | None = None  # ln of recorded over measured there, shape (2, n_lines); 0 for a tag
 
 
 def all_kinds() -> tuple[str, ...]:
@@ -152,10 +153,19 @@ def draw_case(
     measured = measure(
         axis, stated_settings, true_settings, scatter, rng, respond=respond, recorder=disturbed(under).recorder
     )
+    ln_factor = None
     if under.wrong and which is not None:
-        measured = wrongly_recorded(under.wrong, which, measured, rng)
+        right, measured = measured, wrongly_recorded(under.wrong, which, measured, rng)
+        both = slice(2 * which, 2 * which + 2)
+        pairs = zip(measured[both], right[both], strict=True)
+        ln_factor = np.array(
+            [
+                np.zeros(was.frequency.size) if wrong is was else np.log(wrong.response / was.response)
+                for wrong, was in pairs
+            ]
+        )
     baseline = baseline_text(declared, family)
-    return Case(kind, size, noise, seed, family, measured, baseline, truth, axis, true_settings, which)
+    return Case(kind, size, noise, seed, family, measured, baseline, truth, axis, true_settings, which, ln_factor)
 
 
 def design(rng: np.random.Generator) -> tuple[Setting, ...]:

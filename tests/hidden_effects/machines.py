@@ -21,6 +21,8 @@ _JITTERED = (
 _LENGTH_JITTER = 0.03
 #: Of the usual preload, the largest multiple that a design sets: no maker rates a nut below what it is set to.
 _LARGEST_MULTIPLE = 1.64
+#: Of a nut with a force k (1 + β δ²) δ, β P²/k²: a preload once more finds it five times as stiff.
+_LARGEST_HARDENING = 4.0
 #: How mass, frequency and length make a unit: exponents of their ratios.
 _EXPONENTS = {
     "-": (0, 0, 0), "kg": (1, 0, 0), "1/kg": (-1, 0, 0), "m": (0, 0, 1), "1/m": (0, 0, -1), "s": (0, -1, 0),
@@ -44,13 +46,22 @@ class Machine:
         return self.parts.table_mass + self.parts.nut_mass
 
     @property
+    def nut_rigidity(self) -> float:
+        """At the usual preload. [N/m]."""
+        return 0.8 * self.parts.nut_rigidity * (self.preload / self.parts.rated_preload) ** (1.0 / 3.0)
+
+    @property
+    def largest_hardening(self) -> float:
+        """Of a nut, as the effect's own range has it: by what its preload deflects it. [1/m²]."""
+        return _LARGEST_HARDENING * (self.nut_rigidity / self.preload) ** 2
+
+    @property
     def first_frequency(self) -> float:
         """Of the moving mass on bearing, half the screw, nut and bracket in series. [Hz]."""
         parts = self.parts
         area = math.pi / 4.0 * parts.screw_diameter**2
-        nut = 0.8 * parts.nut_rigidity * (self.preload / parts.rated_preload) ** (1.0 / 3.0)
         half = 0.5 * parts.screw_length / (parts.youngs_modulus * area)
-        compliance = 1.0 / parts.bearing_stiffness + half + 1.0 / nut + 1.0 / parts.bracket_stiffness
+        compliance = 1.0 / parts.bearing_stiffness + half + 1.0 / self.nut_rigidity + 1.0 / parts.bracket_stiffness
         return math.sqrt(1.0 / (compliance * self.moving_mass)) / (2.0 * math.pi)
 
     @property

@@ -79,7 +79,9 @@ class Situation:
 
     def sized(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return values of the benchtop axis as they are on the machine, by fields or by names in a model file."""
-        return {name: value * self._factor(name) for name, value in values.items()}
+        found = {name: value * self._factor(name) for name, value in values.items()}
+        hardening = {name: min(found[name], self.machine.largest_hardening) for name in _UNITS["1/m²"] if name in found}
+        return found | hardening
 
     def _factor(self, name: str) -> float:
         if name in _OF_PRELOAD:

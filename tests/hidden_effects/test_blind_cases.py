@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind_cases import IN_STEPS, NOT_LINEAR, ON_LINES, Job, composition, drawn
-from benchmarks.detectability import detectability
+from benchmarks.detectability import detectability, detectability_of_record
 from benchmarks.hidden_effects import chosen, seed_of
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from tests.hidden_effects.cases import draw_case
@@ -179,3 +179,34 @@ def test_d_prime_of_a_wrong_part_is_at_most_how_many_tolerances_it_is_off() -> N
     case = draw_case(key, "large", seed=8, respond=transmission_line.respond, situation=Situation(design="poor"))
     off = abs(case.truth[key]["ln_ratio"]) / 0.2
     assert 3.0 < detectability(case, BENCH.recorder, FORM) <= 1.001 * off
+
+
+def one_record(fault: str, size: int, kind: str = "none"):
+    """Return the d' of a record that is wrong, and how many tolerances its gain or preload is off."""
+    situation = Situation(design="usual", wrong=WrongRecord(fault, size))
+    case = draw_case(kind, "large", seed=8, respond=transmission_line.respond, situation=situation)
+    true, said = case.settings[case.wrong_setting], case.measured[2 * case.wrong_setting].stated
+    off = math.log(true.preload / said.preload) / 0.03 if fault == "preload-tag" else {0: 0.04, 2: 0.3}[size] / 0.005
+    return detectability_of_record(case, FORM), abs(off)
+
+
+@pytest.mark.parametrize("kind", ["none", "far-bearing-stiffness"])
+@pytest.mark.parametrize("size", [0, 2])
+def test_d_prime_of_a_gain_is_how_many_tolerances_it_is_off(size, kind) -> None:
+    """Nothing but the gain of its record does what a gain does, beside an effect or not."""
+    found, off = one_record("gain", size, kind)
+    assert 0.95 * off < found <= off
+
+
+def test_d_prime_of_a_tag_is_at_most_how_many_tolerances_it_is_off_and_less_where_that_hardly_matters() -> None:
+    for size in (0, 2):
+        found, off = one_record("preload-tag", size)
+        assert found <= 1.1 * off  # and its position errs, too
+    near, _ = one_record("position-tag", 0)
+    far, _ = one_record("position-tag", 2)
+    assert near < 0.2 * far
+
+
+def test_no_wrong_record_has_no_d_prime() -> None:
+    case = draw_case("none", "medium", seed=8, respond=transmission_line.respond, situation=Situation(design="poor"))
+    assert math.isnan(detectability_of_record(case, FORM))

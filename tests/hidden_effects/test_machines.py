@@ -13,6 +13,7 @@ from tests.hidden_effects.cases import baseline_text
 from tests.hidden_effects.designs import DESIGNS
 from tests.hidden_effects.frf_file import stated_conditions
 from tests.hidden_effects.machines import BENCH, MACHINES, jittered, scaled
+from tests.hidden_effects.situations import Situation
 from tests.hidden_effects.truth import transmission_line
 from tests.hidden_effects.truth.axis import Axis, Setting
 from tests.hidden_effects.truth.finite_elements import plant
@@ -107,3 +108,12 @@ def test_designs_fit_the_screw_and_avoid_the_lead(machine, name) -> None:
     assert [len(values) for values in varied] == {"rich": [2, 3], "usual": [2, 2], "poor": [1, 1]}[name]
     again = DESIGNS[name](machine, np.random.default_rng(2))
     assert settings != again
+
+
+@each_machine
+def test_no_nut_is_drawn_that_hardens_beyond_any(machine) -> None:
+    """The largest plausible size of the effect is 5 over the square of what the preload deflects the nut."""
+    drawn = Situation(machine=machine).sized({"cubic_nut_stiffness": 1.7e12, "relative_stiffness_per_m2": 1.7e12})
+    deflection = machine.preload / machine.nut_rigidity
+    assert len(set(drawn.values())) == 1
+    assert drawn["cubic_nut_stiffness"] * deflection**2 <= 4.0

@@ -239,7 +239,9 @@ def test_every_hidden_field_is_looked_at():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("field", FELT)
-def test_a_mechanism_changes_the_response_and_vanishes_with_its_size(field):
+def test_a_mechanism_changes_the_response_and_vanishes_with_its_size(field, monkeypatch):
+    if field == "screw_loss_factor":  # it stands in the place of what the steel loses otherwise
+        monkeypatch.setattr("tests.hidden_effects.truth.finite_elements.SCREW_LOSS_TIME", 0.0)
     values = FELT[field]
     omega = 2.0 * math.pi * LINES
 

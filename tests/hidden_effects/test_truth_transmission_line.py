@@ -118,7 +118,7 @@ def test_slow_torque_moves_the_axis_as_one_inertia():
 def assembled(axis: Axis, setting: Setting, frequency: float):
     """Return acceleration and angle per torque from one symmetric matrix of rods, springs and bodies."""
     p, h, omega = axis.parts, axis.hidden, 2.0 * math.pi * frequency
-    steel = (1j * frequency / 100.0) ** (2.0 / math.pi * math.atan(1e-3 + h.screw_loss_factor))
+    steel = (1j * frequency / 100.0) ** (2.0 / math.pi * math.atan(h.screw_loss_factor or 1e-3))
     joints = (1j * frequency / 100.0) ** (2.0 / math.pi * math.atan(h.loss_factor))
     axial, turning = ["near_end", "nut_node", "far_end"], ["drive", "turn", "tail"]
     names = [*axial, *turning, "rotor", "table", "between", "base", "absorber", "on_nut"]

@@ -81,7 +81,7 @@ class Hidden:
     nut_absorber_frequency: float = 300.0  # [Hz]
     nut_absorber_damping_ratio: float = 0.02
     nut_mass_before_bracket: float = 0.0  # of the moving mass, what sits between nut and bracket [kg]
-    screw_loss_factor: float = 0.0  # of the steel of the screw, beyond what it always has [-]
+    screw_loss_factor: float = 0.0  # of the whole screw; 0: what steel loses anyway, as each plant has it [-]
     #: Of all joints, with a stiffness that is the same at all frequencies: no motion in time has it, lines do.
     constant_loss_factor: float = 0.0  # [-]
     motor_damping: float = 0.0  # of the rotor, beyond what is described [N·m·s/rad]

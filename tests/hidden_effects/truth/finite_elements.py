@@ -229,4 +229,6 @@ def _screw(parts: Parts, hidden: Hidden, nodes: np.ndarray, size: int) -> tuple[
             place = slice(offset + e, offset + e + 2)
             stiffness[place, place] += rigidity / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
             mass[place, place] += inertia * h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-    return mass, stiffness, SCREW_LOSS_TIME * parts.screw_length / SCREW_LENGTH * stiffness
+    # a loss that is hidden is all that the screw loses, by a law of its own
+    loss_time = 0.0 if hidden.screw_loss_factor else SCREW_LOSS_TIME * parts.screw_length / SCREW_LENGTH
+    return mass, stiffness, loss_time * stiffness

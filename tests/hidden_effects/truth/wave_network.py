@@ -40,7 +40,7 @@ def lines_of(axis: Axis, frequency: FloatArray) -> Lines:
     s = 2j * math.pi * np.asarray(frequency, dtype=np.float64)
     h = axis.hidden
     joints = lossy(s, h.loss_factor) + 1j * h.constant_loss_factor
-    return Lines(s, lossy(s, STEEL_LOSS_FACTOR + h.screw_loss_factor), joints)
+    return Lines(s, lossy(s, h.screw_loss_factor or STEEL_LOSS_FACTOR), joints)
 
 
 def lossy(s: ComplexArray, loss_factor: float) -> ComplexArray:
