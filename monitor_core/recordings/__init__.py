@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from monitor_core.recordings.raw.channels import Channel as Channel
     from monitor_core.recordings.raw.channels import Channels as Channels
     from monitor_core.recordings.raw.formats import read_channels as read_channels
-    from monitor_core.recordings.raw.mapping.channel_map import ChannelMap as ChannelMap
     from monitor_core.recordings.raw.mapping.channel_map import read_channel_map as read_channel_map
     from monitor_core.recordings.raw.mapping.imported import ImportedSession as ImportedSession
     from monitor_core.recordings.raw.mapping.imported import import_session as import_session
+    from monitor_core.recordings.raw.mapping.map_records import ChannelMap as ChannelMap
     from monitor_core.recordings.session_hdf5 import SessionReader as SessionReader
     from monitor_core.recordings.session_hdf5 import open_session as open_session
     from monitor_core.recordings.session_hdf5 import read_session as read_session
@@ -93,14 +93,12 @@ _HOMES = {
         "Channels",
     ),
     "monitor_core.recordings.raw.formats": ("read_channels",),
-    "monitor_core.recordings.raw.mapping.channel_map": (
-        "ChannelMap",
-        "read_channel_map",
-    ),
+    "monitor_core.recordings.raw.mapping.channel_map": ("read_channel_map",),
     "monitor_core.recordings.raw.mapping.imported": (
         "ImportedSession",
         "import_session",
     ),
+    "monitor_core.recordings.raw.mapping.map_records": ("ChannelMap",),
     "monitor_core.recordings.session_hdf5": (
         "SessionReader",
         "open_session",

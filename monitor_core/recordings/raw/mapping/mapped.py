@@ -10,7 +10,6 @@ from monitor_core.arrays import FloatArray, SampleArray
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recordings.elements.units import Quantity, canonical_unit, factor_to_si
 from monitor_core.recordings.raw.channels import Channel, Channels
-from monitor_core.recordings.raw.mapping.channel_map import ChannelMap
 from monitor_core.recordings.raw.mapping.clocks import (
     Clock,
     clock_of_times,
@@ -19,7 +18,7 @@ from monitor_core.recordings.raw.mapping.clocks import (
     resample,
     seconds_apart,
 )
-from monitor_core.recordings.raw.mapping.map_records import MappedChannel, TimeSource
+from monitor_core.recordings.raw.mapping.map_records import ChannelMap, MappedChannel, TimeSource
 from monitor_core.recordings.raw.text.times import times_of
 
 
