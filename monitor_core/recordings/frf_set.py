@@ -5,35 +5,25 @@ the noise of its lines (datasets ``frequency_hz``, ``response``, ``standard_devi
 measured under; the attributes and their units are those of ``docs/reference/recordings.md``. What was excited and what
 answers imply the unit of the response, so a wrong one is refused, never converted. Attributes that are not known here
 are left alone.
-
-Read and write one condition of an FRF set: the response, its noise, the conditions it was measured under.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from monitor_core.errors import RecordingFormatError
-from monitor_core.fitting.observations import FrequencyResponseObservation
-from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import refusing
-from monitor_core.recordings.elements.hdf5 import attributes, numbered_groups, open_hdf5
-
-if TYPE_CHECKING:
-    import h5py
-
-import math
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from monitor_core.arrays import BoolArray, ComplexArray, FloatArray
-from monitor_core.errors import OutsideValidityError
+from monitor_core.errors import OutsideValidityError, RecordingFormatError
+from monitor_core.fitting.observations import FrequencyResponseObservation
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, ResponsePoint
-from monitor_core.recordings.elements.files import naming
-from monitor_core.recordings.elements.hdf5 import column, write_attributes
+from monitor_core.recordings.elements.fields import Fields
+from monitor_core.recordings.elements.files import naming, refusing
+from monitor_core.recordings.elements.hdf5 import attributes, numbered_groups, open_hdf5, write_attributes
+from monitor_core.recordings.elements.hdf5_numbers import column
 from monitor_core.recordings.elements.units import (
     excitation_unit,
     is_response_unit,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from monitor_core.errors import RecordingFormatError
 from monitor_core.recording import Conditions, Direction, ExcitationQuantity, ExcitationSource, Session, Window
 from monitor_core.recordings import check_file, open_session, read_session, write_session
-from monitor_core.recordings.elements import hdf5
+from monitor_core.recordings.elements import hdf5_heap
 from tests.conftest import PROJECT_ROOT
 
 START = datetime(2025, 3, 1, 6, 0, 0, 250_000, tzinfo=timezone(timedelta(hours=1)))
@@ -359,11 +359,11 @@ def test_a_damaged_heap_of_texts_is_refused_before_hdf5_crashes_on_it(session_fi
 
 
 def test_a_heap_is_found_across_the_pieces_in_which_the_file_is_read():
-    content = bytearray(3 * hdf5._BLOCK)
-    places = [0, hdf5._BLOCK - 2, 2 * hdf5._BLOCK - 5, 3 * hdf5._BLOCK - 7]
+    content = bytearray(3 * hdf5_heap._BLOCK)
+    places = [0, hdf5_heap._BLOCK - 2, 2 * hdf5_heap._BLOCK - 5, 3 * hdf5_heap._BLOCK - 7]
     for place in places:
         content[place : place + 5] = b"GCOL\x01"
-    assert sorted(hdf5._scanned(io.BytesIO(content), len(content))[0]) == places
+    assert sorted(hdf5_heap._scanned(io.BytesIO(content), len(content))[0]) == places
 
 
 def test_a_text_that_would_take_gigabytes_is_refused_before_memory_is_given(session_file):

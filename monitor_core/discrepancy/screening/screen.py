@@ -10,11 +10,6 @@ what they can, which is a projection:
 
 with the residuals r of the fit, r' with the effect, and Q an orthonormal basis of the fit's derivatives and priors. An
 uncertain parameter is screened without the tolerance that holds it.
-
-Project out of residuals what the coordinates of a fit can take up linearly.
-
-With Q an orthonormal basis of the derivatives and priors of a fit, of residuals r the part :math:`(I - Q Q^T) r` is
-left after a linear refit.
 """
 
 import math

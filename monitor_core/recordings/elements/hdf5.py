@@ -1,17 +1,8 @@
-"""Open HDF5 files and take parts of them, each checked before it is read.
+"""Open HDF5 files and take their groups and attributes, each looked at before it is read.
 
-Links that lead out of the file, virtual datasets and external storage are refused: a recording is one file. Numbers
-that were announced and never written are refused too, since HDF5 answers zeros for them.
-
-Guard the HDF5 library against damaged texts of variable length, which make it crash or loop for ever.
-
-Such texts lie in *global heap collections* (HDF5 File Format Specification 3.0, section III.E): a header of 16 bytes
-(``GCOL``, version 1, three zeros, size of the collection) and objects that follow each other, each with a header of 16
-bytes (index, reference count, four reserved bytes, size) and its bytes, padded to a multiple of 8. Index 0 is the free
-space at the end. The library follows these sizes without looking at them; here they are looked at before it does.
+Links that lead out of the file are refused: a recording is one file.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,105 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from monitor_core.errors import RecordingFormatError
-from monitor_core.recordings.elements.bounds import FREE_BYTES, require_plausible_expansion, unpacked_size
 from monitor_core.recordings.elements.fields import Fields
-from monitor_core.recordings.elements.files import refusing, require_file, require_plausible_length
+from monitor_core.recordings.elements.files import refusing, require_file
+from monitor_core.recordings.elements.hdf5_heap import require_sound_heap
 
 if TYPE_CHECKING:
     import h5py
-
-import struct
-from typing import BinaryIO
-
-_COLLECTION = b"GCOL\x01"
-_HEADER = struct.Struct("<HH4xQ")
-_LEAST_SIZE = 4096
-_HUGE_TEXT = 2**24  # [bytes]; names and instants are of a hundred
-_UNDEFINED = 2**32 - 1
-_REFERENCE = 16  # [bytes]
-_CARRIED = _REFERENCE  # a multiple of four, so that words stay where they are
-#: Filters of HDF5 that are known to stay within their chunk, or are looked at before.
-_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF = 1, 2, 3, 32000
-_FILTERS = frozenset((_DEFLATE, _SHUFFLE, _CHECKSUM, _LZF))
-_LARGEST_LZF_CHUNK = 2**22  # unpacked by the library without a look at its size, which is at most ninety times that
-_BLOCK = 2**20  # read in pieces, so that memory stays flat however large the session is
-
-
-def require_sound_heap(path: Path) -> None:
-    """Refuse an HDF5 file whose heap of texts would lead the library astray.
-
-    ``RecordingFormatError`` if the sizes in a global heap collection contradict each other or the length of the file,
-    or if a reference to a collection says that its text is of 16 MiB or more: the library gives memory for it at once.
-    """
-    n_bytes = path.stat().st_size
-    with path.open("rb") as stream:
-        collections, claimed = _scanned(stream, n_bytes)
-        for start in sorted(collections):
-            objects = _objects(stream, start, n_bytes)
-            if objects is None or objects & claimed.get(start, set()):
-                raise RecordingFormatError(
-                    f"{path.name}: expected an HDF5 file; got one whose texts are damaged (heap at byte {start})"
-                )
-
-
-def _scanned(stream: BinaryIO, n_bytes: int) -> tuple[set[int], dict[int, set[int]]]:
-    """Return where collections seem to begin, and by their address the objects that seem to be referred to as huge.
-
-    A reference is the length of the text (4 bytes), the address of the collection (8) and the number of the object (4),
-    on a multiple of four bytes. Half of an address that is not defined is no length: it stands in front of others.
-    """
-    collections, claimed = set[int](), dict[int, set[int]]()
-    offset, carried = 0, b""
-    while block := stream.read(_BLOCK):
-        data = carried + block
-        start = data.find(_COLLECTION)
-        while start >= 0:
-            collections.add(offset + start)
-            start = data.find(_COLLECTION, start + 1)
-        words = np.frombuffer(data, "<u4", len(data) // 4)
-        # the upper half of an address is nearly always zero, and of samples nearly never: few are left to look at
-        at = np.flatnonzero(words[2:-1] <= n_bytes >> 32)
-        at = at[(words[at] >= _HUGE_TEXT) & (words[at] != _UNDEFINED)]
-        addresses = words[at + 1].astype(np.uint64) | words[at + 2].astype(np.uint64) << np.uint64(32)
-        inside = addresses < n_bytes
-        for address, number in zip(addresses[inside].tolist(), words[at + 3][inside].tolist(), strict=True):
-            claimed.setdefault(address, set()).add(number)
-        carried = data[-_CARRIED:]  # a header or a reference may lie across two blocks
-        offset += len(data) - len(carried)
-    return collections, claimed
-
-
-def _objects(stream: BinaryIO, start: int, n_bytes: int) -> set[int] | None:
-    """Return the numbers of the objects of a collection; None if its sizes contradict each other."""
-    stream.seek(start)
-    header = stream.read(_HEADER.size)
-    reserved, size = header[5:8], int.from_bytes(header[8:], "little")
-    end = start + size
-    if size < _LEAST_SIZE or end > n_bytes:
-        return set() if reserved != bytes(3) else None  # five bytes of samples that happen to read like a header
-    if reserved != bytes(3):
-        return None
-    at, seen = start + _HEADER.size, set[int]()
-    piece, begin = b"", at
-    while end - at >= _HEADER.size:
-        if at - begin > len(piece) - _HEADER.size:
-            piece, begin = _read_at(stream, at), at
-        index, _, length = _HEADER.unpack_from(piece, at - begin)
-        if index == 0:
-            return seen if _HEADER.size <= length == end - at else None
-        at += _HEADER.size + -(-length // 8) * 8
-        if index in seen or at > end:
-            return None
-        seen.add(index)
-    return seen
-
-
-def _read_at(stream: BinaryIO, at: int) -> bytes:
-    stream.seek(at)
-    return stream.read(_LEAST_SIZE)
 
 
 @contextmanager
@@ -137,6 +37,7 @@ def open_hdf5(path: Path) -> Iterator["h5py.File"]:
         yield file
 
 
+_REFERENCE = 16  # of a text of any length in a file: how long it is, and where [bytes]
 #: Of the metadata of a file in memory [bytes]. By itself the cache grows to 32 MiB, several times that with what hangs
 #: on it, for windows that are read once each.
 _CACHE = 2**19
@@ -191,7 +92,7 @@ def _value_of(stored: "h5py.h5a.AttrID", where: str, name: str) -> object:
         return _unusual_value_of(stored, f"{where}, {name}")
     stored.read(array, memory)
     value: object = array.item()
-    return _text(value) if isinstance(value, bytes) else value
+    return text_of(value) if isinstance(value, bytes) else value
 
 
 def _takes(stored: "h5py.h5a.AttrID", size: int) -> bool:
@@ -212,10 +113,10 @@ def _unusual_value_of(stored: "h5py.h5a.AttrID", place: str) -> object:
     if kind.get_class() not in readable or shape not in ((), (1,), (1, 1)):
         raise RecordingFormatError(f"{place}: expected a single number or text; got {stored.dtype} of shape {shape}")
     array = np.zeros(shape, dtype=kind.dtype)
-    stored.read(array, _type_in_memory(array.dtype.str, h5py.check_string_dtype(array.dtype)))
+    stored.read(array, type_in_memory(array.dtype.str, h5py.check_string_dtype(array.dtype)))
     value: object = array.reshape(-1)[0]
     of_any_length = array.dtype.hasobject
-    return _text(value) if of_any_length and isinstance(value, bytes) else value
+    return text_of(value) if of_any_length and isinstance(value, bytes) else value
 
 
 @lru_cache(maxsize=4)
@@ -228,7 +129,7 @@ def _text_in_memory(characters: int) -> "h5py.h5t.TypeID":
 
 
 @lru_cache(maxsize=256)
-def _type_in_memory(code: str, text: "h5py.h5t.string_info | None") -> "h5py.h5t.TypeID":
+def type_in_memory(code: str, text: "h5py.h5t.string_info | None") -> "h5py.h5t.TypeID":
     """Return HDF5's own description of a NumPy type: making it takes longer than reading a value."""
     import h5py  # noqa: PLC0415
 
@@ -275,7 +176,7 @@ def numbered_groups(file: "h5py.File", folder: str, digits: int, where: str) -> 
     """
     found = member(file, folder, "Group", f"{where} /{folder}")
     kinds = dict[str, int]()
-    found.id.links.iterate(lambda name, link: kinds.update({_text(name): link.type}), info=True)
+    found.id.links.iterate(lambda name, link: kinds.update({text_of(name): link.type}), info=True)
     names = sorted(kinds, key=lambda name: (len(name), name))
     for name in names:
         if len(name) < digits or not (name.isascii() and name.isdigit()):
@@ -285,7 +186,8 @@ def numbered_groups(file: "h5py.File", folder: str, digits: int, where: str) -> 
     return NumberedGroups(found, tuple(names), kinds, f"{where} /{folder}")
 
 
-def _text(name: bytes) -> str:
+def text_of(name: bytes) -> str:
+    """Return a name or a text of the file."""
     return name.decode("utf-8", "surrogateescape")
 
 
@@ -314,165 +216,3 @@ def _group_in(folder: "h5py.Group", name: str, kind: int, place: str) -> "h5py.h
 def write_attributes(group: "h5py.Group", stated: Mapping[str, object]) -> None:
     """Write attributes; None means: not stated."""
     group.attrs.update({name: value for name, value in stated.items() if value is not None})
-
-
-_FLOAT, _DOUBLE = np.dtype("<f4"), np.dtype("<f8")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """A one-dimensional dataset that was looked at; its numbers are not read yet."""
-
-    size: int
-    dtype: "np.dtype[np.generic]"
-    start: int | None  # its first byte in the file, where its numbers lie there as they are, one after the other
-    stored: "h5py.h5d.DatasetID"
-
-    def values(self) -> npt.NDArray[np.number]:
-        """Read the numbers, as :func:`values_of`."""
-        return _values(self.stored, self.stored.get_create_plist(), (self.size,), self.dtype)
-
-
-def column(group: "h5py.Group | h5py.h5g.GroupID", name: str, where: str, types: tuple[str, ...]) -> Column:
-    """Look at a one-dimensional dataset of one of these NumPy types, in either byte order; nothing is read yet."""
-    import h5py  # noqa: PLC0415
-
-    place = f"{where}/{name}"
-    stored = _dataset_in(group if isinstance(group, h5py.h5g.GroupID) else group.id, name, place)
-    dtype, shape = _dtype_of(stored), stored.shape
-    if dtype.newbyteorder("=") not in types:
-        raise RecordingFormatError(f"{place}: expected {' or '.join(types)}; got {dtype}")
-    if shape is None or len(shape) != 1:
-        raise RecordingFormatError(f"{place}: expected one dimension; got shape {shape}")
-    start = stored.get_offset()
-    if start is not None and stored.get_storage_size() == shape[0] * dtype.itemsize:
-        require_plausible_length(shape[0], place)
-    else:
-        start = None
-        _require_readable(stored, stored.get_create_plist(), shape, dtype, place)
-    return Column(shape[0], dtype, start, stored)
-
-
-def _dtype_of(stored: "h5py.h5d.DatasetID") -> "np.dtype[np.generic]":
-    """Return the type of a dataset; h5py makes it anew each time, which takes longer than to compare it."""
-    import h5py  # noqa: PLC0415
-
-    kind = stored.get_type()
-    if kind.equal(h5py.h5t.IEEE_F32LE):
-        return _FLOAT
-    return _DOUBLE if kind.equal(h5py.h5t.IEEE_F64LE) else stored.dtype
-
-
-def _dataset_in(group: "h5py.h5g.GroupID", name: str, place: str) -> "h5py.h5d.DatasetID":
-    """Return a dataset that really lies in this group, as :func:`member` does, in a tenth of its time."""
-    import h5py  # noqa: PLC0415
-
-    encoded, links = name.encode(), group.links
-    if links.exists(encoded) and links.get_info(encoded).type == h5py.h5l.TYPE_HARD:
-        opened = h5py.h5o.open(group, encoded)
-        if isinstance(opened, h5py.h5d.DatasetID):
-            return opened
-    return member(h5py.Group(group), name, "Dataset", place).id  # or the sentence that says what it is
-
-
-def require_readable(dataset: "h5py.Dataset", place: str) -> None:
-    """Refuse numbers that are elsewhere, too many, or were announced and never written; nothing is unpacked yet."""
-    _require_readable(dataset.id, dataset.id.get_create_plist(), dataset.shape, dataset.dtype, place)
-
-
-def _require_readable(
-    stored: "h5py.h5d.DatasetID",
-    settings: "h5py.h5p.PropDCID",
-    shape: tuple[int, ...],
-    dtype: "np.dtype[np.generic]",
-    place: str,
-) -> None:
-    import h5py  # noqa: PLC0415
-
-    layout, size = settings.get_layout(), math.prod(shape)
-    if layout == h5py.h5d.VIRTUAL or settings.get_external_count():
-        raise RecordingFormatError(f"{place}: expected numbers inside the file; they are stored in another one")
-    require_plausible_length(size, place)
-    n_bytes = size * dtype.itemsize
-    if n_bytes > FREE_BYTES:
-        require_plausible_expansion(n_bytes, h5py.h5i.get_file_id(stored).get_filesize(), place)
-    if layout == h5py.h5d.CHUNKED:
-        per_axis = (-(-length // part) for length, part in zip(shape, settings.get_chunk(), strict=True))
-        unwritten = stored.get_num_chunks() < math.prod(per_axis)
-    else:
-        unwritten = stored.get_storage_size() < n_bytes
-    if unwritten:  # HDF5 answers fill values for them
-        raise RecordingFormatError(f"{place}: expected {size} numbers; they were announced but never written")
-
-
-def values_of(dataset: "h5py.Dataset") -> npt.NDArray[np.number]:
-    """Read a dataset, in the byte order of this machine; the array cannot be written to.
-
-    ``RecordingFormatError`` if a packed chunk becomes more than it says: the library would unpack it all the same.
-    """
-    return _values(dataset.id, dataset.id.get_create_plist(), dataset.shape, dataset.dtype)
-
-
-def _values(
-    stored: "h5py.h5d.DatasetID", settings: "h5py.h5p.PropDCID", shape: tuple[int, ...], dtype: "np.dtype[np.generic]"
-) -> npt.NDArray[np.number]:
-    import h5py  # noqa: PLC0415
-
-    values: npt.NDArray[np.number] = np.zeros(shape, dtype.newbyteorder("="))
-    if values.size:
-        if settings.get_layout() == h5py.h5d.CHUNKED:
-            _require_sound_chunks(stored, settings, values)
-        stored.read(h5py.h5s.ALL, h5py.h5s.ALL, values, _type_in_memory(values.dtype.str, None))
-    values.setflags(write=False)  # ours alone: a record need not copy it
-    return values
-
-
-def _require_sound_chunks(
-    stored: "h5py.h5d.DatasetID", settings: "h5py.h5p.PropDCID", values: npt.NDArray[np.number]
-) -> None:
-    """Look at the chunks before they are unpacked into an array."""
-    import h5py  # noqa: PLC0415
-
-    file = _text(h5py.h5i.get_file_id(stored).name)
-    place = f"{Path(file).name} {_text(h5py.h5i.get_name(stored) or b'')}"
-    size = math.prod(settings.get_chunk()) * values.itemsize
-    if size > max(FREE_BYTES, values.nbytes):
-        raise RecordingFormatError(f"{place}: expected chunks of at most {FREE_BYTES} bytes; got {size}")
-    filters = [settings.get_filter(i)[0] for i in range(settings.get_nfilters())]
-    if not _FILTERS.issuperset(filters) or len(set(filters)) < len(filters):
-        raise RecordingFormatError(
-            f"{place}: expected samples packed by gzip or lzf, or not packed; got HDF5 filters {filters}"
-        )
-    if _LZF in filters and size > _LARGEST_LZF_CHUNK:
-        raise RecordingFormatError(
-            f"{place}: expected lzf chunks of at most {_LARGEST_LZF_CHUNK} bytes; got {size}: pack it by gzip"
-        )
-    least = 5 if _CHECKSUM in filters else 1  # of fewer bytes the library takes the checksum off all the same
-    for chunk in _stored_chunks(stored) if filters else ():
-        if chunk.size < least:
-            raise RecordingFormatError(f"{place}: expected packed chunks of samples; got one of {chunk.size} bytes")
-        if _DEFLATE in filters:
-            _require_sound_chunk(stored, chunk, filters, size, place)
-
-
-def _stored_chunks(dataset: "h5py.h5d.DatasetID") -> list["h5py.h5d.StoreInfo"]:
-    chunks: list[h5py.h5d.StoreInfo] = []
-    dataset.chunk_iter(chunks.append)
-    return chunks
-
-
-def _require_sound_chunk(
-    dataset: "h5py.h5d.DatasetID", stored: "h5py.h5d.StoreInfo", filters: list[int], size: int, place: str
-) -> None:
-    """Unpack a chunk piece by piece, and refuse it if it becomes more than it says. ``size``: of a chunk [bytes]."""
-    position = filters.index(_DEFLATE)
-    if stored.filter_mask >> position & 1:  # was left as it is
-        return
-    # gzip never adds more than this; a checksum takes four bytes
-    if stored.size > size + size // 1000 + 64:
-        raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes to be packed; it takes {stored.size}")
-    _, packed = dataset.read_direct_chunk(stored.chunk_offset)
-    checksum = _CHECKSUM in filters
-    most = size + (4 if checksum and filters.index(_CHECKSUM) < position else 0)
-    if unpacked_size(packed, most) > most:
-        raise RecordingFormatError(f"{place}: expected a chunk of {size} bytes; its packed samples become more")

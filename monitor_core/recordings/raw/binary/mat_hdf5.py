@@ -16,7 +16,8 @@ from monitor_core.recordings.elements.bounds import (
     require_plausible_expansion,
 )
 from monitor_core.recordings.elements.files import refusing
-from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5, require_readable, values_of
+from monitor_core.recordings.elements.hdf5 import attributes, open_hdf5
+from monitor_core.recordings.elements.hdf5_numbers import require_readable, values_of
 from monitor_core.recordings.raw.channels import MOST_LEFT_OUT, Channel, Channels, native_samples, single_numbers
 
 if TYPE_CHECKING:
