@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic
 
 from monitor_core.discrepancy.conclusion import conclude, has_names
-from monitor_core.discrepancy.description.describe import following_excitation, swinging_at_port
+from monitor_core.discrepancy.description.describe import following_law, swinging_at_port
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.discrepancy.in_words import Judged, explanation_of
 from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
@@ -83,6 +83,8 @@ def explain_comparison(
             break
         progress(f"once more without record {worst.record.number} ({worst.record.setting})")
         records = replace(records.with_wrong(worst), right=frozenset())
+        if described:
+            records = records.cleared_under(judged.final, progress)
     if judged.outcome is Outcome.UNKNOWN and records.wrong and not judged.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
         if of_all is None:
@@ -152,7 +154,7 @@ def _search(
         return (
             leaves_only_wandering(fitted, settings.outcome)
             or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
-            or following_excitation(workspace.baseline, fitted, report) is not None
+            or following_law(workspace.baseline, fitted, report) is not None
         )
 
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)

@@ -112,15 +112,18 @@ def covariance(fitted: Fitted[Physics], scale: EvidenceScale) -> FloatArray:
     return np.asarray(np.linalg.pinv(correlation, rcond=1e-13, hermitian=True) / np.outer(root, root)).reshape(n, n)
 
 
-def significance(fitted: Fitted[Physics], effect: Effect[Physics], scale: EvidenceScale) -> float:
+def significance(
+    fitted: Fitted[Physics], effect: Effect[Physics], scale: EvidenceScale, *, of_scatter: bool = False
+) -> float:
     """Return the size of an effect of a fit over its standard deviation, of its largest size where it has several.
 
-    Beside the scatter of the data stands what the formula of the effect leaves out.
+    Beside the scatter of the data stands what the formula of the effect leaves out, or ``of_scatter`` alone is meant.
     """
+    form = 0.0 if of_scatter else effect.form_share
     variances, largest = np.diag(covariance(fitted, scale)), 0.0
     for at, (other, parameter) in enumerate(fitted.hypothesis.unknowns, fitted.hypothesis.n_uncertain):
         if other.key == effect.key and (parameter is other.parameters[0] or is_size(parameter)):
             size = abs(fitted.coordinates[at])  # of a size, which is null at 0
-            deviation = math.hypot(math.sqrt(max(float(variances[at]), 0.0)), effect.form_share * size)
+            deviation = math.hypot(math.sqrt(max(float(variances[at]), 0.0)), form * size)
             largest = max(largest, size / max(deviation, 1e-300))
     return largest

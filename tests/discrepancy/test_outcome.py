@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from monitor_core.discrepancy.explanation import Outcome
+from monitor_core.discrepancy.search.workspace import variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
@@ -17,7 +18,6 @@ from monitor_core.discrepancy.verdict.outcome import (
     hidden_in_remainder,
     outcome_of,
     remainder_of,
-    variances_of_pulls,
 )
 from monitor_core.effects import ConditionAxis
 from monitor_core.fitting.hold_out import REMAINDER, JudgedGap, fitted_values

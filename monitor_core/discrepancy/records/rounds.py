@@ -88,6 +88,21 @@ class Records(Generic[Physics]):
                 return worst
         return None
 
+    def cleared_under(self, fitted: Fitted[Physics], progress: Callable[[str], None]) -> "Records[Physics]":
+        """Return the records without those that stand out, one after the other, under the same explanation refitted."""
+        records = self
+        while True:
+            kept = records.kept
+            try:
+                fitted = fit(kept, fitted.hypothesis, fitted.coordinates, fitted_values(kept.layout))
+            except OutsideValidityError:
+                return records
+            worst = records.worst(fitted)
+            if worst is None:
+                return records
+            progress(f"once more without record {worst.record.number} ({worst.record.setting})")
+            records = replace(records.with_wrong(worst), right=frozenset())
+
     def named(self, fitted: Fitted[Physics]) -> tuple[WrongRecord, ...]:
         """Return what is wrong with the records that are taken out, under the final fit, worst first.
 

@@ -4,11 +4,15 @@ import math
 from collections.abc import Sequence
 
 from monitor_core.discrepancy.search.refits import rivals_at
-from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace
+from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace, is_far
 from monitor_core.effects.effect import Effect, Physics
+from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
 from monitor_core.fitting.hold_out import expected_gain, gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
+
+#: Effects that must bring a fit near to the data.
+_FAR_STEPS = 2
 
 
 def add_stepwise(
@@ -22,7 +26,7 @@ def add_stepwise(
     most = workspace.settings.most_effects if most_effects is None else most_effects
     baseline = workspace.so_far[:1]
     workspace.remember(current)
-    while len(current.hypothesis.effects) < most:
+    while len(current.hypothesis.effects) < most and not _leads_nowhere(start, current):
         workspace.progress(f"{_effects(current)} found, screening {len(workspace.remaining(current))} more")
         better = _best_addition(workspace, current)
         if better is None:
@@ -40,6 +44,12 @@ def add_stepwise(
         taken.append(current)
         workspace.reach(*baseline, *taken)
     return taken
+
+
+def _leads_nowhere(start: Fitted[Physics], current: Fitted[Physics]) -> bool:
+    """Return whether the catalogue does not have what is missing: two of its effects are still far from responses."""
+    lines = has_lines(current.comparison.layout)
+    return lines and len(current.hypothesis.keys - start.hypothesis.keys) >= _FAR_STEPS and is_far(current)
 
 
 def _effects(fitted: Fitted[Physics]) -> str:

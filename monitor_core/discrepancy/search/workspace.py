@@ -31,6 +31,9 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
 _ONE_MINIMUM, _FAR = 1.5, 10.0  # gaps, in floors
 _SMALL_MISFIT, _ALMOST_ALL = 0.15, 0.98  # a misfit that this share of the values stays within
+_SMALL_PULL = 6.0  # of a position or a preload, in its standard deviations
+#: Variance of the pulls of settings that too small a tolerance explains: thrice is the most.
+PULLS_OF_TOLERANCES = 9.0
 
 
 def gap(fitted: Fitted[Physics]) -> float:
@@ -39,8 +42,35 @@ def gap(fitted: Fitted[Physics]) -> float:
 
 
 def is_near(fitted: Fitted[Physics]) -> bool:
-    """Return whether screening foretells what refits find."""
-    return float(np.quantile(np.abs(fitted.misfit[fitted.fitted]), _ALMOST_ALL)) < _SMALL_MISFIT
+    """Return whether screening foretells what refits find.
+
+    It does not where errors of the settings would take up what is missing: they are far from where it will be
+    found, and the model is not linear so far.
+    """
+    small = float(np.quantile(np.abs(fitted.misfit[fitted.fitted]), _ALMOST_ALL)) < _SMALL_MISFIT
+    return small and _largest_pull(fitted) < _SMALL_PULL
+
+
+def _largest_pull(fitted: Fitted[Physics]) -> float:
+    """Return by how much a setting is pulled at most but for gains, which act linearly, in standard deviations."""
+    names = fitted.comparison.condition_error_names
+    moving = [column for column, name in enumerate(names) if not name.startswith("gain")]
+    pulls = fitted.around.whitened_by.pulls(fitted.misfit)[:, moving]
+    return float(np.max(np.abs(np.nan_to_num(pulls)), initial=0.0))
+
+
+def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
+    """Return the variance of each kind of condition error, 1 on average where all is right.
+
+    It is taken about their mean: an error that is alike in all settings is left to a tolerance or an offset.
+    """
+    errors = fitted.around.whitened_by.pulls(fitted.misfit)
+    found = {}
+    for name, column in zip(fitted.comparison.condition_error_names, errors.T, strict=True):
+        known = column[np.isfinite(column)]
+        if known.size:
+            found[name] = float(np.var(known))
+    return found
 
 
 def is_far(fitted: Fitted[Physics]) -> bool:

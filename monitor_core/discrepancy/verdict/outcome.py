@@ -13,6 +13,7 @@ from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.clean import strain
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.stepwise import findings
+from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
@@ -81,7 +82,7 @@ class OutcomeSettings:
     #: Variance of the pulls of settings: 2.2 at most on healthy machines; more is a drift, or an effect in disguise.
     pulls: float = 3.0
     #: The same where nothing else is left and nothing describes it: up to thrice a tolerance, it is the tolerance.
-    pulls_of_tolerances: float = 9.0
+    pulls_of_tolerances: float = PULLS_OF_TOLERANCES
     #: Of what is left: an effect that explains less, besides others, may be a part of it in disguise.
     least_of_remainder: float = 0.25
     #: Standard deviations: a declared parameter that is pulled so far beside what was found makes no clean name of it.
@@ -90,20 +91,6 @@ class OutcomeSettings:
     def of_tolerances(self) -> "OutcomeSettings":
         """Return the settings for errors of conditions that nothing explains: their tolerances are too small."""
         return replace(self, pulls=self.pulls_of_tolerances)
-
-
-def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
-    """Return the variance of each kind of condition error, 1 on average where all is right.
-
-    It is taken about their mean: an error that is alike in all settings is left to a tolerance or an offset.
-    """
-    errors = fitted.around.whitened_by.pulls(fitted.misfit)
-    found = {}
-    for name, column in zip(fitted.comparison.condition_error_names, errors.T, strict=True):
-        known = column[np.isfinite(column)]
-        if known.size:
-            found[name] = float(np.var(known))
-    return found
 
 
 def follow_conditions(fitted: Fitted[Physics]) -> bool:
