@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic
 
 from monitor_core.discrepancy.conclusion import conclude, has_names
-from monitor_core.discrepancy.description.describe import following_law, swinging_at_port
+from monitor_core.discrepancy.description.describe import following_excitation, swinging_at_port
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.discrepancy.in_words import Judged, explanation_of
 from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
@@ -154,7 +154,7 @@ def _search(
         return (
             leaves_only_wandering(fitted, settings.outcome)
             or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
-            or following_law(workspace.baseline, fitted, report) is not None
+            or following_excitation(workspace.baseline, fitted, report) is not None
         )
 
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_law
+from monitor_core.discrepancy.description.describe import describe, describe_elsewhere, following_excitation
 from monitor_core.discrepancy.description.quantities import QUANTITIES, contacts_for, hung_elsewhere
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.effects import Variable
@@ -106,12 +106,12 @@ def test_what_follows_the_excitation_by_a_law_of_its_own_is_asked_before_all_eff
     """Beside a first effect that stands in its way; a preload that drifts is none."""
     _, baseline, candidates, _ = stated("outside:nut-softening", "large", 42)
     first = fitted_with("preload-exponent", baseline, candidates)
-    found = following_law(baseline, first, lambda _sentence: None)
+    found = following_excitation(baseline, first, lambda _sentence: None)
     assert (found.described.place, found.described.law.variable) == ("nut", Variable.EXCITATION)
     assert found.kept == frozenset()
     _, baseline, candidates, _ = stated("outside:preload-drift", "large", 42)
     first = fitted_with("preload-exponent", baseline, candidates)
-    assert following_law(baseline, first, lambda _sentence: None) is None
+    assert following_excitation(baseline, first, lambda _sentence: None) is None
 
 
 @pytest.mark.slow

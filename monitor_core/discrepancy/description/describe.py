@@ -22,7 +22,6 @@ from monitor_core.discrepancy.explanation import Described
 from monitor_core.discrepancy.search.clean import LEAST_SIZE
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.time_limit import TimeIsUpError
-from monitor_core.discrepancy.search.workspace import is_far
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass
 from monitor_core.discrepancy.verdict.outcome import explained_share, remainder_of
 from monitor_core.effects import Effect, Law, MachineSizes, Variable, varying
@@ -114,25 +113,22 @@ def swinging_at_port(
     return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
 
 
-def following_law(baseline: Fitted[Any], fitted: Fitted[Any], progress: Callable[[str], None]) -> Description | None:
+def following_excitation(
+    baseline: Fitted[Any], fitted: Fitted[Any], progress: Callable[[str], None]
+) -> Description | None:
     """Return what follows the excitation by a law of its own, where that leaves nothing else to seek.
 
-    ``fitted`` is what the catalogue has come to so far; the law stands in its place, and explains more. As long as that
-    is far from the data a law of anything will do that leaves a tenth. None of a rigid axis or few settings.
+    ``fitted`` is what the catalogue has come to so far; the law stands in its place, and explains more. None where the
+    excitation does not vary, of a rigid axis or few settings.
     """
-    far = is_far(fitted)
-    varied = varied_conditions(baseline.comparison.layout)
-    if not _may_be_described(baseline) or not (far or ConditionAxis.LEVEL in varied):
+    if not _may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
         return None
-    progress(f"asking whether something follows {'a law of its own' if far else 'the excitation by another law'}")
+    progress("asking whether something follows the excitation by another law")
     found, _ = _described(baseline, fitted, (Base(baseline),), (), progress)
-    if found is None or found.fitted is None or found.kept:
+    if found is None or found.fitted is None or found.kept or judged_gap(found.fitted).exceeds_healthy:
         return None
-    if far:
-        return found if found.fitted.cost < _NOTHING_ELSE * fitted.cost else None
     law = found.described.law
-    follows_excitation = law is not None and law.variable is Variable.EXCITATION
-    return found if follows_excitation and not judged_gap(found.fitted).exceeds_healthy else None
+    return found if law is not None and law.variable is Variable.EXCITATION else None
 
 
 def _may_be_described(baseline: Fitted[Any]) -> bool:
