@@ -60,11 +60,12 @@ def test_a_sound_answer_has_none(answer) -> None:
     assert contradictions(answer) == ()
 
 
-def fits(data, columns, tolerance=1.0):
+def fits(data, columns, tolerance=1.0, *, sizes=None, directions=None, frequency=np.nan):
     """Return the fits of data by an uncertain quantity alone, and with a second one that is an effect."""
     n = data.size
     axis = LinearAxis({"a": tolerance}, 2)
-    comparison = LinearComparison(layout_of((n,), 1.0), columns, data, np.zeros((0, n)))
+    layout = layout_of(sizes or (n,), 1.0, frequency=frequency)
+    comparison = LinearComparison(layout, columns, data, np.zeros((0, n)) if directions is None else directions)
     every, plain, effect = np.ones(n, dtype=bool), Hypothesis(axis), quantity(1)
     fuller = plain.with_effect(effect)
     return fit(comparison, plain, plain.null, every), fit(comparison, fuller, fuller.null, every), effect
@@ -86,3 +87,27 @@ def test_a_name_has_a_size_of_three_standard_deviations() -> None:
     scatter = np.tile([1.0, -1.0], 50)
     assert not is_clean(*fits(scatter + 0.2, columns), 0.05)
     assert is_clean(*fits(scatter + 0.5, columns), 0.05)
+
+
+def test_of_lines_a_name_has_a_size_of_five_by_the_scatter() -> None:
+    """As above, but the values are a hundred lines: one of 0.4 is none, one of 0.6 is a size."""
+    columns, scatter = np.array([[0.0, 1.0]] * 100), np.tile([1.0, -1.0], 50)
+    lines = np.linspace(50.0, 500.0, 100)
+    assert is_clean(*fits(scatter + 0.4, columns), 0.05)
+    assert not is_clean(*fits(scatter + 0.4, columns, frequency=lines), 0.05)
+    assert is_clean(*fits(scatter + 0.6, columns, frequency=lines), 0.05)
+
+
+@pytest.mark.parametrize(("size", "is_one"), [(2.0, False), (8.0, True)])
+def test_what_settings_are_pulled_by_is_missing_too_and_a_name_may_strain_for_it(size, is_one) -> None:
+    """An effect that forty settings have to either side; without it each of them would be off by as much.
+
+    Beside it stands what is declared, which five values of another setting show less of with the effect.
+    """
+    side = np.repeat(np.tile([1.0, -1.0], 20), 5)
+    columns = np.vstack([np.column_stack([np.zeros(200), side]), [[1.0, 1.0]] * 5])
+    data = columns @ [-0.6 * size - 3.5, size] + 0.3 * np.random.default_rng(2).standard_normal(205)
+    directions = np.r_[np.ones(200), np.zeros(5)][None]
+    without, fuller, effect = fits(data, columns, sizes=(5,) * 41, directions=directions)
+    assert strain(without, fuller) > 3.5
+    assert is_clean(without, fuller, effect, 0.05) is is_one

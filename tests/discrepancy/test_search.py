@@ -11,7 +11,7 @@ from scipy import linalg
 
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.search import find_steps, judge_found
-from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, in_same_minimum
+from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, in_same_minimum, is_near
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.evidence import delta_bic
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -219,6 +219,26 @@ def test_no_more_effects_than_allowed() -> None:
     comparison = comparison_of(np.r_[0.0, np.full(4, 2.0)], rng)
     found = found_in(comparison, [quantity(index) for index in range(1, 5)], most_effects=2)
     assert len(found.final.hypothesis.effects) == 2
+
+
+@pytest.mark.parametrize(("frequency", "n_found"), [(np.nan, 4), (np.linspace(50.0, 500.0, N), 3)])
+def test_where_three_effects_are_still_far_from_responses_no_fourth_is_sought(frequency, n_found) -> None:
+    """Forces in time may have so many: what makes the largest part of them comes first."""
+    comparison = comparison_of(np.r_[0.0, np.full(4, 40.0)], np.random.default_rng(5))
+    comparison = replace(comparison, layout=layout_of(SIZES, 1.0, frequency=frequency))
+    found = found_in(comparison, [quantity(index) for index in range(1, 5)], most_effects=5)
+    assert len(found.final.hypothesis.effects) == n_found
+
+
+@pytest.mark.parametrize(("off", "near"), [(3.0, True), (8.0, False)])
+def test_screening_is_not_relied_upon_where_settings_are_pulled_far(off, near) -> None:
+    """All misfits are small: an error of each setting takes them up."""
+    side = np.repeat([1.0, -1.0, 1.0, -1.0], 40)
+    comparison = LinearComparison(layout_of(SIZES, 0.005), np.ones((N, 1)), 0.01 * off * side, np.full((1, N), 0.01))
+    hypothesis = Hypothesis(LinearAxis(UNCERTAIN, 1))
+    fitted = fit(comparison, hypothesis, hypothesis.null)
+    assert np.max(np.abs(fitted.misfit)) < 0.15
+    assert is_near(fitted) is near
 
 
 def test_effects_are_tried_only_where_they_may_be_seen() -> None:

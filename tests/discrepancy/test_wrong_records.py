@@ -10,7 +10,7 @@ from monitor_core.discrepancy.explanation import RecordFault
 from monitor_core.discrepancy.records.look import worst_record
 from monitor_core.discrepancy.records.masking import bent_to, taken_by_each
 from monitor_core.discrepancy.records.record_cost import least_along, record_costs, scatter_of
-from monitor_core.discrepancy.records.rounds import cleared
+from monitor_core.discrepancy.records.rounds import Records, cleared
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.settings import SettingTolerances
 from monitor_core.fitting.hold_out import fitted_values
@@ -224,6 +224,17 @@ def test_a_warm_record_with_a_wrong_preload_is_no_preload_that_follows_temperatu
     (record,) = answer.records
     assert (record.number, record.fault) == (wrong + 1, RecordFault.PRELOAD)
     assert answer.effects == ()
+
+
+def test_under_the_same_explanation_one_record_after_the_other_is_taken_out() -> None:
+    observations = spoilt(measured(true_subject(), CONDITIONS), preload=210.0)
+    other = replace(observations[2], conditions=replace(observations[2].conditions, preload=32.0))
+    comparison, said = compared([*observations[:2], other, *observations[3:]]), []
+    hypothesis = Hypothesis(subject())
+    fitted = fit(comparison, hypothesis, hypothesis.null, fitted_values(comparison.layout))
+    records = Records(comparison).cleared_under(fitted, said.append)
+    assert records.wrong == {2, AT}
+    assert all(sentence.startswith("once more without record ") for sentence in said)
 
 
 def test_the_cost_of_a_record_is_that_of_its_covariance() -> None:

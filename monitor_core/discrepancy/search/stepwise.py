@@ -11,7 +11,7 @@ from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_sca
 from monitor_core.fitting.hold_out import expected_gain, gain
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 
-#: Effects that must bring a fit near to the data.
+#: Effects after the first that must bring a fit near to the data.
 _FAR_STEPS = 2
 
 
@@ -47,7 +47,7 @@ def add_stepwise(
 
 
 def _leads_nowhere(start: Fitted[Physics], current: Fitted[Physics]) -> bool:
-    """Return whether the catalogue does not have what is missing: two of its effects are still far from responses."""
+    """Return whether the catalogue does not have what is missing: two more effects are still far from responses."""
     lines = has_lines(current.comparison.layout)
     return lines and len(current.hypothesis.keys - start.hypothesis.keys) >= _FAR_STEPS and is_far(current)
 
