@@ -51,12 +51,11 @@ def conclude(
     What ``wanders`` over frequency is no effect of the catalogue, and what was found beside it may be a part of it. An
     ``unfinished`` search is not described.
     """
-    explained = explained_share(found.baseline, found.final, remainder.misfit)
-    outcome = Outcome.UNKNOWN if wanders else outcome_of(classes, remainder, explained=explained, settings=settings)
+    outcome = Outcome.UNKNOWN if wanders else _outcome(found.baseline, found.final, classes, remainder, settings)
     if unfinished:
         return Conclusion(Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, settings)
     relaxed, follow = settings.of_tolerances(), wanders or follow_conditions(found.final)
-    by_tolerances = outcome if follow else outcome_of(classes, remainder, explained=explained, settings=relaxed)
+    by_tolerances = outcome if follow else _outcome(found.baseline, found.final, classes, remainder, relaxed)
     described = None
     # effects with names that explain what is missing leave nothing to describe but what settings scatter
     if outcome is Outcome.UNKNOWN or (outcome is Outcome.PARTIAL and by_tolerances is Outcome.PARTIAL):
@@ -78,9 +77,19 @@ def has_names(
 ) -> bool:
     """Return whether a name is believed of what was found, with the tolerances as stated or as they may be."""
     remainder = remainder_of(final, counts_strain=True)
-    explained = explained_share(baseline, final, remainder.misfit)
     tried = (settings,) if follow_conditions(final) else (settings, settings.of_tolerances())
-    return any(outcome_of(classes, remainder, explained=explained, settings=each) in _BELIEVED for each in tried)
+    return any(_outcome(baseline, final, classes, remainder, each) in _BELIEVED for each in tried)
+
+
+def _outcome(
+    baseline: Fitted[Physics],
+    final: Fitted[Physics],
+    classes: Sequence[EquivalenceClass[Physics]],
+    remainder: Remainder,
+    settings: OutcomeSettings,
+) -> Outcome:
+    explained = explained_share(baseline, final, remainder.misfit_under(settings))
+    return outcome_of(classes, remainder, explained=explained, settings=settings)
 
 
 def _elsewhere(workspace: Workspace[Physics], final: Fitted[Physics], sizes: MachineSizes | None) -> Description | None:

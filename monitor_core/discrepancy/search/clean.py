@@ -17,6 +17,8 @@ LEAST_SIZE, _STRAINED = 3.0, 3.5
 #: The same of responses, by the scatter of the data alone: in thousands of lines, evidence for a shape adds up that
 #: measures no size. Of the names in three blind draws right ones have 5.3 at least, two of five wrong ones 3.4 and 4.5.
 _LEAST_OF_LINES = 5.0
+#: Tolerances: what pulls a declared parameter by no more than that beyond where it was has not strained it.
+_FURTHER = 1.0
 #: A gap on held-out values that rises by this factor does not fall.
 _RISES = 1.02
 
@@ -59,9 +61,12 @@ def _is_something_missing(fitted: Fitted[Physics]) -> bool:
 
 
 def strain(without: Fitted[Physics], fuller: Fitted[Physics]) -> float:
-    """Return the largest pull of a declared parameter that is larger with what a fuller fit adds, in its tolerance."""
+    """Return the largest pull of a declared parameter that what a fuller fit adds pulls further, in its tolerance.
+
+    By a whole one at least: a parameter that was as far off before is not strained for it.
+    """
     names = without.hypothesis.uncertain
     before = dict(zip(names, without.coordinates[: len(names)].tolist(), strict=True))
     after = fuller.coordinates[: fuller.hypothesis.n_uncertain].tolist()
     pulls = zip(fuller.hypothesis.uncertain, after, strict=True)
-    return max((abs(pull) for name, pull in pulls if abs(pull) > abs(before.get(name, 0.0))), default=0.0)
+    return max((abs(pull) for name, pull in pulls if abs(pull) > abs(before.get(name, 0.0)) + _FURTHER), default=0.0)

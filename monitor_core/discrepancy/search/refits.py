@@ -37,7 +37,8 @@ from monitor_core.fitting.solver.hypothesis_fit import Fitted
 _PULLED = 3.0
 _SMALLEST, _LARGEST = 0.1, 1e4  # sizes that are tried, in scales: a range may have no end
 _FINE = 1.25  # ratio of sizes: some size then brings modes near to where the parameter has brought them
-_COARSE, _FINER = 2.0, (2.0**0.5, 2.0**0.25, 2.0**0.125)  # the same, and then about the best of them
+_COARSE = 2.0  # the same, where the rest is taken up linearly
+_FINER = (0.5, 0.25, 0.125)  # powers of the ratio: about the best of them
 
 #: Of a gain that screening predicts near the data, what a refit may gain; of a cost, what it may leave.
 _MOST_OF_PREDICTED, _LEAST_LEFT = 2.0, 0.1
@@ -62,7 +63,7 @@ def substitute_parameter(fitted: Fitted[Physics], effect: Effect[Physics]) -> Fl
         return float(np.sum(standardised[fitted.fitted] ** 2))
 
     size_at = there.size - len(effect.parameters)
-    least, best = _best(there, size_at, _sizes(effect, effect.parameters[0], _FINE), cost)
+    least, best = _best_size(there, size_at, effect, effect.parameters[0], _FINE, cost)
     return best if math.isfinite(least) else None
 
 
@@ -91,14 +92,27 @@ def substitute_effect(
     for at, parameter in enumerate(other.parameters, first):
         if not is_size(parameter):
             continue
-        found_there = _best(there, at, _sizes(other, parameter, _COARSE), rise)
-        low, high = searched_coordinates(other, parameter)
-        for factor in _FINER:
-            size = found_there[1][at]
-            around = [finer for finer in (size * factor, size / factor) if low <= finer <= high]
-            found_there = min(found_there, _best(found_there[1], at, around, rise), key=lambda pair: pair[0])
+        found_there = _best_size(there, at, other, parameter, _COARSE, rise)
         least, best = min((least, best), found_there, key=lambda pair: pair[0])
     return least, best
+
+
+def _best_size(  # noqa: PLR0917
+    there: FloatArray,
+    at: int,
+    effect: Effect[Physics],
+    parameter: EffectParameter,
+    ratio: float,
+    cost: Callable[[FloatArray], float],
+) -> tuple[float, FloatArray]:
+    """Return the least cost of sizes that are a ratio apart, then of closer ones about the best, and where."""
+    found = _best(there, at, _sizes(effect, parameter, ratio), cost)
+    low, high = searched_coordinates(effect, parameter)
+    for power in _FINER:
+        size, factor = found[1][at], ratio**power
+        around = [finer for finer in (size * factor, size / factor) if low <= finer <= high]
+        found = min(found, _best(found[1], at, around, cost), key=lambda pair: pair[0])
+    return found
 
 
 def _best(
@@ -139,10 +153,7 @@ def rivals_at(workspace: Workspace[Physics], current: Fitted[Physics]) -> tuple[
 def _ranked(
     current: Fitted[Physics], refitted: list[tuple[Effect[Physics], Fitted[Physics]]]
 ) -> tuple[Rival[Physics], ...]:
-    """Return the refits, best first, without those that resonate where nothing was measured.
-
-    Below or above the band an own resonance is nothing but a mass or a spring, of which there are effects.
-    """
+    """Return the refits, best first, without those that resonate where nothing was measured."""
     refitted = [(effect, trial) for effect, trial in refitted if _resonates_in_band(trial, effect)]
     best = lowest_cost(*(trial for _, trial in refitted))
     if best is None:
@@ -153,7 +164,10 @@ def _ranked(
 
 
 def _resonates_in_band(fitted: Fitted[Physics], effect: Effect[Physics]) -> bool:
-    """Return whether an effect has no frequency of its own, or one where lines of responses were measured."""
+    """Return whether an effect has no frequency of its own, or one where lines of responses were measured.
+
+    Below or above the band an own resonance is nothing but a mass or a spring, of which there are effects.
+    """
     layout, own = fitted.comparison.layout, effect.frequency
     if own is None or not has_lines(layout):
         return True
@@ -177,7 +191,8 @@ def _refit_promising(
         trial = _fit_from_best_start(workspace, current, screened, best)
         if trial is not None:
             yield screened.effect, trial
-            best = min(best, trial, key=lambda fitted: fitted.cost)
+            if _resonates_in_band(trial, screened.effect):  # or it is no rival, and surpasses none
+                best = min(best, trial, key=lambda fitted: fitted.cost)
 
 
 def _refit_elsewhere(

@@ -125,10 +125,16 @@ class Remainder:
     pulls: Mapping[str, float]  # variances by kind of condition error, from :func:`variances_of_pulls`
     misfit: float  # beyond that of healthy axes, of residuals and of pulls, in χ²
     strain: float = 0.0  # the largest pull of a declared parameter beside what was found, in σ
+    of_settings: float = 0.0  # of this misfit, by the pulls of settings
 
     def is_pulled(self, settings: OutcomeSettings) -> bool:
         """Return whether condition errors scatter more than their tolerances allow."""
         return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
+
+    def misfit_under(self, settings: OutcomeSettings) -> float:
+        """Return the misfit that is left: not that of settings whose tolerances are taken to be too small."""
+        forgiven = settings.pulls >= PULLS_OF_TOLERANCES and not self.is_pulled(settings)
+        return self.misfit - self.of_settings if forgiven else self.misfit
 
     def is_strained(self, settings: OutcomeSettings) -> bool:
         """Return whether a declared parameter is pulled beyond belief: what was found is not all that is missing."""
@@ -156,12 +162,12 @@ def remainder_of(fitted: Fitted[Physics], *, counts_strain: bool = False) -> Rem
     gap, pulls = judged_gap(fitted), variances_of_pulls(fitted)
     chi_squared = float(np.sum(fitted.standardised[fitted.fitted] ** 2))
     excess = 1.0 - (gap.most_of_healthy / gap.in_floors) ** 2 if gap.exceeds_healthy else 0.0
-    of_settings = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
+    excesses = sum(max(value - 1.0, 0.0) for name, value in pulls.items() if not name.startswith("gain"))
+    of_settings = len(fitted.comparison.layout.settings) * excesses
     declared = np.abs(fitted.coordinates[: fitted.hypothesis.n_uncertain])
     strains = declared if counts_strain and findings(fitted) else np.zeros(0)
-    misfit = chi_squared * excess + len(fitted.comparison.layout.settings) * of_settings
-    misfit += float(np.sum(strains[strains > STRAINED] ** 2))
-    return Remainder(gap, pulls, misfit, float(np.max(strains, initial=0.0)))
+    misfit = chi_squared * excess + of_settings + float(np.sum(strains[strains > STRAINED] ** 2))
+    return Remainder(gap, pulls, misfit, float(np.max(strains, initial=0.0)), of_settings)
 
 
 def outcome_of(
