@@ -81,6 +81,15 @@ def test_a_name_that_strains_what_is_declared_for_little_is_none() -> None:
     assert is_clean(*fits(data - columns @ [5.0, 0.0], columns), 0.05)
 
 
+def test_what_was_as_far_off_before_is_not_strained_by_a_name() -> None:
+    """A parameter that is 5 of its tolerances off, seen by itself, and an effect that pulls it by a hair further."""
+    columns = np.array([[1.0, 0.01]] * 100 + [[0.0, 1.0]] * 100)
+    without, fuller, effect = fits(columns @ [5.0, -2.0] + np.tile([1.0, -1.0], 100), columns)
+    assert 4.5 < without.coordinates[0] < fuller.coordinates[0]
+    assert strain(without, fuller) == 0.0
+    assert is_clean(without, fuller, effect, 0.05)
+
+
 def test_a_name_has_a_size_of_three_standard_deviations() -> None:
     """Of 100 values with noise 1 a mean is known to 0.1: one of 0.2 is none, one of 0.5 is a size."""
     columns = np.array([[0.0, 1.0]] * 100)

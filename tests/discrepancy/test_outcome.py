@@ -112,6 +112,9 @@ def test_remainder_counts_what_settings_are_pulled_by() -> None:
     assert not left.gap.exceeds_healthy
     assert left.is_pulled(SETTINGS)
     assert left.misfit == pytest.approx(10 * (4.0 - 1.0), rel=0.01)
+    assert left.misfit_under(SETTINGS) == left.misfit
+    # or the tolerances are too small
+    assert left.misfit_under(SETTINGS.of_tolerances()) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("share", "outcome"), [(0.9, Outcome.UNKNOWN), (0.99, Outcome.PARTIAL)])

@@ -12,7 +12,7 @@ from scipy import linalg
 from monitor_core.discrepancy.search.refits import rivals_at
 from monitor_core.discrepancy.search.search import find_steps, judge_found
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, in_same_minimum, is_near
-from monitor_core.effects.effect import ConditionAxis
+from monitor_core.effects.effect import ConditionAxis, EffectParameter
 from monitor_core.fitting.evidence import delta_bic
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit, resolved_at
@@ -173,6 +173,24 @@ def test_rivals_are_refitted_once_in_each_minimum(monkeypatch) -> None:
     assert rivals_at(workspace, resolved_at(there, there.coordinates + 1e-4)) is rivals
     assert len(started) == n_fits
     assert rivals_at(workspace, resolved_at(there, there.coordinates + 0.5)) is not rivals
+
+
+def test_what_resonates_beyond_the_band_surpasses_no_rival() -> None:
+    """It would explain all, and is nothing but a mass or a spring there; the other effect explains a tenth."""
+    rng = np.random.default_rng(2)
+    comparison = comparison_of(np.array([0.1, 30.0, 10.0]), rng)
+    comparison = replace(comparison, layout=layout_of(SIZES, 1.0, frequency=np.linspace(50.0, 500.0, N)))
+    own = EffectParameter("frequency_hz", "Hz", lower=800.0, upper=1000.0, scale=10.0, null=900.0)
+    size = quantity(1).parameters[0]
+
+    def add(theta, values):
+        return theta + values["size"] * np.array([0.0, 1.0, 1.0 / 3.0])
+
+    beyond = replace(quantity(1, "beyond"), parameters=(size, own), add=add)
+    workspace = Workspace(comparison, LinearAxis(UNCERTAIN, 3), (beyond, quantity(2)))
+    hypothesis = Hypothesis(workspace.axis)
+    rivals = rivals_at(workspace, fit(comparison, hypothesis, hypothesis.null))
+    assert [rival.effect.key for rival in rivals] == ["quantity-2"]
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_an_effect_starts_in_the_place_of_the_parameter_that_is_pulled_furthest(
     assert start is not None
     assert abs(pulled.coordinates[0]) > 20.0
     assert start[0] == 0.0
-    assert start[1] == pytest.approx(TRUTH[1], rel=0.15)
+    assert start[1] == pytest.approx(TRUTH[1], rel=0.02)  # a valley is narrow: a twelfth beside it leads elsewhere
     assert substitute_parameter(fitted(*linear(uncertain=100.0)), quantity(1)) is None  # pulled by nothing
 
 
