@@ -10,7 +10,7 @@ import pytest
 from scipy import linalg
 
 from monitor_core.discrepancy.search.refits import rivals_at
-from monitor_core.discrepancy.search.search import find_steps, judge_found
+from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, in_same_minimum, is_near
 from monitor_core.effects.effect import ConditionAxis, EffectParameter
 from monitor_core.fitting.evidence import delta_bic
@@ -173,6 +173,17 @@ def test_rivals_are_refitted_once_in_each_minimum(monkeypatch) -> None:
     assert rivals_at(workspace, resolved_at(there, there.coordinates + 1e-4)) is rivals
     assert len(started) == n_fits
     assert rivals_at(workspace, resolved_at(there, there.coordinates + 0.5)) is not rivals
+
+
+def test_what_every_axis_has_is_fitted_anew_with_other_records() -> None:
+    """Where it was all that was found, the search had no fit without any effect to begin from."""
+    ordinary = replace(quantity(1), ordinary=10.0)
+    found = found_in(comparison_of(np.array([0.1, 3.0]), np.random.default_rng(3)), [ordinary])
+    assert (found.accepted, keys(found.baseline)) == ((), {"quantity-1"})
+    workspace = Workspace(comparison_of(np.array([0.1, 3.0]), np.random.default_rng(4)), LinearAxis(UNCERTAIN, 2))
+    steps = find_again(workspace, found)
+    assert keys(steps[0]) == set()
+    assert keys(steps[-1]) == {"quantity-1"}
 
 
 def test_what_resonates_beyond_the_band_surpasses_no_rival() -> None:

@@ -56,9 +56,12 @@ def find_again(
     What is needed no more is left out, and ``others`` are sought beside it if they may be. Nothing is returned where
     one of the fits has no answer.
     """
-    steps = list[Fitted[Physics]]()
-    for step in (found.baseline, *found.steps):
-        fitted = workspace.try_fit(replace(step.hypothesis, axis=workspace.axis), step.coordinates)
+    steps, plain, first = list[Fitted[Physics]](), Hypothesis(workspace.axis), found.baseline
+    again = [(replace(step.hypothesis, axis=workspace.axis), step.coordinates) for step in (first, *found.steps)]
+    if first.hypothesis.effects:  # of what is ordinary, where nothing was found
+        again.insert(0, (plain, plain.carried_over(first.hypothesis, first.coordinates)))
+    for hypothesis, start in again:
+        fitted = workspace.try_fit(hypothesis, start)
         if fitted is None:
             return ()
         workspace.remember(fitted)
