@@ -180,7 +180,8 @@ def test_what_every_axis_has_is_fitted_anew_with_other_records() -> None:
     ordinary = replace(quantity(1), ordinary=10.0)
     found = found_in(comparison_of(np.array([0.1, 3.0]), np.random.default_rng(3)), [ordinary])
     assert (found.accepted, keys(found.baseline)) == ((), {"quantity-1"})
-    workspace = Workspace(comparison_of(np.array([0.1, 3.0]), np.random.default_rng(4)), LinearAxis(UNCERTAIN, 2))
+    others = comparison_of(np.array([0.1, 3.0]), np.random.default_rng(4))
+    workspace = Workspace(others, LinearAxis(UNCERTAIN, 2), (ordinary,))
     steps = find_again(workspace, found)
     assert keys(steps[0]) == set()
     assert keys(steps[-1]) == {"quantity-1"}
