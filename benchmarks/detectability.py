@@ -63,7 +63,7 @@ def detectability(case: Case, recorder: Recorder, form: ModelFormError) -> float
     return min(found)
 
 
-def detectability_of_record(case: Case, form: ModelFormError) -> float:
+def detectability_of_record(case: Case, recorder: Recorder, form: ModelFormError) -> float:
     """Return d′ of the record that is wrong beside what is hidden, which is known but for its sizes; NaN without one.
 
     What is wrong changes ln H of its setting, or of one channel there; its errors and all else are refitted. A position
@@ -81,7 +81,7 @@ def detectability_of_record(case: Case, form: ModelFormError) -> float:
         stated = case.measured[2 * which].stated
         trace[which] = np.log(here[which] / _responses(linear, [stated], frequency)[0])
         price = _price_of_tag(settings[which], stated)
-    traces = [_traces(case, key, linear, here, Recorder())[0] for key in case.truth]
+    traces = [_traces(case, key, linear, here, recorder)[0] for key in case.truth]
     others = [_flat(_FREE * weight(each)) for each in traces]
     left = _left(linear, case, weight, trace, others, {})
     return min(math.sqrt(float(left @ left)), price)

@@ -56,7 +56,7 @@ def draw(job: Job, folder: Path, seed: int, form: ModelFormError) -> str:
             "truth": case.truth,
             "d_prime": detectability(case, recorder, form),
             "wrong_setting": case.wrong_setting,
-            "d_prime_of_record": detectability_of_record(case, form),
+            "d_prime_of_record": detectability_of_record(case, recorder, form),
         }
         sealed.write_text(json.dumps(truth, sort_keys=True), encoding="utf-8")
     return sealed.read_text(encoding="utf-8")

@@ -187,7 +187,7 @@ def one_record(fault: str, size: int, kind: str = "none"):
     case = draw_case(kind, "large", seed=8, respond=transmission_line.respond, situation=situation)
     true, said = case.settings[case.wrong_setting], case.measured[2 * case.wrong_setting].stated
     off = math.log(true.preload / said.preload) / 0.03 if fault == "preload-tag" else {0: 0.04, 2: 0.3}[size] / 0.005
-    return detectability_of_record(case, FORM), abs(off)
+    return detectability_of_record(case, BENCH.recorder, FORM), abs(off)
 
 
 @pytest.mark.parametrize("kind", ["none", "far-bearing-stiffness"])
@@ -209,4 +209,4 @@ def test_d_prime_of_a_tag_is_at_most_how_many_tolerances_it_is_off_and_less_wher
 
 def test_no_wrong_record_has_no_d_prime() -> None:
     case = draw_case("none", "medium", seed=8, respond=transmission_line.respond, situation=Situation(design="poor"))
-    assert math.isnan(detectability_of_record(case, FORM))
+    assert math.isnan(detectability_of_record(case, BENCH.recorder, FORM))

@@ -5,7 +5,7 @@ must help where nothing was fitted, and may not strain what is declared only to 
 """
 
 from monitor_core.discrepancy.search.stepwise import findings
-from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, Workspace, variances_of_pulls
+from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, Workspace, are_pulled, variances_of_pulls
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import delta_bic, evidence_scale, significance
@@ -55,9 +55,7 @@ def is_clean(without: Fitted[Physics], fuller: Fitted[Physics], effect: Effect[P
 
 def _is_something_missing(fitted: Fitted[Physics]) -> bool:
     """Return whether a fit leaves more than a healthy axis: in its gap, or in what its settings are pulled by."""
-    pulls = variances_of_pulls(fitted).items()
-    beyond = any(value > PULLS_OF_TOLERANCES for name, value in pulls if not name.startswith("gain"))
-    return beyond or judged_gap(fitted).exceeds_healthy
+    return are_pulled(variances_of_pulls(fitted), PULLS_OF_TOLERANCES) or judged_gap(fitted).exceeds_healthy
 
 
 def strain(without: Fitted[Physics], fuller: Fitted[Physics]) -> float:

@@ -8,7 +8,7 @@ linear in what may be added, and screening foretells what refits find.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic
 
@@ -71,6 +71,11 @@ def variances_of_pulls(fitted: Fitted[Physics]) -> dict[str, float]:
         if known.size:
             found[name] = float(np.var(known))
     return found
+
+
+def are_pulled(variances: Mapping[str, float], most: float) -> bool:
+    """Return whether errors of settings scatter more than that; gains are left to their tolerance."""
+    return any(value > most for name, value in variances.items() if not name.startswith("gain"))
 
 
 def is_far(fitted: Fitted[Physics]) -> bool:

@@ -13,7 +13,7 @@ from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.clean import strain
 from monitor_core.discrepancy.search.found import Found
 from monitor_core.discrepancy.search.stepwise import findings
-from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, variances_of_pulls
+from monitor_core.discrepancy.search.workspace import PULLS_OF_TOLERANCES, are_pulled, variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member, equivalence_class
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.errors import OutsideValidityError
@@ -129,11 +129,11 @@ class Remainder:
 
     def is_pulled(self, settings: OutcomeSettings) -> bool:
         """Return whether condition errors scatter more than their tolerances allow."""
-        return any(value > settings.pulls for name, value in self.pulls.items() if not name.startswith("gain"))
+        return are_pulled(self.pulls, settings.pulls)
 
     def misfit_under(self, settings: OutcomeSettings) -> float:
         """Return the misfit that is left: not that of settings whose tolerances are taken to be too small."""
-        forgiven = settings.pulls >= PULLS_OF_TOLERANCES and not self.is_pulled(settings)
+        forgiven = settings.pulls >= settings.pulls_of_tolerances and not self.is_pulled(settings)
         return self.misfit - self.of_settings if forgiven else self.misfit
 
     def is_strained(self, settings: OutcomeSettings) -> bool:
