@@ -1,6 +1,7 @@
 """Several services on one PostgreSQL, and everything that is said of an axis whichever of them is asked."""
 
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -14,6 +15,13 @@ from service.store.database import Database
 from service.store.tables import AxisRow
 from tests.service.arrivals import AXIS, WINDOWS_OF_MEASUREMENT, without
 from tests.service.conftest import Api, running_service
+
+#: What is sent away for so long is sent away for good.
+PATIENCE_S = 30.0
+
+
+class SentAwayForGoodError(AssertionError):
+    """A window was answered with 503 until nobody would send it again."""
 
 
 @contextmanager
@@ -38,7 +46,7 @@ def prepare(api: Api) -> None:
 def send(apis: Sequence[Api], windows: Sequence[Window], n_senders: int) -> list[int]:
     """Send windows one by one, from each sender to the next service with each; return every status that was answered.
 
-    What is answered with 503 is sent again, as senders do.
+    What is answered with 503 is sent again, as senders do. Raises SentAwayForGoodError if that helps a window nothing.
     """
     statuses: list[int] = []
     go = threading.Barrier(n_senders)
@@ -46,8 +54,10 @@ def send(apis: Sequence[Api], windows: Sequence[Window], n_senders: int) -> list
     def share(first: int) -> None:
         go.wait()
         for number, window in enumerate(windows[first::n_senders]):
-            status = 503
+            status, due = 503, time.monotonic() + PATIENCE_S
             while status == 503:
+                if time.monotonic() > due:
+                    raise SentAwayForGoodError(f"window {number} was sent away for {PATIENCE_S:g} s")
                 status = apis[(first + number) % len(apis)].post(AXIS, [window]).status_code
                 statuses.append(status)
 

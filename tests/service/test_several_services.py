@@ -31,7 +31,7 @@ from service.store.tables import AlarmEventRow, AlarmRow, NoticeRow
 from service.store.waveforms import WaveformPlace
 from tests.service.arrivals import AXIS, history
 from tests.service.conftest import assert_problem, emptied, running_service, simulated_measurement
-from tests.service.several import prepare, said, send, services
+from tests.service.several import SentAwayForGoodError, prepare, said, send, services
 
 N_SENDERS = 6
 
@@ -111,7 +111,10 @@ def test_without_the_lock_and_revisions_something_else_is_said(
     found = of_one
     for attempt in range(6):  # charts are folded again from what is stored, which now and then mends all of it
         if found == of_one:
-            _, found = from_many(emptied(url), tmp_path / str(attempt), windows, 2)
+            try:
+                _, found = from_many(emptied(url), tmp_path / str(attempt), windows, 2)
+            except SentAwayForGoodError as error:  # what is stored contradicts itself so much that nothing is taken
+                found = error
     assert found != of_one
 
 
