@@ -7,6 +7,9 @@ STAMP  := $(VENV)/.ready
 OTHER      ?= python3.13
 OTHER_VENV := .venv-other
 
+# A worker that a hanging test ended is not started anew: it would only hang at the same test.
+TWO_WORKERS := -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+
 # The tests start some two hundred processes: each finds the modules compiled, whatever the environment says.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -42,21 +45,21 @@ test: setup tools ## every test, with lint, types, import contracts and docs
 	$(BIN)/python -m mypy
 	$(BIN)/lint-imports
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest $(TWO_WORKERS)
 
 test-fast: setup ## lint and the tests that are not slow, in a minute
 	$(BIN)/python -m ruff check .
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(BIN)/python -m pytest $(TWO_WORKERS) -m "not slow"
 
 coverage: setup  ## every test with coverage measured and printed (takes twice the time of `make test`)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --cov --cov-report=term
+	$(BIN)/python -m pytest $(TWO_WORKERS) --cov --cov-report=term
 
 test-python:     ## the tests that are not slow on another Python: make test-python OTHER=python3.13
 	@$(OTHER) --version >/dev/null 2>&1 || { echo "'$(OTHER)' does not run. Set OTHER=/path/to/python3.13."; exit 1; }
 	$(OTHER) -m venv $(OTHER_VENV)
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --require-hashes -r requirements/dev.lock
 	$(OTHER_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	$(OTHER_VENV)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(OTHER_VENV)/bin/python -m pytest $(TWO_WORKERS) -m "not slow"
 
 check: test      ## the same as `make test`
 
