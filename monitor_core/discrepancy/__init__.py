@@ -19,9 +19,11 @@ from monitor_core.discrepancy.explanation import (
     RecordFault,
     WrongRecord,
 )
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW
 from monitor_core.fitting.conditions.settings import SettingTolerances
 
 __all__ = [
+    "AMPLITUDE_LAW",
     "Candidate",
     "Described",
     "ExplainOptions",

@@ -91,6 +91,25 @@ def test_a_stranger_is_described_at_its_place_by_its_parameter(said, counted) ->
     assert not case.wrong
 
 
+@pytest.mark.parametrize(
+    ("kind", "equivalent_to", "wrong"),
+    [
+        ("outside:backlash", ["amplitude-law"], False),
+        ("outside:backlash", [], True),
+        ("outside:preload-drift", ["amplitude-law"], True),  # which is no law of the amplitude
+    ],
+)
+def test_a_law_of_the_amplitude_that_is_left_open_is_right_of_one(kind, equivalent_to, wrong) -> None:
+    found = {"key": "cubic-stiffness", "equivalent_to": equivalent_to, "same_as": [], "parameters": {},
+             "delta_bic": 60.0}  # fmt: skip
+    case = beside(scored(3, kind, {kind: {"size": 0.3}}, outcome="equivalent"), effects=[found])
+    assert (case.wrong, case.leaves_it_open) == (wrong, not wrong)
+    text = card(case)
+    assert f"| {wrong:d} of 1 " in row(text, "outside the catalogue: a wrong name")
+    assert f"| {not wrong:d} of 1 " in row(text, "outside: a name, and beside it, right")
+    assert case.true_keys == set()
+
+
 @pytest.mark.parametrize(("frequency", "counted"), [(308.0, True), (330.0, False), (None, False)])
 def test_an_absorber_is_described_by_its_frequency_within_five_percent(frequency, counted) -> None:
     kind = "outside:wandering-absorber"

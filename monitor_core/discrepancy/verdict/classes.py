@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.search.found import Accepted, Found
+from monitor_core.discrepancy.verdict.amplitude import law_not_told_from
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.conditions.groups import modes_that_stay
@@ -85,6 +86,7 @@ class EquivalenceClass(Generic[Physics]):
     untested: tuple[str, ...]  # keys of effects that such data cannot test and that would do as well
     held_out_gain: float
     stands_in_for: str = ""  # key of an effect that such data cannot test and that would do better
+    another_law: str = ""  # key of what too few levels of excitation cannot tell from the representative
 
     @property
     def is_plausible(self) -> bool:
@@ -92,9 +94,14 @@ class EquivalenceClass(Generic[Physics]):
         return self.representative.plausible and not self.stands_in_for
 
     @property
-    def others(self) -> tuple[str, ...]:
-        """Return the keys of what may be the true effect as well as the representative."""
+    def look_alikes(self) -> tuple[str, ...]:
+        """Return the keys of effects that may be the true one as well as the representative."""
         return (*(key for other in self.members[1:] for key in (other.effect.key, *other.aliases)), *self.untested)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Return the keys of all that may be there in the place of the representative."""
+        return (*self.look_alikes, self.another_law) if self.another_law else self.look_alikes
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -155,7 +162,8 @@ def equivalence_class(
     untested = foreign_modes(accepted.without, candidates)
     untested += tuple(unseen.key for unseen in instead if unseen.delta_bic < least)
     better = next((unseen.key for unseen in instead if unseen.delta_bic >= least), "")
-    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better)
+    another = law_not_told_from(members[0].effect, found.final.comparison.layout)
+    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, another)
 
 
 def _margin_of_shape(gain: float) -> float:

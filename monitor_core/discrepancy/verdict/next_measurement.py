@@ -4,7 +4,7 @@ What would distinguish effects that look alike, show those that were not seen ye
 explains.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 
 import numpy as np
 
@@ -53,7 +53,8 @@ def next_measurement(
         untested = {key for found_class in classes for key in found_class.untested if lines}
         reported = {key for found_class in classes for key in found_class.keys} - untested
         unseen = [effect for effect in candidates if effect.key not in reported]
-        advice += _to_see_more(layout, unseen, sizes)
+        said = {ConditionAxis.LEVEL} if any(found_class.another_law for found_class in classes) else set()
+        advice += _to_see_more(layout, unseen, sizes, said)
     return "; ".join(advice)
 
 
@@ -102,6 +103,11 @@ def _to_distinguish(found_class: EquivalenceClass[Physics], sizes: MachineSizes 
             f"measure whole frequency responses{_band(sizes)}, which distinguish {key} from "
             f"{' and '.join(found_class.untested)}"
         )
+    if found_class.another_law:
+        yield (
+            "measure some of the settings at a third and at three times of the usual excitation, which tells "
+            f"{key} from what goes with the excitation by another law"
+        )
 
 
 def _size_of(member: Member[Physics]) -> str:
@@ -111,8 +117,10 @@ def _size_of(member: Member[Physics]) -> str:
     return f"{effect.key} of {value:.3g}" + ("" if parameter.unit == "-" else f" {parameter.unit}")
 
 
-def _to_see_more(layout: Layout, candidates: Sequence[Effect[Physics]], sizes: MachineSizes | None) -> Iterator[str]:
-    """Yield what has to vary for the other candidates to be seen."""
+def _to_see_more(
+    layout: Layout, candidates: Sequence[Effect[Physics]], sizes: MachineSizes | None, said: Set[ConditionAxis]
+) -> Iterator[str]:
+    """Yield what has to vary for the other candidates to be seen, but for what was said already."""
     varied = varied_conditions(layout)
     stated = {axis for setting in layout.settings for axis in setting.values}
     positions = {
@@ -125,7 +133,7 @@ def _to_see_more(layout: Layout, candidates: Sequence[Effect[Physics]], sizes: M
         yield "measure with and without a known added mass" + ("" if mass is None else f" of {known_mass(mass):g} kg")
     waiting: dict[ConditionAxis, list[str]] = {}
     for effect in candidates:
-        for axis in () if is_testable(effect, layout) else sorted(effect.needs - varied):
+        for axis in () if is_testable(effect, layout) else sorted(effect.needs - varied - said):
             waiting.setdefault(axis, []).append(effect.key)
     for axis, keys in waiting.items():
         unseen = f"without which {', '.join(dict.fromkeys(keys))} cannot be seen"

@@ -187,7 +187,7 @@ def outcome_of(
     stand_ins = [found.representative.delta_bic for found in classes if not found.is_plausible]
     if sum(stand_ins) > sum(found.representative.delta_bic for found in plausible):
         return Outcome.UNKNOWN  # what has a name explains less than what stands in for something else
-    if remainder.gap.exceeds_healthy and all(found.others for found in classes):
+    if remainder.gap.exceeds_healthy and all(found.look_alikes for found in classes):
         return Outcome.UNKNOWN  # a model that lacks something distinguishes look-alikes by chance
     if left or len(plausible) < len(classes):
         return Outcome.PARTIAL

@@ -1,0 +1,115 @@
+"""What goes with the amplitude is told from another law of it at three levels of excitation, and at no fewer."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy import AMPLITUDE_LAW, Outcome
+from monitor_core.discrepancy.verdict.amplitude import law_not_told_from, n_levels
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, outcome_of, remainder_of
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX
+from monitor_core.effects.effect import ConditionAxis
+from monitor_core.fitting.comparison import Setting
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
+from service.report.words import in_plain_words
+from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
+from tests.hidden_effects.answered import answered
+from tests.hidden_effects.cases import draw_case
+from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.situations import Situation
+
+CUBIC, FRICTION, MASS = (
+    next(effect for effect in DRIVE_EFFECTS if effect.key == key)
+    for key in ("cubic-stiffness", "guide-friction", "added-mass")
+)
+SOFTER_NUT, SOFTER_BEARING = (
+    replace(quantity(0), key=f"{PREFIX}{name}") for name in ("nut_stiffness_n_per_m", "bearing_stiffness_n_per_m")
+)
+N_LINES = 20
+
+
+def layout_at(*levels, n_lines=N_LINES):
+    """Return a layout with a setting at each of these levels; None states nothing."""
+    stated = [{} if level is None else {ConditionAxis.LEVEL: level} for level in levels]
+    frequency = np.tile(np.geomspace(50.0, 500.0, n_lines), len(levels))
+    settings = tuple(Setting(f"{n}", {ConditionAxis.POSITION: 0.1, **each}) for n, each in enumerate(stated))
+    return replace(layout_of([n_lines] * len(levels), 1.0, frequency=frequency), settings=settings)
+
+
+@pytest.mark.parametrize(
+    ("levels", "expected"),
+    [
+        ((None, None), 1),
+        ((2.0, 2.0, 2.0), 1),
+        ((2.0, None, 6.0), 2),
+        ((2.0, 2.1, 1.9, 6.0, 6.3), 2),  # as a shaker repeats them
+        ((6.0, 0.6, 2.0), 3),
+        ((1.0, 1.4, 1.9), 2),  # a slow rise is no step to another level until it has come far enough
+    ],
+)
+def test_levels_are_those_that_are_far_enough_apart(levels, expected) -> None:
+    assert n_levels(layout_at(*levels)) == expected
+
+
+@pytest.mark.parametrize("effect", [CUBIC, FRICTION, SOFTER_NUT])
+def test_what_goes_with_the_amplitude_is_told_from_another_law_at_three_levels(effect) -> None:
+    assert law_not_told_from(effect, layout_at(2.0, 2.0)) == AMPLITUDE_LAW
+    assert law_not_told_from(effect, layout_at(2.0, 6.0)) == AMPLITUDE_LAW
+    assert law_not_told_from(effect, layout_at(0.6, 2.0, 6.0)) == ""
+    assert law_not_told_from(effect, layout_at(2.0, 6.0, n_lines=2)) == ""  # natural frequencies
+
+
+@pytest.mark.parametrize("effect", [MASS, SOFTER_BEARING])
+def test_of_what_does_not_it_is_not_asked(effect) -> None:
+    assert law_not_told_from(effect, layout_at(2.0, 2.0)) == ""
+
+
+def test_what_is_left_open_is_equivalent_and_says_what_to_measure() -> None:
+    layout = layout_at(2.0, 6.0)
+    values = np.random.default_rng(4).standard_normal(layout.n_values)
+    comparison = LinearComparison(layout, np.ones((layout.n_values, 1)), values, np.zeros((0, layout.n_values)))
+    hypothesis = Hypothesis(LinearAxis({}, 1), (SOFTER_NUT,))
+    fitted = fit(comparison, hypothesis, hypothesis.null)
+    named = EquivalenceClass((Member(SOFTER_NUT, fitted, 60.0, plausible=True),), (), 9.0)
+    opened = replace(named, another_law=AMPLITUDE_LAW)
+    outcomes = [
+        outcome_of([each], remainder_of(fitted), explained=1.0, settings=OutcomeSettings()) for each in (named, opened)
+    ]
+    assert outcomes == [Outcome.NAMED, Outcome.EQUIVALENT]
+    assert (named.others, opened.others, opened.look_alikes) == ((), (AMPLITUDE_LAW,), ())
+    found = SimpleNamespace(final=fitted)
+    says = next_measurement(found, (opened,), Outcome.EQUIVALENT, (CUBIC,))
+    assert "at a third and at three times of the usual excitation" in says
+    assert "cubic-stiffness cannot be seen" not in says  # of the same measurement nothing is said twice
+    assert next_measurement(found, (named,), Outcome.NAMED, (CUBIC,)) == ""
+
+
+def test_the_law_has_a_name_in_sentences() -> None:
+    assert "“Something that goes with the excitation by another law”" in in_plain_words(f"told from {AMPLITUDE_LAW}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("design", "left_open"), [("usual", True), ("rich", False)])
+def test_a_cubic_stiffness_is_named_alone_where_three_levels_were_measured(design, left_open) -> None:
+    """The truth is of finite elements, its nut a spring that is stepped through time."""
+    (bench,) = (machine for machine in MACHINES if machine.name == "bench")
+    situation = Situation(machine=jittered(bench, np.random.default_rng(5)), design=design)
+    answer = answered(draw_case("cubic-stiffness", "large", 0.01, 31, situation=situation))
+    (effect,) = answer.effects
+    assert effect.key == "cubic-stiffness"
+    assert (AMPLITUDE_LAW in effect.equivalent_to) is left_open
+    assert answer.outcome == (Outcome.EQUIVALENT if left_open else Outcome.NAMED)
+
+
+@pytest.mark.slow
+def test_a_play_that_passes_for_a_cubic_stiffness_is_left_open() -> None:
+    (mill,) = (machine for machine in MACHINES if machine.name == "mill")
+    situation = Situation(machine=jittered(mill, np.random.default_rng(5)), design="usual")
+    answer = answered(draw_case("outside:backlash", "large", 0.01, 31, situation=situation))
+    assert answer.outcome == Outcome.EQUIVALENT
+    assert all(AMPLITUDE_LAW in effect.equivalent_to for effect in answer.effects)
