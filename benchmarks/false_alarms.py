@@ -14,7 +14,7 @@ import math
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import cache, partial
 
@@ -221,7 +221,7 @@ def delay_of(change: str, after: int, seed: int, axis: int) -> float:
     rng = np.random.default_rng([2029, seed, list(CHANGES).index(change), after, axis])
     days = ROWS[row](rng, after + 200)
     lost = shape(np.arange(after + 200.0) - after)
-    changed = [Day((day.values[0] + float(lost[i]),)) for i, day in enumerate(days)]
+    changed = [replace(day, values=(day.values[0] + float(lost[i]),)) for i, day in enumerate(days)]
     state, solved = DetectorState(), limits(row)
     for number, observation in enumerate(observations(changed)):
         if number == after and state.baseline is None:
