@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from benchmarks.blind_cases import OUTSIDE, Job
-from monitor_core.discrepancy import AMPLITUDE_LAW
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, goes_with_amplitude
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.effects.effect import EffectParameter
 from monitor_core.fitting.hypothesis import is_size
@@ -29,8 +29,10 @@ _STRANGERS = {
     "screw-end-absorber": ({"screw end"}, set[str]()),
     "cracked-coupling": ({"motor", "screw"}, {"coupling_stiffness_nm_per_rad"}),
 }
-#: Those that are a law of the amplitude: where that is left open beside a name, the truth is among what is said.
-_OF_AMPLITUDE = frozenset({"nut-softening", "backlash", "contact-loss"})
+#: What is a law of the amplitude: where that is left open beside a name, the truth is among what is said.
+_OF_AMPLITUDE = frozenset(f"{OUTSIDE}{kind}" for kind in ("nut-softening", "backlash", "contact-loss")) | {
+    effect.key for effect in DRIVE_EFFECTS if goes_with_amplitude(effect)
+}
 _PARAMETERS = {effect.key: effect.parameters for effect in DRIVE_EFFECTS}
 _LN_RATIO = EffectParameter("ln_ratio", "-", lower=-1.0, upper=1.0, scale=0.1)  # of any wrong parameter
 
@@ -54,8 +56,7 @@ class Scored:
     @property
     def not_wrong(self) -> set[str]:
         """Keys of what is hidden, and of what an answer may leave open that it is."""
-        is_of_amplitude = any(f"{OUTSIDE}{kind}" in self.truth for kind in _OF_AMPLITUDE)
-        return self.true_keys | ({AMPLITUDE_LAW} if is_of_amplitude else set())
+        return self.true_keys | ({AMPLITUDE_LAW} if _OF_AMPLITUDE & self.truth.keys() else set())
 
     @property
     def leaves_it_open(self) -> bool:

@@ -34,7 +34,7 @@ _KEY: Final = re.compile(r"[a-z0-9]+(?:-[a-z0-9]+)+(?::[a-z0-9_]+)?", re.ASCII)
 def _names() -> dict[str, str]:
     names = {effect.key: effect.name for effect in MOTION_EFFECTS}
     names |= {effect.key: effect.name for effect in DRIVE_EFFECTS}
-    return names | {AMPLITUDE_LAW: "Something that goes with the excitation by another law"}
+    return names | {AMPLITUDE_LAW: "Something that goes with the excitation by a law of its own"}
 
 
 def name_of(key: str) -> str:

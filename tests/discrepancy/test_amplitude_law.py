@@ -58,15 +58,22 @@ def test_levels_are_those_that_are_far_enough_apart(levels, expected) -> None:
 
 @pytest.mark.parametrize("effect", [CUBIC, FRICTION, SOFTER_NUT])
 def test_what_goes_with_the_amplitude_is_told_from_another_law_at_three_levels(effect) -> None:
-    assert law_not_told_from(effect, layout_at(2.0, 2.0)) == AMPLITUDE_LAW
-    assert law_not_told_from(effect, layout_at(2.0, 6.0)) == AMPLITUDE_LAW
-    assert law_not_told_from(effect, layout_at(0.6, 2.0, 6.0)) == ""
-    assert law_not_told_from(effect, layout_at(2.0, 6.0, n_lines=2)) == ""  # natural frequencies
+    assert law_not_told_from(effect, 60.0, layout_at(2.0, 2.0)) == AMPLITUDE_LAW
+    assert law_not_told_from(effect, 60.0, layout_at(2.0, 6.0)) == AMPLITUDE_LAW
+    assert law_not_told_from(effect, 60.0, layout_at(0.6, 2.0, 6.0)) == ""
+    assert law_not_told_from(effect, 60.0, layout_at(2.0, 6.0, n_lines=2)) == ""  # natural frequencies
+
+
+def test_two_levels_are_enough_where_another_law_would_leave_a_tenth_of_much() -> None:
+    """But not of a nut that is softer at both: it may have been softer still at a weaker excitation, or harder."""
+    assert [law_not_told_from(CUBIC, gain, layout_at(2.0, 6.0)) for gain in (990.0, 1010.0)] == [AMPLITUDE_LAW, ""]
+    assert law_not_told_from(CUBIC, 1e4, layout_at(2.0, 2.0)) == AMPLITUDE_LAW
+    assert law_not_told_from(SOFTER_NUT, 1e4, layout_at(2.0, 6.0)) == AMPLITUDE_LAW
 
 
 @pytest.mark.parametrize("effect", [MASS, SOFTER_BEARING])
 def test_of_what_does_not_it_is_not_asked(effect) -> None:
-    assert law_not_told_from(effect, layout_at(2.0, 2.0)) == ""
+    assert law_not_told_from(effect, 60.0, layout_at(2.0, 2.0)) == ""
 
 
 def test_what_is_left_open_is_equivalent_and_says_what_to_measure() -> None:
@@ -90,7 +97,9 @@ def test_what_is_left_open_is_equivalent_and_says_what_to_measure() -> None:
 
 
 def test_the_law_has_a_name_in_sentences() -> None:
-    assert "“Something that goes with the excitation by another law”" in in_plain_words(f"told from {AMPLITUDE_LAW}")
+    assert "“Something that goes with the excitation by a law of its own”" in in_plain_words(
+        f"told from {AMPLITUDE_LAW}"
+    )
 
 
 @pytest.mark.slow

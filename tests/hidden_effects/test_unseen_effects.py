@@ -34,9 +34,9 @@ def test_what_a_nut_that_hardens_would_explain_better_is_a_stand_in(kind, size, 
 @pytest.mark.slow
 @pytest.mark.parametrize("machine", ["gantry", "bench"])
 def test_an_exponent_of_the_preload_keeps_its_name(machine) -> None:
-    """A class of two at most, where a nut that hardens would do as well."""
+    """A class of two at most, where a nut that goes with the amplitude would do as well."""
     answer = answered(draw_case("preload-exponent", "large", 0.003, 77, situation=poor(machine, 77)))
     (found,) = answer.effects
     assert found.key == "preload-exponent"
     assert found.stands_in_for == ""
-    assert set(found.equivalent_to) <= {"cubic-stiffness"}
+    assert set(found.equivalent_to) <= {"amplitude-law"}

@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from monitor_core.arrays import FloatArray
-from monitor_core.discrepancy.screening.screen import Projection
+from monitor_core.discrepancy.screening.screen import Projection, screen
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Rival
 from monitor_core.discrepancy.search.workspace import (
+    SAME_MINIMUM,
     Workspace,
     has_one_minimum,
     in_same_minimum,
@@ -240,6 +241,24 @@ def _may_be_carried(workspace: Workspace[Physics], current: Fitted[Physics], scr
     left = max(current.cost - gain, _LEAST_LEFT * current.cost)  # what is left counts as noise
     evidence = scale.factor * gain * max(current.cost / left, 1.0) if left > 0.0 else math.inf
     return evidence - scale.penalty(len(screened.effect.parameters)) >= workspace.least_evidence(current)
+
+
+def resonating_elsewhere(workspace: Workspace[Physics], current: Fitted[Physics]) -> Fitted[Physics]:
+    """Return the best fit of the same effects, each that resonates by itself sought once more beside the others.
+
+    What was found before the others may have gone to where one of them resonates.
+    """
+    for effect in current.hypothesis.effects[:-1]:
+        if effect.frequency is None or not may_be_elsewhere(current):
+            continue
+        workspace.progress(f"asking whether {effect.key} resonates elsewhere")
+        without = workspace.without(current, effect)
+        for screened in screen(without, [effect]):
+            trial = _fit_from_best_start(workspace, without, screened, without)
+            if trial is not None and _resonates_in_band(trial, effect):
+                better = current.cost - trial.cost > SAME_MINIMUM * abs(current.cost)
+                current = trial if better else current
+    return current
 
 
 def _fit_from_best_start(

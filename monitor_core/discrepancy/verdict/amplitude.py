@@ -12,12 +12,16 @@ from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
 from monitor_core.fitting.comparison import Layout
 from monitor_core.fitting.conditions.groups import has_lines, levels_of
+from monitor_core.fitting.evidence import VERY_STRONG
 
 #: What may be there in the place of an effect at fewer levels than these: its key, for it is none of the catalogue.
 AMPLITUDE_LAW: Final = "amplitude-law"
 _ENOUGH_LEVELS = 3
 #: Levels that are nearer to each other, as a ratio, are one.
 _ANOTHER_LEVEL = 1.5
+#: Of what an effect does to the data, what another law that agrees at two levels does otherwise, within the responses,
+#: whose amplitude goes with the frequency: of so strong an effect the data would show it.
+_LAWS_APART = 0.1
 #: What a nut that goes with the amplitude is where the excitation does not vary.
 _SOFTER_NUT = f"{PREFIX}nut_stiffness_n_per_m"
 
@@ -33,11 +37,21 @@ def n_levels(layout: Layout) -> int:
     return max(levels, 1)
 
 
-def law_not_told_from(effect: Effect[Physics], layout: Layout) -> str:
-    """Return the key of the law that such data cannot tell from an effect; empty where they can.
+def law_not_told_from(effect: Effect[Physics], gain: float, layout: Layout) -> str:
+    r"""Return the key of the law that such data cannot tell from an effect; empty where they can.
 
-    Of natural frequencies alone it is empty: of what level they are, a table does not say.
+    They can at three levels; at two, too, where so much speaks for an effect of the amplitude, in BIC the ``gain`` G,
+    that another law would leave :math:`\epsilon^2 G` of it as very strong evidence. Of natural frequencies alone it is
+    empty: of what level they are, a table does not say.
     """
-    is_of_amplitude = ConditionAxis.LEVEL in effect.needs or effect.key == _SOFTER_NUT
-    few = has_lines(layout) and n_levels(layout) < _ENOUGH_LEVELS
-    return AMPLITUDE_LAW if few and is_of_amplitude else ""
+    levels = n_levels(layout)
+    if not has_lines(layout) or levels >= _ENOUGH_LEVELS:
+        return ""
+    shows = goes_with_amplitude(effect) and levels > 1 and _LAWS_APART**2 * gain >= VERY_STRONG
+    is_of_amplitude = goes_with_amplitude(effect) or effect.key == _SOFTER_NUT
+    return AMPLITUDE_LAW if is_of_amplitude and not shows else ""
+
+
+def goes_with_amplitude(effect: Effect[Physics]) -> bool:
+    """Return whether an effect changes with the level of the excitation."""
+    return ConditionAxis.LEVEL in effect.needs

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.search.found import Accepted, Found
-from monitor_core.discrepancy.verdict.amplitude import law_not_told_from
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, law_not_told_from
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.conditions.groups import modes_that_stay
@@ -160,9 +160,12 @@ def equivalence_class(
     least = least_difference(found.final.comparison)
     instead = [unseen for unseen in found.unseen if accepted.effect.key in unseen.instead_of]
     untested = foreign_modes(accepted.without, candidates)
-    untested += tuple(unseen.key for unseen in instead if unseen.delta_bic < least)
+    if any(unseen.delta_bic < least for unseen in instead):
+        untested += (AMPLITUDE_LAW,)  # where the excitation does not vary, which of its laws it is cannot be said
     better = next((unseen.key for unseen in instead if unseen.delta_bic >= least), "")
-    another = law_not_told_from(members[0].effect, found.final.comparison.layout)
+    another = law_not_told_from(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
+    if another in untested:
+        another = ""
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, another)
 
 
