@@ -22,8 +22,9 @@ _ANOTHER_LEVEL = 1.5
 #: Of what an effect does to the data, what another law that agrees at two levels does otherwise, within the responses,
 #: whose amplitude goes with the frequency: of so strong an effect the data would show it.
 _LAWS_APART = 0.1
-#: What a nut that goes with the amplitude is where the excitation does not vary.
-_SOFTER_NUT = f"{PREFIX}nut_stiffness_n_per_m"
+#: What a nut that goes with the amplitude passes for: at one or two levels it is a softer one, at one it follows the
+#: preload, too, since a stiffer nut is deflected less.
+_SOFTER_NUT, _OF_PRELOAD = f"{PREFIX}nut_stiffness_n_per_m", "preload-exponent"
 
 
 def n_levels(layout: Layout) -> int:
@@ -41,15 +42,19 @@ def law_not_told_from(effect: Effect[Physics], gain: float, layout: Layout) -> s
     r"""Return the key of the law that such data cannot tell from an effect; empty where they can.
 
     They can at three levels; at two, too, where so much speaks for an effect of the amplitude, in BIC the ``gain`` G,
-    that another law would leave :math:`\epsilon^2 G` of it as very strong evidence. Of natural frequencies alone it is
-    empty: of what level they are, a table does not say.
+    that another law would leave :math:`\epsilon^2 G` of it as very strong evidence; and at one where so much speaks
+    for an exponent of the preload. Of natural frequencies alone it is empty: of what level they are, a table does not
+    say.
     """
     levels = n_levels(layout)
     if not has_lines(layout) or levels >= _ENOUGH_LEVELS:
         return ""
-    shows = goes_with_amplitude(effect) and levels > 1 and _LAWS_APART**2 * gain >= VERY_STRONG
-    is_of_amplitude = goes_with_amplitude(effect) or effect.key == _SOFTER_NUT
-    return AMPLITUDE_LAW if is_of_amplitude and not shows else ""
+    varies, shows = levels > 1, _LAWS_APART**2 * gain >= VERY_STRONG
+    if goes_with_amplitude(effect):
+        is_open = not (varies and shows)
+    else:
+        is_open = effect.key == _SOFTER_NUT or (effect.key == _OF_PRELOAD and not (varies or shows))
+    return AMPLITUDE_LAW if is_open else ""
 
 
 def goes_with_amplitude(effect: Effect[Physics]) -> bool:
