@@ -132,7 +132,7 @@ def _left(  # noqa: PLR0917
     def left(taken: np.ndarray) -> np.ndarray:
         try:
             taken_up = np.log(_responses(*refitted(taken), frequency) / here)
-        except (ValueError, OverflowError):  # off the screw, no preload left, a part without end: a step too far
+        except (ValueError, OverflowError):  # off the screw, no preload left, or an overflow: a step too far
             return np.full(2 * here.size, 1e6)
         taken_up = taken_up + assumed.gain_share * taken[: 4 * n].reshape(n, 4)[:, 2:, None]
         return _flat(weight(trace - taken_up)) - sum(

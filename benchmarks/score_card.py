@@ -54,14 +54,18 @@ class Scored:
         return {key for key in self.truth if not key.startswith(OUTSIDE)}
 
     @property
-    def not_wrong(self) -> set[str]:
+    def acceptable_keys(self) -> set[str]:
         """Keys of what is hidden, and of what an answer may leave open that it is."""
         return self.true_keys | ({AMPLITUDE_LAW} if _OF_AMPLITUDE & self.truth.keys() else set())
 
     @property
     def leaves_it_open(self) -> bool:
         """Whether a name stands beside the law of the amplitude that the truth is."""
-        return self.claims and any(AMPLITUDE_LAW in keys & self.not_wrong for keys in self.classes)
+        return (
+            not self.wrong
+            and self.claims
+            and any(AMPLITUDE_LAW in keys & self.acceptable_keys for keys in self.classes)
+        )
 
     @property
     def classes(self) -> list[set[str]]:
@@ -89,7 +93,7 @@ class Scored:
     @property
     def wrong(self) -> bool:
         """Whether a finding that is claimed holds no true effect."""
-        return self.claims and any(not keys & self.not_wrong for keys in self.classes)
+        return self.claims and any(not keys & self.acceptable_keys for keys in self.classes)
 
     @property
     def record_named(self) -> bool:
@@ -355,7 +359,7 @@ def _reasons(case: Scored) -> list[str]:
     reasons += [
         f"Wrong: {effect['key']}"
         for keys, effect in zip(case.classes, case.answer["effects"], strict=True)
-        if not keys & case.not_wrong and case.claims
+        if not keys & case.acceptable_keys and case.claims
     ]
     covered = set().union(*case.classes) if case.classes else set[str]()
     for key in sorted(case.true_keys):

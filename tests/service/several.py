@@ -46,7 +46,8 @@ def prepare(api: Api) -> None:
 def send(apis: Sequence[Api], windows: Sequence[Window], n_senders: int) -> list[int]:
     """Send windows one by one, from each sender to the next service with each; return every status that was answered.
 
-    What is answered with 503 is sent again, as senders do. Raises SentAwayForGoodError if that helps a window nothing.
+    What is answered with 503 is sent again, as senders do. Raises SentAwayForGoodError if a window is still refused
+    after ``PATIENCE_S``.
     """
     statuses: list[int] = []
     go = threading.Barrier(n_senders)
@@ -57,7 +58,7 @@ def send(apis: Sequence[Api], windows: Sequence[Window], n_senders: int) -> list
             status, due = 503, time.monotonic() + PATIENCE_S
             while status == 503:
                 if time.monotonic() > due:
-                    raise SentAwayForGoodError(f"window {number} was sent away for {PATIENCE_S:g} s")
+                    raise SentAwayForGoodError(f"the window of {window.started_at} was sent away for {PATIENCE_S:g} s")
                 status = apis[(first + number) % len(apis)].post(AXIS, [window]).status_code
                 statuses.append(status)
 

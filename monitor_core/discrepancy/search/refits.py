@@ -243,22 +243,27 @@ def _may_be_carried(workspace: Workspace[Physics], current: Fitted[Physics], scr
     return evidence - scale.penalty(len(screened.effect.parameters)) >= workspace.least_evidence(current)
 
 
-def resonating_elsewhere(workspace: Workspace[Physics], current: Fitted[Physics]) -> Fitted[Physics]:
+def refit_resonances(workspace: Workspace[Physics], current: Fitted[Physics]) -> Fitted[Physics]:
     """Return the best fit of the same effects, each that resonates by itself sought once more beside the others.
 
-    What was found before the others may have gone to where one of them resonates.
+    What was found before the others may have gone to where one of them resonates. The effect that was added last is
+    left as it is; the order of the effects is kept.
     """
+    best = current
     for effect in current.hypothesis.effects[:-1]:
-        if effect.frequency is None or not may_be_elsewhere(current):
+        if effect.frequency is None or not may_be_elsewhere(best):
             continue
         workspace.progress(f"asking whether {effect.key} resonates elsewhere")
-        without = workspace.without(current, effect)
+        without = workspace.without(best, effect)
         for screened in screen(without, [effect]):
             trial = _fit_from_best_start(workspace, without, screened, without)
-            if trial is not None and _resonates_in_band(trial, effect):
-                better = current.cost - trial.cost > SAME_MINIMUM * abs(current.cost)
-                current = trial if better else current
-    return current
+            if trial is not None and _resonates_in_band(trial, effect) and trial.cost < best.cost:
+                best = trial
+    if current.cost - best.cost < SAME_MINIMUM * abs(current.cost):
+        return current
+    hypothesis = current.hypothesis
+    ordered = workspace.try_fit(hypothesis, hypothesis.carried_over(best.hypothesis, best.coordinates))
+    return current if ordered is None or ordered.cost > current.cost else ordered
 
 
 def _fit_from_best_start(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from monitor_core.discrepancy.search.refits import resonating_elsewhere, rivals_at
+from monitor_core.discrepancy.search.refits import refit_resonances, rivals_at
 from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace, is_far
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.groups import has_lines
@@ -36,7 +36,7 @@ def add_stepwise(
             current = again  # the effect had only led out of a false minimum
             taken[-1:] = [again] if taken else []
             continue
-        before, better = current.hypothesis.keys, resonating_elsewhere(workspace, better)
+        before, better = current.hypothesis.keys, refit_resonances(workspace, better)
         current = prune(workspace, better, better.hypothesis.effects[:-1])
         if current.hypothesis.keys <= before:
             break

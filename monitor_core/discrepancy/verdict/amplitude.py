@@ -19,18 +19,20 @@ AMPLITUDE_LAW: Final = "amplitude-law"
 _ENOUGH_LEVELS = 3
 #: Levels that are nearer to each other, as a ratio, are one.
 _ANOTHER_LEVEL = 1.5
-#: Of what an effect does to the data, what another law that agrees at two levels does otherwise, within the responses,
-#: whose amplitude goes with the frequency: of so strong an effect the data would show it.
+#: Of what an effect does to the data, what another law does otherwise within the responses (a choice).
 _LAWS_APART = 0.1
 #: What a nut that goes with the amplitude passes for: at one or two levels it is a softer one, at one it follows the
 #: preload, too, since a stiffer nut is deflected less.
-_SOFTER_NUT, _OF_PRELOAD = f"{PREFIX}nut_stiffness_n_per_m", "preload-exponent"
+_WRONG_NUT_STIFFNESS, _OF_PRELOAD = f"{PREFIX}nut_stiffness_n_per_m", "preload-exponent"
 
 
 def n_levels(layout: Layout) -> int:
-    """Return at how many levels of excitation was measured; what is not stated is one."""
+    """Return at how many levels of excitation was measured; settings without one do not count, and 1 if none has one.
+
+    Any difference lets an effect be tested (``varied_conditions``); to tell laws from each other levels must be apart.
+    """
     stated = levels_of(layout, ConditionAxis.LEVEL)
-    known = np.sort(np.abs(stated[np.isfinite(stated) & (stated != 0.0)]))
+    known = np.sort(stated[stated > 0.0])
     levels, last = 0, 0.0
     for level in known.tolist():
         if level > _ANOTHER_LEVEL * last:
@@ -38,13 +40,22 @@ def n_levels(layout: Layout) -> int:
     return max(levels, 1)
 
 
-def law_not_told_from(effect: Effect[Physics], gain: float, layout: Layout) -> str:
+def indistinguishable_law(effect: Effect[Physics], gain: float, layout: Layout) -> str:
     r"""Return the key of the law that such data cannot tell from an effect; empty where they can.
 
-    They can at three levels; at two, too, where so much speaks for an effect of the amplitude, in BIC the ``gain`` G,
-    that another law would leave :math:`\epsilon^2 G` of it as very strong evidence; and at one where so much speaks
-    for an exponent of the preload. Of natural frequencies alone it is empty: of what level they are, a table does not
-    say.
+    ================================  ===============  =====================================
+    effect                            is left open at  unless
+    ================================  ===============  =====================================
+    what goes with the amplitude      1 level          –
+    what goes with the amplitude      2 levels         :math:`\epsilon^2 G` is very strong evidence
+    another stiffness of the nut      1 or 2 levels    –
+    another exponent of the preload   1 level          :math:`\epsilon^2 G` is very strong evidence
+    ================================  ===============  =====================================
+
+    G is the ``gain``, the ΔBIC of the effect. Another law that agrees where it was measured differs within the
+    responses, whose amplitude goes with the frequency, by a share ε = 0.1 of what the effect does (a choice): of that
+    the data would show :math:`\epsilon^2 G`. Of natural frequencies alone it is empty: a table does not say at which
+    level they are.
     """
     levels = n_levels(layout)
     if not has_lines(layout) or levels >= _ENOUGH_LEVELS:
@@ -53,7 +64,7 @@ def law_not_told_from(effect: Effect[Physics], gain: float, layout: Layout) -> s
     if goes_with_amplitude(effect):
         is_open = not (varies and shows)
     else:
-        is_open = effect.key == _SOFTER_NUT or (effect.key == _OF_PRELOAD and not (varies or shows))
+        is_open = effect.key == _WRONG_NUT_STIFFNESS or (effect.key == _OF_PRELOAD and not (varies or shows))
     return AMPLITUDE_LAW if is_open else ""
 
 

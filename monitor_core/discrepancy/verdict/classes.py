@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor_core.discrepancy.explanation import FoundParameter
 from monitor_core.discrepancy.search.found import Accepted, Found
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, law_not_told_from
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, indistinguishable_law
 from monitor_core.effects import PREFIX
 from monitor_core.effects.effect import Effect, EffectParameter, Physics
 from monitor_core.fitting.conditions.groups import modes_that_stay
@@ -83,10 +83,12 @@ class EquivalenceClass(Generic[Physics]):
     """Effects that the data cannot distinguish, the representative in front."""
 
     members: tuple[Member[Physics], ...]
-    untested: tuple[str, ...]  # keys of effects that such data cannot test and that would do as well
+    untested: tuple[str, ...]  # keys of what such data cannot test, and that would do as well when it was refitted
     held_out_gain: float
     stands_in_for: str = ""  # key of an effect that such data cannot test and that would do better
-    another_law: str = ""  # key of what too few levels of excitation cannot tell from the representative
+    #: Key of what too few levels of excitation cannot tell from the representative. No fit has shown it: it makes no
+    #: name doubtful where the model lacks something else.
+    another_law: str = ""
 
     @property
     def is_plausible(self) -> bool:
@@ -163,9 +165,9 @@ def equivalence_class(
     if any(unseen.delta_bic < least for unseen in instead):
         untested += (AMPLITUDE_LAW,)  # where the excitation does not vary, which of its laws it is cannot be said
     better = next((unseen.key for unseen in instead if unseen.delta_bic >= least), "")
-    another = law_not_told_from(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
-    if another in untested:
-        another = ""
+    another = ""
+    if not (better or AMPLITUDE_LAW in untested):  # which say it already
+        another = indistinguishable_law(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, another)
 
 

@@ -105,8 +105,8 @@ def _to_distinguish(found_class: EquivalenceClass[Physics], sizes: MachineSizes 
         )
     if found_class.another_law:
         yield (
-            "measure some of the settings at a third and at three times of the usual excitation, which tells "
-            f"{key} from what goes with the excitation by another law"
+            "measure some of the settings at a third of the usual excitation and at three times as much, which "
+            f"distinguishes {key} from what goes with the excitation by another law"
         )
 
 
