@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from tests.hidden_effects import cases
-from tests.hidden_effects.machines import BENCH, MACHINES, jittered
+from tests.hidden_effects.machines import BENCH, MACHINES, jittered, machine_named
 from tests.hidden_effects.situations import FAULTS, SCATTERS, Situation, WrongRecord
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
@@ -108,9 +108,8 @@ def drawn(job: Job, seed: int) -> cases.Case:
     own = seed + job.number
     if job.family == "lumped":
         return cases.draw_case(job.kind, job.size, job.noise, own, job.family, respond=PLANTS[job.plant])
-    of_size = next(machine for machine in MACHINES if machine.name == job.machine)
     situation = Situation(
-        machine=jittered(of_size, np.random.default_rng([own, 1])),
+        machine=jittered(machine_named(job.machine), np.random.default_rng([own, 1])),
         design=job.design,
         scatter=SCATTERS[job.scatter],
         disturbance=job.disturbance,

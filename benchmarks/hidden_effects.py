@@ -38,7 +38,7 @@ from monitor_core.recordings.frf_set import read_frf_set
 from monitor_core.recordings.model_file import parse_model
 from service.blas_threads import compute_in_one_thread
 from tests.hidden_effects import cases, frf_file
-from tests.hidden_effects.machines import MACHINES
+from tests.hidden_effects.machines import machine_named
 
 HEALTHY_SEEDS = (900, 901, 902)
 _NO_GAP = {when: {"fit": math.nan, "held_out": math.nan} for when in ("before", "after")} | {"noise_floor": math.nan}
@@ -49,7 +49,7 @@ def draw(job: Job, folder: Path, seed: int, form: ModelFormError) -> str:
     sealed = folder / "sealed" / f"{job.name}.json"
     if not sealed.exists():
         case = drawn(job, seed)
-        recorder = next(machine for machine in MACHINES if machine.name == job.machine).recorder
+        recorder = machine_named(job.machine).recorder
         frf_file.write_case(case, folder / "given", job.name)
         truth = {
             "job": asdict(job),

@@ -20,7 +20,7 @@ from service.report.words import in_plain_words
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
-from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.machines import jittered, machine_named
 from tests.hidden_effects.situations import Situation
 
 CUBIC, FRICTION, MASS, EXPONENT = (
@@ -115,8 +115,7 @@ def test_the_law_has_a_name_in_sentences() -> None:
 @pytest.mark.parametrize(("design", "left_open"), [("usual", True), ("rich", False)])
 def test_a_cubic_stiffness_is_named_alone_where_three_levels_were_measured(design, left_open) -> None:
     """The truth is of finite elements, its nut a spring that is stepped through time."""
-    (bench,) = (machine for machine in MACHINES if machine.name == "bench")
-    situation = Situation(machine=jittered(bench, np.random.default_rng(5)), design=design)
+    situation = Situation(machine=jittered(machine_named("bench"), np.random.default_rng(5)), design=design)
     answer = answered(draw_case("cubic-stiffness", "large", 0.01, 31, situation=situation))
     (effect,) = answer.effects
     assert effect.key == "cubic-stiffness"
@@ -126,8 +125,7 @@ def test_a_cubic_stiffness_is_named_alone_where_three_levels_were_measured(desig
 
 @pytest.mark.slow
 def test_a_play_that_passes_for_a_cubic_stiffness_is_left_open() -> None:
-    (mill,) = (machine for machine in MACHINES if machine.name == "mill")
-    situation = Situation(machine=jittered(mill, np.random.default_rng(5)), design="usual")
+    situation = Situation(machine=jittered(machine_named("mill"), np.random.default_rng(5)), design="usual")
     answer = answered(draw_case("outside:backlash", "large", 0.01, 31, situation=situation))
     assert answer.outcome == Outcome.EQUIVALENT
     assert all(AMPLITUDE_LAW in effect.equivalent_to for effect in answer.effects)

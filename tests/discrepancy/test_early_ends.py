@@ -12,14 +12,14 @@ from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects import frf_file
 from tests.hidden_effects.cases import draw_case
-from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.machines import jittered, machine_named
 from tests.hidden_effects.situations import Situation, WrongRecord
 from tests.hidden_effects.truth import transmission_line
 
 
 def told(kind, seed, wrong=None):
     """Return the answer to a case of a centre at 21 settings, and what was said on the way."""
-    (centre,) = (each for each in MACHINES if each.name == "centre")
+    centre = machine_named("centre")
     situation = Situation(machine=jittered(centre, np.random.default_rng([seed, 1])), design="usual", wrong=wrong)
     case = draw_case(kind, "large", 0.003, seed, respond=transmission_line.respond, situation=situation)
     file, measured = parse_model(case.baseline, kind), frf_file.observations(case)

@@ -138,6 +138,12 @@ GANTRY = Machine(
 MACHINES = (MINI, BENCH, CENTRE, MILL, GANTRY)
 
 
+def machine_named(name: str) -> Machine:
+    """Return the machine of a name."""
+    (found,) = (machine for machine in MACHINES if machine.name == name)
+    return found
+
+
 def jittered(machine: Machine, rng: np.random.Generator) -> Machine:
     """Return another machine of that size: no two makers build the same one, nor describe it."""
     parts = {name: _about(getattr(machine.parts, name), _JITTER, rng) for name in _JITTERED}

@@ -10,7 +10,7 @@ from benchmarks.blind_cases import ON_LINES
 from monitor_core.effects.damping_friction import SCREW_LOSS
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
-from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.machines import jittered, machine_named
 from tests.hidden_effects.situations import Situation
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
@@ -51,8 +51,7 @@ def test_a_large_effect_is_named_with_its_size_and_nothing_is_wrong(kind) -> Non
 def test_a_mode_that_took_the_place_of_another_resonance_goes_back_to_its_own() -> None:
     """Alone it does most at 485 Hz, in the place of the sensor's mounting; beside that it is where it truly is."""
     seed = 163043936
-    (of_size,) = (machine for machine in MACHINES if machine.name == "centre")
-    situation = Situation(machine=jittered(of_size, np.random.default_rng([seed, 1])), design="rich")
+    situation = Situation(machine=jittered(machine_named("centre"), np.random.default_rng([seed, 1])), design="rich")
     kind = "second-mode+sensor-mounting-resonance"
     case = draw_case(kind, "large", 0.003, seed, respond=transmission_line.respond, situation=situation)
     answer = answered(case)

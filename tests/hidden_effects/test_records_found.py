@@ -5,7 +5,7 @@ import pytest
 from monitor_core.discrepancy.explanation import RecordFault
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import NONE, draw_case
-from tests.hidden_effects.machines import BENCH, MACHINES
+from tests.hidden_effects.machines import BENCH, machine_named
 from tests.hidden_effects.situations import Situation, WrongRecord
 from tests.hidden_effects.truth import finite_elements, transmission_line
 
@@ -33,7 +33,7 @@ def test_of_two_warm_records_the_one_that_was_cold_is_named_and_the_effect_is_fo
 
 @pytest.mark.slow
 def test_a_wrong_preload_that_an_effect_of_all_preloads_would_half_explain_is_named_and_no_such_effect() -> None:
-    machine = next(each for each in MACHINES if each.name == "mini")
+    machine = machine_named("mini")
     case, answer = explained("guide-stiffness", ("preload-tag", 2), transmission_line, 640, machine)
     assert [record.number - 1 for record in answer.records] == [case.wrong_setting]
     assert [effect.key for effect in answer.effects] == ["guide-stiffness"]

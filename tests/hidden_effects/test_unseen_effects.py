@@ -5,14 +5,13 @@ import pytest
 
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
-from tests.hidden_effects.machines import MACHINES, jittered
+from tests.hidden_effects.machines import jittered, machine_named
 from tests.hidden_effects.situations import Situation
 
 
 def poor(machine, seed):
     """Return a situation of twelve settings, whose excitation is one."""
-    (of_size,) = (each for each in MACHINES if each.name == machine)
-    return Situation(machine=jittered(of_size, np.random.default_rng([seed, 1])), design="poor")
+    return Situation(machine=jittered(machine_named(machine), np.random.default_rng([seed, 1])), design="poor")
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ from monitor_core.discrepancy.screening.screen import Projection, screen
 from monitor_core.discrepancy.screening.sizes import Screened
 from monitor_core.discrepancy.search.found import Rival
 from monitor_core.discrepancy.search.workspace import (
-    SAME_MINIMUM,
     Workspace,
+    better_minimum,
     has_one_minimum,
     in_same_minimum,
     is_near,
@@ -259,7 +259,7 @@ def refit_resonances(workspace: Workspace[Physics], current: Fitted[Physics]) ->
             trial = _fit_from_best_start(workspace, without, screened, without)
             if trial is not None and _resonates_in_band(trial, effect) and trial.cost < best.cost:
                 best = trial
-    if current.cost - best.cost < SAME_MINIMUM * abs(current.cost):
+    if better_minimum(current, best) is current:
         return current
     hypothesis = current.hypothesis
     ordered = workspace.try_fit(hypothesis, hypothesis.carried_over(best.hypothesis, best.coordinates))

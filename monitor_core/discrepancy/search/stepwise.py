@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from monitor_core.discrepancy.search.refits import refit_resonances, rivals_at
-from monitor_core.discrepancy.search.workspace import SAME_MINIMUM, Workspace, is_far
+from monitor_core.discrepancy.search.workspace import Workspace, better_minimum, is_far
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale
@@ -125,4 +125,4 @@ def _refitted_without(
     Any effect may show the way out of a false minimum. That is no evidence for it.
     """
     again = workspace.without(fuller, fuller.hypothesis.effects[-1])
-    return current if current.cost - again.cost < SAME_MINIMUM * abs(current.cost) else again
+    return better_minimum(current, again)

@@ -122,6 +122,11 @@ def in_same_minimum(first: Fitted[Physics], second: Fitted[Physics]) -> bool:
     return apart < _SAME_TEMPERED * least and bool(np.all(off < _SAME_PLACE))
 
 
+def better_minimum(first: Fitted[Physics], second: Fitted[Physics]) -> Fitted[Physics]:
+    """Return the second of two fits of the same effects if it ended in a better minimum, else the first."""
+    return second if first.cost - second.cost >= SAME_MINIMUM * abs(first.cost) else first
+
+
 @dataclass(frozen=True, slots=True)
 class SearchSettings:
     """When the evidence carries an effect. The figures are set on simulated machines, see benchmarks/hidden_effects."""
