@@ -62,6 +62,7 @@ def explain_comparison(
     progress(f"comparing the model as stated with {layout.n_values} values at {len(layout.settings)} settings")
     records = cleared(comparison, axis, progress, candidates)
     searched: _Searched[Physics] | None = None
+    with_all: _Searched[Physics] | None = None
     of_all: Judged[Physics] | None = None
     described = False
     while True:
@@ -69,6 +70,7 @@ def explain_comparison(
             records.kept, axis, candidates, baseline=records.baseline, before=searched, has_no_name=described,
             worst_under=records.worst, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
         )  # fmt: skip
+        with_all = with_all if records.wrong else searched
         # what a wrong record leaves must not be described
         worst, described = searched.worst, False
         if worst is None:
@@ -88,10 +90,10 @@ def explain_comparison(
     if judged.outcome is Outcome.UNKNOWN and records.wrong and not judged.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
         if of_all is None:
-            searched = _search(
+            again = _search(
                 comparison, axis, candidates, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up
-            )
-            of_all = _judge(searched, settings, sizes)
+            ) if with_all is None else _with_no_record_wrong(with_all, settings)  # fmt: skip
+            of_all = _judge(again, settings, sizes)
         if of_all.outcome is not Outcome.UNKNOWN:
             judged, records = of_all, Records(comparison)
     progress("locating the misfit")
@@ -102,6 +104,7 @@ def explain_comparison(
 class _Searched(Generic[Physics]):
     """What a search of the records that are kept has found, before it is judged what is left."""
 
+    steps: tuple[Fitted[Physics], ...]  # of a search that has ended
     found: Found[Physics]
     classes: tuple[EquivalenceClass[Physics], ...]
     hidden: tuple[str, ...]
@@ -158,6 +161,7 @@ def _search(
         )
 
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)
+    steps: tuple[Fitted[Physics], ...] = ()
     hidden, worst, unfinished = list[str](), None, ""
     try:
         with stoppable.stoppable():
@@ -168,22 +172,44 @@ def _search(
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
             worst = None if judged_gap(steps[-1]).exceeds_healthy else worst_under(steps[-1])
-            lost = worst is not None or names_nothing(steps[0], steps[-1], settings.outcome)
-            found = judge_found(workspace, steps, alternatives=not lost)
-            classes, final = classes_with_fit(found, candidates)
-            # where something is missing no size is so well known that the mode would matter
-            if (
-                not lost
-                and not judged_gap(final).exceeds_healthy
-                and has_names(found.baseline, final, classes, settings.outcome)
-            ):
-                final = at_mode(final)
+            found, classes = _named(workspace, steps, settings, for_now=worst is not None)
     except TimeIsUpError:
-        hidden, worst, unfinished = [], None, _unfinished(workspace, said[-1])
+        steps, hidden, worst, unfinished = (), [], None, _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
-    found = replace(found, final=final)
-    return _Searched(found, tuple(classes), tuple(hidden), worst, unfinished, stoppable, workspace)
+        found = replace(found, final=final)
+    return _Searched(steps, found, tuple(classes), tuple(hidden), worst, unfinished, stoppable, workspace)
+
+
+def _named(
+    workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], settings: ExplainSettings, *, for_now: bool
+) -> tuple[Found[Physics], Sequence[EquivalenceClass[Physics]]]:
+    """Judge what a search has found; ``for_now`` without what would do in the place of it."""
+    lost = for_now or names_nothing(steps[0], steps[-1], settings.outcome)
+    found = judge_found(workspace, steps, alternatives=not lost)
+    classes, final = classes_with_fit(found, workspace.candidates)
+    # where something is missing no size is so well known that the mode would matter
+    if (
+        not lost
+        and not judged_gap(final).exceeds_healthy
+        and has_names(found.baseline, final, classes, settings.outcome)
+    ):
+        final = at_mode(final)
+    return replace(found, final=final), classes
+
+
+def _with_no_record_wrong(searched: _Searched[Physics], settings: ExplainSettings) -> _Searched[Physics]:
+    """Return a search of all records with what it has found judged as if none of them were wrong."""
+    if searched.worst is None:
+        return searched
+    workspace, doing = searched.workspace, "judging what was found"
+    workspace.progress(doing)
+    try:
+        with searched.axis.stoppable():
+            found, classes = _named(workspace, searched.steps, settings, for_now=False)
+    except TimeIsUpError:
+        return replace(searched, worst=None, unfinished=_unfinished(workspace, doing))
+    return replace(searched, found=found, classes=tuple(classes), worst=None)
 
 
 def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: MachineSizes | None) -> Judged[Physics]:

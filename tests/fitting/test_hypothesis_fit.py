@@ -109,9 +109,9 @@ def test_no_step_is_linearised_twice(monkeypatch) -> None:
     hypothesis = Hypothesis(subject_, (quantity(2), quantity(3)))
     linearised, linearise_at = [], hypothesis_fit.linearise_at_likely_errors
 
-    def watched(comparison, hypothesis, errors, deviation, coordinates):
+    def watched(comparison, hypothesis, errors, deviation, coordinates, **estimated_by):
         linearised.append((errors.tobytes(), deviation.tobytes(), coordinates.tobytes()))
-        return linearise_at(comparison, hypothesis, errors, deviation, coordinates)
+        return linearise_at(comparison, hypothesis, errors, deviation, coordinates, **estimated_by)
 
     monkeypatch.setattr(hypothesis_fit, "linearise_at_likely_errors", watched)
     fit(comparison, hypothesis, np.array([5.0, -5.0, 40.0, -40.0]))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from monitor_core.models.extended import ExtendedModel, natural_frequencies, physics_of, prepare_lines
-from monitor_core.models.extended.amplitude import motion_at
 from monitor_core.models.extended.conditions import axis_states
+from monitor_core.models.extended.rms_motion import motion_at
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from tests.models.extended_axes import add, bundled, case_of, response_of, undamped
 from tests.models.test_extended_modes import assembled

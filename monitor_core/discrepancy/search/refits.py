@@ -287,8 +287,15 @@ def _fit_from_best_start(
             best = lowest_cost(best, workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost))
     if best is not None and not best.tolerance and has_one_minimum(best) and best.cost < current.cost:
         return best
-    for start in (*(screened.starts[:1] if near else screened.starts), absent):
-        trial = workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost)
+    first, others = screened.starts[:1], () if near else screened.starts[1:]
+    starts, errors = [*first, *others, absent], None
+    if has_lines(current.comparison.layout) and not may_be_elsewhere(current):
+        # where the first start has led astray the null effect leads back, beside condition errors as they are
+        starts = [*first, absent, *(others if screened.effect.frequency else ())]
+        errors = current.around.errors
+    for start in starts:
+        limit = math.inf if best is None else best.cost
+        trial = workspace.try_fit(hypothesis, start, limit, errors=errors if start is absent else None)
         if trial is None:
             continue
         again = best is not None and in_same_minimum(trial, best)

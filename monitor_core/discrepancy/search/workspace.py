@@ -165,26 +165,41 @@ class Workspace(Generic[Physics]):
     #: Fits of the steps of the search so far, without any effect and after each that was added.
     so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
     #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
-    _fits: dict[tuple[tuple[int, ...], bytes], Fitted[Physics] | None] = field(default_factory=dict, init=False)
-    _given_up: dict[tuple[tuple[int, ...], bytes], float] = field(default_factory=dict, init=False)  # costs to beat
+    _fits: dict[tuple[tuple[int, ...], bytes, bool], Fitted[Physics] | None] = field(default_factory=dict, init=False)
+    _given_up: dict[tuple[tuple[int, ...], bytes, bool], float] = field(
+        default_factory=dict, init=False
+    )  # costs to beat
 
-    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray, to_beat: float = math.inf) -> Fitted[Physics]:
+    def fit(
+        self,
+        hypothesis: Hypothesis[Physics],
+        start: FloatArray,
+        to_beat: float = math.inf,
+        errors: FloatArray | None = None,
+    ) -> Fitted[Physics]:
         """Fit a hypothesis to the values that fits see; raises OutsideValidityError without an answer at the start."""
-        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout), to_beat=to_beat)
+        chosen = fitted_values(self.comparison.layout)
+        return fit(self.comparison, hypothesis, start, chosen, to_beat=to_beat, errors=errors)
 
     def try_fit(
-        self, hypothesis: Hypothesis[Physics], start: FloatArray, to_beat: float = math.inf
+        self,
+        hypothesis: Hypothesis[Physics],
+        start: FloatArray,
+        to_beat: float = math.inf,
+        *,
+        errors: FloatArray | None = None,
     ) -> Fitted[Physics] | None:
         """Fit a hypothesis, once only from each start; None where the model has no answer at the start.
 
-        A fit that will not come below a cost ``to_beat`` may be given up.
+        A fit that will not come below a cost ``to_beat`` may be given up. It begins with no condition errors, or with
+        ``errors`` that are likely at the start.
         """
-        key = tuple(map(id, hypothesis.effects)), start.tobytes()
+        key = tuple(map(id, hypothesis.effects)), start.tobytes(), errors is None
         known = self._fits.get(key)
         if key not in self._fits or (known is not None and known.given_up and to_beat > self._given_up[key]):
             self._given_up[key] = to_beat
             try:
-                known = self.fit(hypothesis, start, to_beat)
+                known = self.fit(hypothesis, start, to_beat, errors)
             except OutsideValidityError:
                 known = None
             self._fits[key] = known

@@ -169,9 +169,11 @@ def fit(
     fitted: BoolArray | None = None,
     *,
     to_beat: float = math.inf,
+    errors: FloatArray | None = None,
 ) -> Fitted[Physics]:
     """Fit a hypothesis from a start of shape (n_coordinates,), to the values that are to be ``fitted``, by default all.
 
+    The condition errors are sought from none, or from ``errors`` that are likely at the start, (n_settings, n_errors).
     A fit that creeps, and would stay above a cost ``to_beat`` if it crept on three times as fast, is given up.
 
     A fit that does not reach the data ends with the least tolerance that it came to: there a misfit is no noise, and
@@ -181,27 +183,30 @@ def fit(
     layout = comparison.layout
     chosen = np.ones(layout.n_values, dtype=np.bool_) if fitted is None else fitted
     at = np.clip(start, *hypothesis.bounds)
-    errors = np.zeros((len(layout.settings), len(comparison.condition_error_names)))
+    none = np.zeros((len(layout.settings), len(comparison.condition_error_names)))
+    sought = none if errors is None else errors
     tolerance, given_up = math.inf, False
 
     def likely(deviation: FloatArray) -> Callable[[FloatArray], Linearised[Physics]]:
-        """Linearise along a search from here, the resolution of the data as it is here."""
-        resolved = resolved_at_errors(comparison, hypothesis, errors, at)
-        return remembered(partial(linearise_at_likely_errors, resolved, hypothesis, errors, deviation))
+        """Linearise along a search from here, resolution of the data and slopes by the errors as they are here."""
+        resolved = resolved_at_errors(comparison, hypothesis, sought, at)
+        likely_at = partial(linearise_at_likely_errors, resolved, hypothesis, sought, deviation)
+        here = likely_at(at)
+        return remembered(partial(likely_at, estimated_by=here.whitened_by), at, here)
 
     for _ in range(_MOST_STAGES):
         before = tolerance
-        misfit = comparison.shifted(errors).misfit(hypothesis.physics(at))
+        misfit = comparison.shifted(sought).misfit(hypothesis.physics(at))
         tolerance = _tolerance(misfit, layout.standard_deviation, chosen)
         if not tolerance or tolerance > _STUCK * before or not hypothesis.n_coordinates:
             break
         tempered = likely(np.hypot(layout.standard_deviation, tolerance))
         stage = Pace(_OF_A_STAGE)
         at = nearest_minimum(tempered, hypothesis, at, chosen, stage)
-        errors = tempered(at).errors
-    around = linearise_at_likely_errors(comparison, hypothesis, errors, layout.standard_deviation, at)
+        sought = tempered(at).errors
+    around = linearise_at_likely_errors(comparison, hypothesis, sought, layout.standard_deviation, at)
     for _ in range(_MOST_ROUNDS if not tolerance and hypothesis.n_coordinates else 0):
-        errors = around.errors
+        sought = around.errors
         along = likely(layout.standard_deviation)
         try:
             at = nearest_minimum(along, hypothesis, at, chosen, Pace(_TO_MINIMUM, to_beat))

@@ -199,18 +199,35 @@ def linearise_at_likely_errors(
     errors: FloatArray,
     deviation: FloatArray,
     coordinates: FloatArray,
+    *,
+    estimated_by: Whitening | None = None,
 ) -> Linearised[Physics]:
     """Linearise a comparison around the errors that are likely at coordinates, sought from other errors.
 
     Errors that stayed where they were likely before would let a search run far along what they almost make up for: the
-    nut's stiffness, say, against a preload that was wrong in all settings alike.
+    nut's stiffness, say, against a preload that was wrong in all settings alike. How the misfit goes with the errors
+    may be ``estimated_by`` what it did near by, with the same deviation.
     """
     physics = hypothesis.physics(coordinates)
     resolved = resolved_at_errors(comparison, hypothesis, errors, coordinates)
-    linearised_at = partial(linearise, resolved, physics, deviation=deviation)
-    around = _answer_at(linearised_at, errors)
-    likely = np.clip(around.whitened_by.errors(around.here), -_LIKELY, _LIKELY)
-    return _answer_at(linearised_at, likely)
+    likely = partial(_likely_errors, resolved, physics, deviation=deviation, estimated_by=estimated_by)
+    return _answer_at(partial(linearise, resolved, physics, deviation=deviation), _answer_at(likely, errors))
+
+
+def _likely_errors(
+    comparison: Comparison[Physics],
+    physics: Physics,
+    errors: FloatArray,
+    deviation: FloatArray,
+    estimated_by: Whitening | None,
+) -> FloatArray:
+    """Return the condition errors that are likely, within what is linear, sought from others."""
+    if estimated_by is None:
+        around = linearise(comparison, physics, errors, deviation)
+        estimated_by, here = around.whitened_by, around.here
+    else:
+        here = comparison.shifted(errors).misfit(physics) - estimated_by.share_of(errors)
+    return np.clip(estimated_by.errors(here), -_LIKELY, _LIKELY)
 
 
 def _answer_at(ask: Callable[[FloatArray], Answer], errors: FloatArray) -> Answer:

@@ -28,174 +28,33 @@ of which the sum is known in closed form (Dykman & Krivoglaz, Phys. Status Solid
 hand is taken for the one that moves the nut. For each h stands :math:`h/(1 + \theta h)`, of which the stiffness of the
 whole path is a linear function; θ is the share of everything but the nut in the compliance of the path, of which the
 real part within 0 and 1 is taken. An excitation of one line, whose amplitude does not wander, is averaged all the same.
-
-Compute the rms motion of table and nut under the stated excitation.
-
-Velocity of the table and deflection of the nut are functions of two numbers: the damper c that stands for friction,
-and the hardening h of the nut; see ``amplitude``.
 """
 
 import contextlib
-import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from monitor_core.arrays import FloatArray, NumberArray
+from monitor_core.arrays import ComplexArray, FloatArray, NumberArray
 from monitor_core.errors import OutsideValidityError
-from monitor_core.models.extended.closed_form import Path, entire_parts
+from monitor_core.models.extended.closed_form import Path
 from monitor_core.models.extended.conditions import AxisStates
-from monitor_core.models.extended.excitations import Excitations
 from monitor_core.models.extended.lines import PreparedLines
 from monitor_core.models.extended.physics import AxisPhysics
-
-#: Terms of f_00 + c f_10 + h f_01 + c h f_11, a function of damper and hardening, by the two powers.
-Bilinear = Mapping[tuple[int, int], NumberArray]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Square:
-    """The square of the magnitude of a bilinear function at the points: a polynomial in c and h with real factors."""
-
-    powers: tuple[tuple[int, int], ...]  # of c and h in each term
-    factors: FloatArray  # shape (n_terms, n_points)
-
-    @classmethod
-    def of(cls, excitations: Excitations, function: Bilinear) -> "_Square":
-        """Return the square of a function that is known at the knots."""
-        terms = dict(zip(function, _at_points(excitations, tuple(function.values())), strict=True))
-        found: dict[tuple[int, int], FloatArray] = {}
-        for (first, value), (second, other) in itertools.combinations_with_replacement(terms.items(), 2):
-            powers = first[0] + second[0], first[1] + second[1]
-            product = (1.0 if first == second else 2.0) * (value[0] * other[0] + value[1] * other[1])
-            found[powers] = found[powers] + product if powers in found else product
-        return cls(tuple(found), np.array(list(found.values())))
-
-    def at(self, excitations: Excitations, damping: FloatArray, hardening: FloatArray) -> FloatArray:
-        """Return the square and c and h times its derivatives by them, of shape (3, n_points)."""
-        monomials = np.array([damping**i * hardening**j for i, j in self.powers])
-        degrees = np.array([(1, i, j) for i, j in self.powers])
-        rows = np.ascontiguousarray((degrees.T[:, :, None] * monomials).transpose(2, 0, 1))
-        found = np.empty((3, self.factors.shape[1]))
-        ends = [*excitations.first_point[1:].tolist(), self.factors.shape[1]]
-        for of_excitation, start, end in zip(rows, excitations.first_point.tolist(), ends, strict=True):
-            np.matmul(of_excitation, self.factors[:, start:end], out=found[:, start:end])
-        return found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """Velocity of the table and deflection of the nut as functions of damper c and hardening h, at the points.
-
-    Only terms and motions of effects that are there.
-    """
-
-    excitations: Excitations
-    level: FloatArray  # rms of each excitation, shape (n_excitations,)
-    characteristic: Bilinear  # at the knots
-    numerators: tuple[Bilinear, ...]  # at the knots, of jωx where there is friction, of δ where the nut hardens
-    _squares: tuple[_Square, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        squares = (_Square.of(self.excitations, function) for function in (self.characteristic, *self.numerators))
-        object.__setattr__(self, "_squares", tuple(squares))
-
-    def rms(self, damping: FloatArray, hardening: FloatArray) -> FloatArray:
-        """Return σ_v [m/s] and σ_δ [m], a row for each numerator, shape (n_numerators, n_excitations)."""
-        return self.rms_and_slopes(damping, hardening)[0]
-
-    def rms_and_slopes(self, damping: FloatArray, hardening: FloatArray) -> tuple[FloatArray, FloatArray]:
-        r"""Return the rms and :math:`\partial \ln\sigma/\partial \ln` of c and h, (n_numerators, 2, n_excitations)."""
-        excitations = self.excitations
-        (below, *numerators) = (square.at(excitations, damping, hardening) for square in self._squares)
-        share = excitations.weight / below[0]
-        slope_below = below[1:] / below[0]
-        rms, slopes = [], []
-        for above in numerators:
-            above[1:] -= above[0] * slope_below
-            power, *by_both = np.add.reduceat(share * above, excitations.first_point, axis=1)
-            rms.append(self.level * np.sqrt(power))
-            slopes.append(0.5 * np.array(by_both) / power)
-        return np.array(rms), np.array(slopes)
-
-
-def motion_at(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Motion:
-    """Return the motion in the effects that are there: evaluated at the knots, carried to the points."""
-    excitations, added = lines.excitations, physics.added
-    case = excitations.case[excitations.of_knot]
-    characteristic, *motions = _functions(physics.at(case), excitations, states.at(case))
-    acting = bool(added.guide_friction), bool(added.cubic_nut_stiffness)
-    functions = [
-        {powers: term for powers, term in function.items() if np.all(np.array(powers) <= acting)}
-        for function in (characteristic, *itertools.compress(motions, acting))
-    ]
-    level = lines.conditions.excitation_level[excitations.case]
-    return Motion(excitations, level, functions[0], tuple(functions[1:]))
-
-
-def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisStates) -> tuple[Bilinear, ...]:
-    r"""Return Δ, jωxΔ and δΔ at the knots.
-
-    With the letters of ``closed_form`` and ``carried``, P = A T and C' = 1/κ + Q/P,
-
-    .. math::
-
-        \Delta = \kappa e S P + L (P + \kappa Q), \quad
-        x = \frac{\kappa d e u P}{\Delta},\; \delta = \frac{L u P}{\Delta} \text{ per torque}, \quad
-        x = \frac{d [(P + \kappa Q)(e + c_s n) + \kappa c_s e P]}{\Delta},\; \delta = \frac{d e P}{\Delta}
-        \text{ per force}
-
-    where the damper adds jωcd to z, :math:`c_s d` and :math:`e + c_s n` times as much to S and L, and hardening adds hk
-    to κ.
-    """
-    parts = entire_parts(physics, excitations.omega, states, excitations.ends, excitations.memory)
-    carried = parts.carried
-    d, e, swing, load = carried.table_pole, carried.nut_pole, carried.swing, carried.load
-    p = parts.axial * parts.torsion
-    q = parts.axial_yield * parts.torsion + parts.turning * parts.axial
-    damper, spring = 1j * excitations.omega, nut_spring(physics, excitations.omega, parts.nut)
-    by_torque, lever = excitations.by_torque, d * e * parts.torque_lever * parts.axial
-    swung, loaded = carried.bracket * e, e + carried.bracket * carried.nut  # S and L per z
-    behind_nut = p + parts.nut * q
-    behind_table, behind_table_per_nut = swung * parts.nut * p + loaded * behind_nut, swung * p + loaded * q
-    characteristic = {
-        (0, 0): parts.nut * e * swing * p + load * behind_nut,
-        (1, 0): damper * d * behind_table,
-        (0, 1): spring * (e * swing * p + load * q),
-        (1, 1): damper * spring * d * behind_table_per_nut,
-    }
-    velocity = {
-        (0, 0): damper * np.where(by_torque, parts.nut * lever, d * behind_table),
-        (0, 1): damper * spring * np.where(by_torque, lever, d * behind_table_per_nut),
-    }
-    unloaded = parts.torque_lever * parts.axial
-    deflection = {
-        (0, 0): np.where(by_torque, load * unloaded, d * e * p),
-        (1, 0): np.where(by_torque, damper * d * loaded * unloaded, 0.0),
-    }
-    return characteristic, velocity, deflection
-
-
-def _at_points(excitations: Excitations, at_knots: Sequence[NumberArray]) -> FloatArray:
-    """Return real and imaginary part of functions between the knots, (n_functions, 2, n_points)."""
-    parts = np.stack([part for function in at_knots for part in (function.real, function.imag)], axis=-1)
-    return np.ascontiguousarray((excitations.interpolation @ parts).T).reshape(len(at_knots), 2, -1)
-
-
-def nut_spring(physics: AxisPhysics, omega: FloatArray, nut: NumberArray) -> NumberArray:
-    """Return what of the nut's κ is its spring, which hardens, with its loss; the rest is the damper. [N/m]."""
-    return np.asarray(nut - 1j * omega * physics.joints.nut_damping)
-
+from monitor_core.models.extended.rms_motion import Motion, RmsSlopes, motion_at, nut_spring
 
 _GAUSSIAN = np.sqrt(2.0 / np.pi)
 #: Powers of the rms velocity and deflection that c and h go with.
 _EXPONENTS = np.array([-1.0, 2.0])
 #: Newton's method: longest step, one that leads next to where it began, and one whose square is nothing.
-_LONGEST, _NEXT, _SETTLED = 2.0, 0.03, 1e-5
+_LONGEST, _NEXT, _SETTLED = 2.0, 0.03, 1e-4
 _ITERATIONS = 60
+#: A balance follows to first order where the drive at the knots, and both logarithms, change by no more than this.
+_ALIKE, _LINEAR = 0.02, 3e-4
+_KEPT = 3  # balances that were found last
 #: Nodes s and weights of Gauss's rule for averages over s exp(−s): exact for mean and slope of a parabola.
 _ENERGIES = 3.0 + np.sqrt(3.0) * np.array([-1.0, 1.0])
 _WEIGHTS = 0.5 - np.array([-1.0, 1.0]) / np.sqrt(12.0)
@@ -214,8 +73,6 @@ def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: Ax
     if not (lines.excitations.size and (friction or cubic)):
         return path
     motion = motion_at(physics, lines, states)
-    if friction and not cubic:
-        _require_sliding(motion, friction)
     energies, weights = (_ENERGIES, _WEIGHTS) if cubic else (np.array([2.0]), np.ones(1))
     found = [_balanced(motion, friction, cubic, float(energy)) for energy in energies]
     # cases of small signals, numbered −1, find the zero behind the last excitation
@@ -249,15 +106,23 @@ def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) 
 def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> FloatArray:
     """Return rows c and h that agree with their own motion, (2, n_excitations), at s = ``energy`` (2: the rms motion).
 
-    They are sought from those found last for these excitations where those are next to them, for a derivative asks for
-    axes that hardly differ; otherwise from the linear motion.
+    A derivative asks for axes that hardly differ: those follow linearly from one that was found for these excitations.
+    Others are sought from the last one where that is next to them, and otherwise from the linear motion.
     """
     balance = _Balance(motion, np.array([friction * _GAUSSIAN, 1.5 * energy * cubic]))
     kind, known = (*np.sign(balance.wanted).tolist(), energy), motion.excitations.balances
+    before = known.get(kind, ())
+    for last in before:
+        moved = last.moved_to(balance)
+        if moved is not None:
+            known[kind] = (last, *(other for other in before if other is not last))
+            return balance.rows(moved)
+    if friction and not cubic:
+        _require_sliding(motion, friction)
     found = None
-    if kind in known:
+    if before:
         with contextlib.suppress(OutsideValidityError):
-            found = balance.sought_from(known[kind], longest=_NEXT)
+            found = balance.sought_from(before[0].logarithms, longest=_NEXT)
     if found is None:
         found = balance.sought_from(balance.linear())
     if found is None:
@@ -265,7 +130,7 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
             f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, "
             f"cubic_nut_stiffness {cubic:g} 1/m²); lower one of them"
         )
-    known[kind] = found
+    known[kind] = (_Found(balance, found), *before[: _KEPT - 1])
     return balance.rows(found)
 
 
@@ -312,18 +177,63 @@ class _Balance:
         return None
 
     def _step(self, logarithms: FloatArray) -> FloatArray:
-        acting = self.acting
         rms, slopes = self.motion.rms_and_slopes(*self.rows(logarithms))
-        jacobian = np.eye(acting.size)[:, :, None] - _EXPONENTS[acting, None, None] * slopes[:, acting]
-        off = self._left_by(logarithms, rms)
-        step = -np.linalg.solve(np.moveaxis(jacobian, 2, 0), off.T[..., None])[..., 0].T
+        step = self.step_that_takes(self._left_by(logarithms, rms), slopes)
         return np.asarray(np.clip(step, -_LONGEST, _LONGEST))
+
+    def step_that_takes(self, off: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return the step of the logarithms that takes away by how much they are too large, as the motion follows."""
+        acting = self.acting
+        jacobian = np.eye(acting.size)[:, :, None] - _EXPONENTS[acting, None, None] * slopes[:, acting]
+        return np.asarray(-np.linalg.solve(np.moveaxis(jacobian, 2, 0), off.T[..., None])[..., 0].T)
 
     def _left_by(self, logarithms: FloatArray, rms: FloatArray) -> FloatArray:
         """Return by how much logarithms are larger than their motion asks for."""
         acting = self.acting
         constant = np.log(np.abs(self.wanted[acting, None]))
         return np.asarray(logarithms - constant - _EXPONENTS[acting, None] * np.log(rms))
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A balance that was found, and how it moves with the drive."""
+
+    balance: _Balance
+    logarithms: FloatArray
+
+    @cached_property
+    def _rows(self) -> FloatArray:
+        return self.balance.rows(self.logarithms)
+
+    @cached_property
+    def _at_knots(self) -> ComplexArray:
+        return self.balance.motion.at_knots(*self._rows)
+
+    @cached_property
+    def _alike(self) -> FloatArray:
+        return _ALIKE * np.abs(self._at_knots)
+
+    @cached_property
+    def _by_drive(self) -> RmsSlopes:
+        return RmsSlopes.at(self.balance.motion.excitations, self._at_knots)
+
+    @cached_property
+    def _by_both(self) -> FloatArray:
+        return self.balance.motion.rms_and_slopes(*self._rows)[1]
+
+    def moved_to(self, other: _Balance) -> FloatArray | None:
+        """Return the logarithms of another balance that hardly differs, to first order; None of one that does."""
+        here, acting = self.balance, other.acting
+        change = other.motion.at_knots(*self._rows) - self._at_knots
+        if not np.all(np.abs(change) <= self._alike):
+            return None
+        rising = self._by_drive.along(change) + np.log(other.motion.level / here.motion.level)
+        wanted = np.log(other.wanted[acting] / here.wanted[acting])
+        try:
+            step = here.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self._by_both)
+        except np.linalg.LinAlgError:  # it leads nowhere from here
+            return None
+        return self.logarithms + step if np.max(np.abs(step)) <= _LINEAR else None
 
 
 def _require_sliding(motion: Motion, friction: float) -> None:

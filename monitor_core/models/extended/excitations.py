@@ -51,7 +51,9 @@ class Excitations:
     first_point: npt.NDArray[np.intp]  # of each excitation; shape (n_excitations,)
     weight: FloatArray  # share of the excitation's power, sum 1 over each; shape (n_points,) [-]
     memory: Memory  # of what the drive answered at the knots
-    balances: dict[tuple[float, ...], FloatArray] = field(default_factory=dict, init=False)  # found last; amplitude.py
+    balances: dict[tuple[float, ...], tuple[Any, ...]] = field(
+        default_factory=dict, init=False
+    )  # found last; amplitude.py
 
     @property
     def size(self) -> int:
