@@ -12,6 +12,7 @@ from monitor_core.models.families import build_model
 from monitor_core.models.protocol import DriveConditions, ExcitationPoint, MotorEnd, ResponsePoint
 from monitor_core.recordings.model_file import read_model_file
 from tests.conftest import PROJECT_ROOT
+from tests.models.extended_axes import add
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,11 @@ class _Outer:
         return self.inner.a
 
 
-def _lines() -> PreparedLines:
+def _lines(level: float = 0.0) -> PreparedLines:
     frequency = np.linspace(50.0, 900.0, 40)
     return prepare_lines(
         [
-            ResponseCase(frequency, DriveConditions(position, 200.0), excitation, point, end)
+            ResponseCase(frequency, DriveConditions(position, 200.0, excitation_level=level), excitation, point, end)
             for position in (0.2, 0.5, 0.8)
             for excitation, point, end in (
                 (ExcitationPoint.FORCE_AT_TABLE, ResponsePoint.DISPLACEMENT_AT_TABLE, MotorEnd.FREE),
@@ -94,17 +95,10 @@ def test_a_method_that_hides_what_it_reads_is_refused() -> None:
         Memory(10).recall(lambda outer: outer.method(), _Outer(_Inner(1.0, 2.0), np.ones(3)))
 
 
-def test_lines_go_to_another_process_without_what_is_remembered() -> None:
-    lines, physics = _lines(), _physics()
+@pytest.mark.parametrize("friction", [0.0, 0.05])
+def test_lines_go_to_another_process_without_what_is_remembered(friction) -> None:
+    lines, physics = _lines(level=1.0), add(_physics(), guide_friction=friction)
     before = len(pickle.dumps(lines))
     there = responses(physics, lines)
     assert len(pickle.dumps(lines)) == before
     np.testing.assert_array_equal(responses(physics, pickle.loads(pickle.dumps(lines))), there)  # noqa: S301 our own
-
-
-def test_long_sessions_keep_few_answers() -> None:
-    memory = Memory(400_000)
-    for value in range(20):
-        memory.recall(lambda x: np.full(2, x), float(value))
-    kept = {function: len(known) for function, known in memory._known.items()}
-    assert max(kept.values()) <= 2

@@ -27,6 +27,13 @@ _KNOT_DISTANCE = 0.06
 _NEIGHBOURS = 4
 
 
+class FoundLast(dict[tuple[float, ...], tuple[Any, ...]]):
+    """What was found last for each kind of question; left behind where lines go to another process."""
+
+    def __reduce__(self) -> tuple[type["FoundLast"], tuple[()]]:
+        return FoundLast, ()
+
+
 @dataclass(frozen=True, slots=True)
 class Setup:
     """Under what a response is taken; responses of one setup whose bands overlap were taken together."""
@@ -51,9 +58,7 @@ class Excitations:
     first_point: npt.NDArray[np.intp]  # of each excitation; shape (n_excitations,)
     weight: FloatArray  # share of the excitation's power, sum 1 over each; shape (n_points,) [-]
     memory: Memory  # of what the drive answered at the knots
-    balances: dict[tuple[float, ...], tuple[Any, ...]] = field(
-        default_factory=dict, init=False
-    )  # found last; amplitude.py
+    balances: FoundLast = field(default_factory=FoundLast, init=False)  # of motion and linearisation; amplitude.py
 
     @property
     def size(self) -> int:
