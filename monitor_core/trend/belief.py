@@ -1,6 +1,6 @@
 r"""Learn what a healthy axis does from session to session, and predict the next one with all that is not known yet.
 
-The value of session t, seven structures side by side, each weighted by how well it has predicted:
+The value of session t, nine structures side by side, each weighted by how well it has predicted:
 
 .. math:: y_t = x_t^\mathsf{T} \beta + e_t + w_t, \qquad e_t = \varphi^{\Delta t} e_{t-\Delta t} + v_t
 
@@ -38,10 +38,12 @@ class Structure:
 
 
 STRUCTURES = (
-    Structure(0.0, 0.0, 0.42),
-    Structure(0.3, 1.0, 0.10),
+    Structure(0.0, 0.0, 0.34),
+    Structure(0.15, 1.0, 0.06),
+    Structure(0.3, 1.0, 0.08),
+    Structure(0.45, 1.0, 0.06),
     Structure(0.6, 0.5, 0.10),
-    Structure(0.6, 1.0, 0.10),
+    Structure(0.6, 1.0, 0.08),
     Structure(0.8, 1.0, 0.08),
     Structure(0.85, 0.5, 0.08),
     Structure(0.96, 0.4, 0.12),

@@ -273,8 +273,9 @@ def _fit_from_best_start(
 
     Of the starts by screening and of the null effect, a single fit is enough if it ends at the floor, where there is
     but one minimum, or if it gains what screening has predicted, where that can be relied upon. Two fits are enough if
-    they end in the same minimum and gain something. What promises, and from its best start gains, a small share of what
-    another effect, the ``leader``, has gained is not fitted from others.
+    they end in the same minimum and gain something. Where there is but one, the null effect comes second, and last of
+    what does not resonate. What promises, and from its best start gains, a small share of what another effect, the
+    ``leader``, has gained is not fitted from others.
     """
     worth_more = workspace.settings.least_share_of_gain * (current.cost - leader.cost)
     near = is_near(current)

@@ -164,11 +164,11 @@ class Workspace(Generic[Physics]):
     _screened: list[tuple[Fitted[Physics], tuple[Screened[Physics], ...]]] = field(default_factory=list, init=False)
     #: Fits of the steps of the search so far, without any effect and after each that was added.
     so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
-    #: By the effects, all of them candidates, and the start: several ways lead to the same fit. None: no answer there.
+    #: By the effects, all of them candidates, the start, and whether it was without condition errors: several ways lead
+    #: to the same fit. None: no answer there.
     _fits: dict[tuple[tuple[int, ...], bytes, bool], Fitted[Physics] | None] = field(default_factory=dict, init=False)
-    _given_up: dict[tuple[tuple[int, ...], bytes, bool], float] = field(
-        default_factory=dict, init=False
-    )  # costs to beat
+    #: Costs that these had to beat.
+    _given_up: dict[tuple[tuple[int, ...], bytes, bool], float] = field(default_factory=dict, init=False)
 
     def fit(
         self,

@@ -130,8 +130,9 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
             f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, "
             f"cubic_nut_stiffness {cubic:g} 1/m²); lower one of them"
         )
+    rows = balance.rows(found)
     known[kind] = (_Found(balance, found), *before[: _KEPT - 1])
-    return balance.rows(found)
+    return rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

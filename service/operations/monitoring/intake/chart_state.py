@@ -33,7 +33,7 @@ _BELIEFS = ("learnt", "known")
 _STATE = StoredRecord(
     "state of the charts",
     TypeAdapter(AxisState),
-    version=2,  # sessions, and what is learnt of them
+    version=3,  # nine structures of dependence
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
 )
 _DESIGN = StoredRecord(
