@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from benchmarks.blind_cases import OUTSIDE, Job
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, goes_with_amplitude
+from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW
+from monitor_core.discrepancy.verdict.amplitude import goes_with_amplitude
 from monitor_core.effects import DRIVE_EFFECTS
 from monitor_core.effects.effect import EffectParameter
 from monitor_core.fitting.hypothesis import is_size
@@ -33,6 +34,7 @@ _STRANGERS = {
 _OF_AMPLITUDE = frozenset(f"{OUTSIDE}{kind}" for kind in ("nut-softening", "backlash", "contact-loss")) | {
     effect.key for effect in DRIVE_EFFECTS if goes_with_amplitude(effect)
 }
+_OF_TIME = f"{OUTSIDE}preload-drift"
 _PARAMETERS = {effect.key: effect.parameters for effect in DRIVE_EFFECTS}
 _LN_RATIO = EffectParameter("ln_ratio", "-", lower=-1.0, upper=1.0, scale=0.1)  # of any wrong parameter
 
@@ -56,16 +58,14 @@ class Scored:
     @property
     def acceptable_keys(self) -> set[str]:
         """Keys of what is hidden, and of what an answer may leave open that it is."""
-        return self.true_keys | ({AMPLITUDE_LAW} if _OF_AMPLITUDE & self.truth.keys() else set())
+        of_amplitude = {AMPLITUDE_LAW} if _OF_AMPLITUDE & self.truth.keys() else set()
+        return self.true_keys | of_amplitude | ({TIME_LAW} if _OF_TIME in self.truth else set())
 
     @property
     def leaves_it_open(self) -> bool:
-        """Whether a name stands beside the law of the amplitude that the truth is."""
-        return (
-            not self.wrong
-            and self.claims
-            and any(AMPLITUDE_LAW in keys & self.acceptable_keys for keys in self.classes)
-        )
+        """Whether a name stands beside the law of the amplitude or of time that the truth is."""
+        laws = {AMPLITUDE_LAW, TIME_LAW} & self.acceptable_keys
+        return not self.wrong and self.claims and any(laws & keys for keys in self.classes)
 
     @property
     def classes(self) -> list[set[str]]:
@@ -185,7 +185,7 @@ def score_card(scored: Sequence[Scored], digest: str, seed: int, *, learnt: bool
             [case for case in beside if case.d_prime >= CLEAR], lambda case: case.right),
         row("a wrong record: a wrong name", "0", records, lambda case: case.wrong),
         row("outside the catalogue: a wrong name", "0", outside, lambda case: case.wrong),
-        row("outside: a name, and beside it, right, another law of the amplitude", "–", outside,
+        row("outside: a name, and beside it, right, a law of the amplitude or of time", "–", outside,
             lambda case: case.leaves_it_open),
         row("outside, gap ≥ 2 × floor: described at its place, with its parameter or frequency", "≥ 70 %", open_gap,
             lambda case: case.well_described),

@@ -20,10 +20,12 @@ from monitor_core.discrepancy.explanation import (
     WrongRecord,
 )
 from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW
+from monitor_core.discrepancy.verdict.classes import TIME_LAW
 from monitor_core.fitting.conditions.settings import SettingTolerances
 
 __all__ = [
     "AMPLITUDE_LAW",
+    "TIME_LAW",
     "Candidate",
     "Described",
     "ExplainOptions",

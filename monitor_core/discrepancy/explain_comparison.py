@@ -7,14 +7,15 @@ from typing import Generic
 
 from monitor_core.discrepancy.conclusion import conclude, has_names
 from monitor_core.discrepancy.description.describe import following_excitation, swinging_at_port
+from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.discrepancy.in_words import Judged, explanation_of
 from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
-from monitor_core.discrepancy.search.found import Found
+from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
-from monitor_core.discrepancy.verdict.classes import EquivalenceClass
+from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_of_shape
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
@@ -26,7 +27,9 @@ from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wa
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.comparison import Comparison
+from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.described_axis import DescribedAxis
+from monitor_core.fitting.evidence import least_difference
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
@@ -195,7 +198,22 @@ def _named(
         and has_names(found.baseline, final, classes, settings.outcome)
     ):
         final = at_mode(final)
+    if not lost and has_lines(final.comparison.layout):
+        pairs = zip(classes, found.accepted, strict=True)
+        classes = tuple(_left_to_time(workspace, found, group, accepted) for group, accepted in pairs)
     return replace(found, final=final), classes
+
+
+def _left_to_time(
+    workspace: Workspace[Physics], found: Found[Physics], group: EquivalenceClass[Physics], accepted: Accepted[Physics]
+) -> EquivalenceClass[Physics]:
+    """Return a class with the law of time in it, where that would do in the place of an effect of the nut."""
+    first = group.representative
+    if first.effect.key not in OF_NUT or group.another_law:
+        return group
+    margin = max(least_difference(workspace.comparison), margin_of_shape(first.delta_bic))
+    is_open = goes_with_time(accepted.without, found.final, margin, workspace.progress)
+    return replace(group, another_law=TIME_LAW) if is_open else group
 
 
 def _with_no_record_wrong(searched: _Searched[Physics], settings: ExplainSettings) -> _Searched[Physics]:

@@ -5,7 +5,7 @@ import re
 from functools import cache
 from typing import Final
 
-from monitor_core.discrepancy import AMPLITUDE_LAW
+from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW
 from monitor_core.effects import DRIVE_EFFECTS, MOTION_EFFECTS, PREFIX
 from service.report.rounding import rounded, with_uncertainty
 
@@ -34,7 +34,10 @@ _KEY: Final = re.compile(r"[a-z0-9]+(?:-[a-z0-9]+)+(?::[a-z0-9_]+)?", re.ASCII)
 def _names() -> dict[str, str]:
     names = {effect.key: effect.name for effect in MOTION_EFFECTS}
     names |= {effect.key: effect.name for effect in DRIVE_EFFECTS}
-    return names | {AMPLITUDE_LAW: "Something that goes with the excitation by a law of its own"}
+    return names | {
+        AMPLITUDE_LAW: "Something that goes with the excitation by a law of its own",
+        TIME_LAW: "Something that changes from one measurement to the next",
+    }
 
 
 def name_of(key: str) -> str:

@@ -10,10 +10,16 @@ from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects.frf_file import observations
 
 
-def answered(case):
-    """Return what the workflow makes of a case."""
+def compared(case):
+    """Return the comparison of a case, and the axis as it is described."""
     file, measured = parse_model(case.baseline, "a case"), observations(case)
     drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
-    candidates = drive.candidates(sizes_of_drive(drive.physics({}), measured))
     folds = default_folds(observation.conditions for observation in measured)
-    return explain_comparison(compare_responses(measured, held_out=folds), drive, candidates)
+    return compare_responses(measured, held_out=folds), drive
+
+
+def answered(case):
+    """Return what the workflow makes of a case."""
+    comparison, drive = compared(case)
+    candidates = drive.candidates(sizes_of_drive(drive.physics({}), observations(case)))
+    return explain_comparison(comparison, drive, candidates)

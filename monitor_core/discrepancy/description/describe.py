@@ -197,7 +197,7 @@ def _described(
     """
     varied = [(base, variation) for base in with_laws for variation in _variations(base.fitted)]
     promising = _promising(varied, baseline) if varied else ()
-    answers = [answer for base, tried in promising if (answer := _refit(base, tried, progress)) is not None]
+    answers = [answer for base, tried in promising if (answer := refit_with_law(base, tried, progress)) is not None]
     answers += list(_hung_elsewhere(answers, with_laws, progress))
     answers = [answer for answer in answers if is_evident(answer)]
     plain = [Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
@@ -272,7 +272,8 @@ def _is_near(tried: TriedLaw, best: TriedLaw) -> bool:
     return tried.cost <= best.cost + _WORTH_A_REFIT * (best.variation.alike - best.cost)
 
 
-def _refit(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> Answer | None:
+def refit_with_law(base: Base, tried: TriedLaw, progress: Callable[[str], None]) -> Answer | None:
+    """Return a fit with a law of a quantity, and with all else; None where the axis has no answer with it."""
     quantity, law, before = tried.variation.quantity, tried.law, base.fitted
     progress(f"refitting with {quantity.name} that varies with {law.variable}, {law.form}")
     effect: Effect[AxisPhysics] = varying(quantity.record, quantity.field, law)
@@ -337,6 +338,11 @@ def _holds(baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) 
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
     return held and of_missing >= _LEAST_EXPLAINED and share_of_free(answer) >= _LEAST_OF_FREE
+
+
+def holds_as_law(without: Fitted[AxisPhysics], answer: Answer) -> bool:
+    """Return whether the data ask for a law, and it explains most of what a fit is without."""
+    return is_evident(answer) and _holds(without, answer, answer.scale)
 
 
 def _surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:

@@ -1,7 +1,8 @@
 """Ask whether there were enough levels of excitation to tell what goes with the amplitude from another law of it.
 
 At one level a nut that gives way under load is a softer nut. At two, a cubic stiffness, a play and a contact that opens
-give the same two stiffnesses, and friction may stand in for a part of it: the third level tells which law it is.
+give the same two stiffnesses, and friction may stand in for a part of it: the third level tells which law it is, if
+the effect is large enough for the laws to differ there.
 """
 
 from typing import Final
@@ -19,8 +20,9 @@ AMPLITUDE_LAW: Final = "amplitude-law"
 _ENOUGH_LEVELS = 3
 #: Levels that are nearer to each other, as a ratio, are one.
 _ANOTHER_LEVEL = 1.5
-#: Of what an effect does to the data, what another law does otherwise within the responses (a choice).
-_LAWS_APART = 0.1
+#: Of what an effect does to the data, what another law does otherwise (choices): within the responses where it agrees
+#: at one or two levels, and at the third.
+_WITHIN_RESPONSES, _AT_THIRD_LEVEL = 0.1, 0.2
 #: What a nut that goes with the amplitude passes for: at one or two levels it is a softer one, at one it follows the
 #: preload, too, since a stiffer nut is deflected less.
 _WRONG_NUT_STIFFNESS, _OF_PRELOAD = f"{PREFIX}nut_stiffness_n_per_m", "preload-exponent"
@@ -48,6 +50,7 @@ def indistinguishable_law(effect: Effect[Physics], gain: float, layout: Layout) 
     ================================  ===============  =====================================
     what goes with the amplitude      1 level          –
     what goes with the amplitude      2 levels         :math:`\epsilon^2 G` is very strong evidence
+    what goes with the amplitude      3 and more       the same, with ε = 0.2
     another stiffness of the nut      1 or 2 levels    –
     another exponent of the preload   1 level          :math:`\epsilon^2 G` is very strong evidence
     ================================  ===============  =====================================
@@ -58,14 +61,21 @@ def indistinguishable_law(effect: Effect[Physics], gain: float, layout: Layout) 
     level they are.
     """
     levels = n_levels(layout)
-    if not has_lines(layout) or levels >= _ENOUGH_LEVELS:
+    if not has_lines(layout):
         return ""
-    varies, shows = levels > 1, _LAWS_APART**2 * gain >= VERY_STRONG
     if goes_with_amplitude(effect):
-        is_open = not (varies and shows)
+        apart = _AT_THIRD_LEVEL if levels >= _ENOUGH_LEVELS else _WITHIN_RESPONSES
+        is_open = levels == 1 or not _shows(apart, gain)
+    elif effect.key == _WRONG_NUT_STIFFNESS:
+        is_open = levels < _ENOUGH_LEVELS
     else:
-        is_open = effect.key == _WRONG_NUT_STIFFNESS or (effect.key == _OF_PRELOAD and not (varies or shows))
+        is_open = effect.key == _OF_PRELOAD and levels == 1 and not _shows(_WITHIN_RESPONSES, gain)
     return AMPLITUDE_LAW if is_open else ""
+
+
+def _shows(apart: float, gain: float) -> bool:
+    """Return whether data show what is a share ``apart`` of what they show with a gain of BIC."""
+    return apart**2 * gain >= VERY_STRONG
 
 
 def goes_with_amplitude(effect: Effect[Physics]) -> bool:

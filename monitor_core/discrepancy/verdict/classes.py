@@ -3,7 +3,7 @@
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Final, Generic
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from monitor_core.fitting.hypothesis import is_size
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.uncertainty import Estimate
 
+#: Key of what changes from one measurement to the next where that may be there in the place of an effect.
+TIME_LAW: Final = "time-law"
 #: A frequency that is off by more, in ln f, is of a mode that the model has not.
 _ANOTHER_MODE = 0.25
 
@@ -86,8 +88,8 @@ class EquivalenceClass(Generic[Physics]):
     untested: tuple[str, ...]  # keys of what such data cannot test, and that would do as well when it was refitted
     held_out_gain: float
     stands_in_for: str = ""  # key of an effect that such data cannot test and that would do better
-    #: Key of what too few levels of excitation cannot tell from the representative. No fit has shown it: it makes no
-    #: name doubtful where the model lacks something else.
+    #: Key of a law that such data cannot tell from the representative, of the amplitude or of time. No effect of the
+    #: catalogue is one: it makes no name doubtful where the model lacks something else.
     another_law: str = ""
 
     @property
@@ -146,7 +148,7 @@ def equivalence_class(
     if judged_gap(found.final).exceeds_healthy:
         of_gain = _MARGIN_OF_GAIN * accepted.delta_bic
     else:
-        of_gain = min(_margin_of_shape(accepted.delta_bic), _HIDDEN * scale.n_values * scale.share)
+        of_gain = min(margin_of_shape(accepted.delta_bic), _HIDDEN * scale.n_values * scale.share)
     margin = max(least_difference(found.final.comparison), of_gain)
     best = max([own.delta_bic, *(rival.delta_bic for rival in rivals)])
     inside = [own, *(rival for rival in rivals if rival.delta_bic >= best - margin)]
@@ -171,7 +173,7 @@ def equivalence_class(
     return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, another)
 
 
-def _margin_of_shape(gain: float) -> float:
+def margin_of_shape(gain: float) -> float:
     r"""Return the least difference D of BIC that an effect whose form is a little off does not feign.
 
     What it does to the data measures √G standard deviations, and where another does best by D the two are √D apart. An

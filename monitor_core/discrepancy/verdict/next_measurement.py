@@ -10,7 +10,8 @@ import numpy as np
 
 from monitor_core.discrepancy.explanation import Described, Outcome
 from monitor_core.discrepancy.search.found import Found
-from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW
+from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.what_is_described import checks_of_described
 from monitor_core.discrepancy.verdict.what_is_left import checks_of_what_is_left, plain
 from monitor_core.effects.effect import ConditionAxis, Effect, Physics
@@ -53,7 +54,8 @@ def next_measurement(
         untested = {key for found_class in classes for key in found_class.untested if lines}
         reported = {key for found_class in classes for key in found_class.keys} - untested
         unseen = [effect for effect in candidates if effect.key not in reported]
-        said = {ConditionAxis.LEVEL} if any(found_class.another_law for found_class in classes) else set()
+        of_level = any(found_class.another_law == AMPLITUDE_LAW for found_class in classes)
+        said = {ConditionAxis.LEVEL} if of_level else set()
         advice += _to_see_more(layout, unseen, sizes, said)
     return "; ".join(advice)
 
@@ -103,7 +105,12 @@ def _to_distinguish(found_class: EquivalenceClass[Physics], sizes: MachineSizes 
             f"measure whole frequency responses{_band(sizes)}, which distinguish {key} from "
             f"{' and '.join(found_class.untested)}"
         )
-    if found_class.another_law:
+    if found_class.another_law == TIME_LAW:
+        yield (
+            "measure the first settings once more at the end, and all of them in random order, which distinguishes "
+            f"{key} from what changes with time"
+        )
+    if found_class.another_law == AMPLITUDE_LAW:
         yield (
             "measure some of the settings at a third of the usual excitation and at three times as much, which "
             f"distinguishes {key} from what goes with the excitation by another law"

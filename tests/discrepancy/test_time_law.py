@@ -1,0 +1,62 @@
+"""What changes the nut is told from a preload that drifts while the settings are measured, or left open."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW, Outcome
+from monitor_core.discrepancy.description.time_law import goes_with_time
+from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
+from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.fitting.evidence import delta_bic, evidence_scale
+from monitor_core.fitting.hypothesis import Hypothesis
+from monitor_core.fitting.solver.hypothesis_fit import fit
+from service.report.words import in_plain_words
+from tests.discrepancy.axes import LinearAxis, LinearComparison, effects_by_key, layout_of, quantity
+from tests.hidden_effects.answered import compared
+from tests.hidden_effects.cases import draw_case
+from tests.hidden_effects.machines import jittered, machine_named
+from tests.hidden_effects.situations import Situation
+
+PERIODIC = effects_by_key()["periodic-preload"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("truth", "left_open"), [("outside:preload-drift", True), ("periodic-preload", False)])
+def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
+    """The truth is of finite elements; a law of time is held against a periodic preload that gains much in both."""
+    situation = Situation(machine=jittered(machine_named("bench"), np.random.default_rng(5)), design="rich")
+    comparison, subject = compared(draw_case(truth, "large", 0.003, 31, situation=situation))
+    plain = Hypothesis(subject)
+    without = fit(comparison, plain, plain.null)
+    hypothesis = plain.with_effect(PERIODIC)
+    final = fit(comparison, hypothesis, hypothesis.carried_over(plain, without.coordinates))
+    assert truth != PERIODIC.key or delta_bic(without, final, evidence_scale(final)) > 100.0
+    said = list[str]()
+    assert goes_with_time(without, final, 20.0, said.append) is left_open
+    assert said[0] == "asking whether it changes with time"
+
+
+def test_another_axis_than_a_drive_has_no_nut_that_changes() -> None:
+    layout = layout_of([20, 20], 1.0)
+    comparison = LinearComparison(layout, np.ones((40, 1)), np.zeros(40), np.zeros((0, 40)))
+    hypothesis = Hypothesis(LinearAxis({}, 1), (quantity(0),))
+    fitted = fit(comparison, hypothesis, hypothesis.null)
+    assert not goes_with_time(fitted, fitted, 20.0, lambda _: None)
+
+
+def test_what_is_left_open_to_time_says_what_to_measure() -> None:
+    layout = layout_of([20, 20], 1.0, frequency=np.tile(np.geomspace(50.0, 500.0, 20), 2))
+    comparison = LinearComparison(layout, np.ones((40, 1)), np.ones(40), np.zeros((0, 40)))
+    hypothesis = Hypothesis(LinearAxis({}, 1), (quantity(0),))
+    fitted = fit(comparison, hypothesis, hypothesis.null)
+    opened = EquivalenceClass(
+        (Member(hypothesis.effects[0], fitted, 60.0, plausible=True),), (), 9.0, another_law=TIME_LAW
+    )
+    says = next_measurement(SimpleNamespace(final=fitted), (opened,), Outcome.EQUIVALENT, ())
+    assert "measure the first settings once more at the end" in says
+    assert "excitation" not in says
+    assert (opened.others, opened.look_alikes) == ((TIME_LAW,), ())
+    assert "“Something that changes from one measurement to the next”" in in_plain_words(f"told from {TIME_LAW}")
+    assert TIME_LAW != AMPLITUDE_LAW
