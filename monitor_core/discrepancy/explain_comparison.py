@@ -1,7 +1,7 @@
 """Explain a discrepancy end to end: compare, find what is missing, judge it, and put it into words and numbers."""
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
@@ -15,7 +15,7 @@ from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
-from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_of_shape
+from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_between
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
     classes_with_fit,
@@ -29,7 +29,6 @@ from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.comparison import Comparison
 from monitor_core.fitting.conditions.groups import has_lines
 from monitor_core.fitting.described_axis import DescribedAxis
-from monitor_core.fitting.evidence import least_difference
 from monitor_core.fitting.hold_out import judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.fitting.solver.posterior_mode import at_mode
@@ -209,17 +208,16 @@ def _left_to_time(
 ) -> EquivalenceClass[Physics]:
     """Return a class with the law of time in it, where that would do in the place of an effect of the nut."""
     first = group.representative
-    if first.effect.key not in OF_NUT or group.another_law:
+    if first.effect.key not in OF_NUT:
         return group
-    margin = max(least_difference(workspace.comparison), margin_of_shape(first.delta_bic))
-    is_open = goes_with_time(accepted.without, found.final, margin, workspace.progress)
-    return replace(group, another_law=TIME_LAW) if is_open else group
+    margin, is_open = margin_between(found, first.delta_bic), False
+    with suppress(TimeIsUpError):  # all else is known by now
+        is_open = goes_with_time(accepted.without, first.fitted, margin, workspace.progress)
+    return replace(group, other_laws=(*group.other_laws, TIME_LAW)) if is_open else group
 
 
 def _with_no_record_wrong(searched: _Searched[Physics], settings: ExplainSettings) -> _Searched[Physics]:
     """Return a search of all records with what it has found judged as if none of them were wrong."""
-    if searched.worst is None:
-        return searched
     workspace, doing = searched.workspace, "judging what was found"
     workspace.progress(doing)
     try:

@@ -97,7 +97,7 @@ def test_what_is_left_open_is_equivalent_and_says_what_to_measure() -> None:
     hypothesis = Hypothesis(LinearAxis({}, 1), (SOFTER_NUT,))
     fitted = fit(comparison, hypothesis, hypothesis.null)
     named = EquivalenceClass((Member(SOFTER_NUT, fitted, 60.0, plausible=True),), (), 9.0)
-    opened = replace(named, another_law=AMPLITUDE_LAW)
+    opened = replace(named, other_laws=(AMPLITUDE_LAW,))
     outcomes = [
         outcome_of([each], remainder_of(fitted), explained=1.0, settings=OutcomeSettings()) for each in (named, opened)
     ]

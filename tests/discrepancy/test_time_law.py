@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW, Outcome
-from monitor_core.discrepancy.description.time_law import goes_with_time
+from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.next_measurement import next_measurement
+from monitor_core.effects import PREFIX
 from monitor_core.fitting.evidence import delta_bic, evidence_scale
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
@@ -38,6 +39,10 @@ def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
     assert said[0] == "asking whether it changes with time"
 
 
+def test_what_changes_the_nut_is_in_the_catalogue() -> None:
+    assert {key for key in OF_NUT if not key.startswith(PREFIX)} <= effects_by_key().keys()
+
+
 def test_another_axis_than_a_drive_has_no_nut_that_changes() -> None:
     layout = layout_of([20, 20], 1.0)
     comparison = LinearComparison(layout, np.ones((40, 1)), np.zeros(40), np.zeros((0, 40)))
@@ -52,7 +57,7 @@ def test_what_is_left_open_to_time_says_what_to_measure() -> None:
     hypothesis = Hypothesis(LinearAxis({}, 1), (quantity(0),))
     fitted = fit(comparison, hypothesis, hypothesis.null)
     opened = EquivalenceClass(
-        (Member(hypothesis.effects[0], fitted, 60.0, plausible=True),), (), 9.0, another_law=TIME_LAW
+        (Member(hypothesis.effects[0], fitted, 60.0, plausible=True),), (), 9.0, other_laws=(TIME_LAW,)
     )
     says = next_measurement(SimpleNamespace(final=fitted), (opened,), Outcome.EQUIVALENT, ())
     assert "measure the first settings once more at the end" in says

@@ -97,9 +97,11 @@ def test_a_stranger_is_described_at_its_place_by_its_parameter(said, counted) ->
         ("outside:backlash", ["amplitude-law"], False),
         ("outside:backlash", [], True),
         ("outside:preload-drift", ["amplitude-law"], True),  # which is no law of the amplitude
+        ("outside:preload-drift", ["time-law"], False),
+        ("outside:backlash", ["time-law"], True),
     ],
 )
-def test_a_law_of_the_amplitude_that_is_left_open_is_right_of_one(kind, equivalent_to, wrong) -> None:
+def test_a_law_that_is_left_open_is_right_of_one(kind, equivalent_to, wrong) -> None:
     found = {"key": "cubic-stiffness", "equivalent_to": equivalent_to, "same_as": [], "parameters": {},
              "delta_bic": 60.0}  # fmt: skip
     case = beside(scored(3, kind, {kind: {"size": 0.3}}, outcome="equivalent"), effects=[found])

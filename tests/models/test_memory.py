@@ -102,3 +102,11 @@ def test_lines_go_to_another_process_without_what_is_remembered(friction) -> Non
     there = responses(physics, lines)
     assert len(pickle.dumps(lines)) == before
     np.testing.assert_array_equal(responses(physics, pickle.loads(pickle.dumps(lines))), there)  # noqa: S301 our own
+
+
+def test_long_sessions_keep_few_answers() -> None:
+    memory = Memory(400_000)
+    for value in range(20):
+        memory.recall(lambda x: np.full(2, x), float(value))
+    kept = {function: len(known) for function, known in memory._known.items()}
+    assert max(kept.values()) <= 2

@@ -142,6 +142,12 @@ def test_charts_of_an_older_version_are_folded_again_from_what_was_measured(tmp_
     state = stored(tmp_path, "monitor_state")
     store(tmp_path, "monitor_state", json.dumps({"detector": {"status": "alarm"}}))  # as version 1 had it, or nearly
     store(tmp_path, "detector_design", json.dumps({"cusum_limit": 7.0}))
+    with closing(sqlite3.connect(tmp_path / "preload.db")) as connection:
+        connection.execute("UPDATE chart_epochs SET state = ?", (json.dumps({"version": 1}),))
+        connection.commit()
     with running_service(tmp_path) as api:
         assert said(api) == before
+    with closing(sqlite3.connect(tmp_path / "preload.db")) as connection:
+        states = [json.loads(text) for (text,) in connection.execute("SELECT state FROM chart_epochs")]
+    assert {document["version"] for document in states} == {json.loads(state)["version"]}
     assert json.loads(stored(tmp_path, "monitor_state"))["detector"] == json.loads(state)["detector"]

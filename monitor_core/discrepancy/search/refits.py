@@ -273,9 +273,8 @@ def _fit_from_best_start(
 
     Of the starts by screening and of the null effect, a single fit is enough if it ends at the floor, where there is
     but one minimum, or if it gains what screening has predicted, where that can be relied upon. Two fits are enough if
-    they end in the same minimum and gain something. Where there is but one, the null effect comes second, and last of
-    what does not resonate. What promises, and from its best start gains, a small share of what another effect, the
-    ``leader``, has gained is not fitted from others.
+    they end in the same minimum and gain something. What promises, and from its best start gains, a small share of what
+    another effect, the ``leader``, has gained is not fitted from others.
     """
     worth_more = workspace.settings.least_share_of_gain * (current.cost - leader.cost)
     near = is_near(current)
@@ -288,15 +287,9 @@ def _fit_from_best_start(
             best = lowest_cost(best, workspace.try_fit(hypothesis, start, math.inf if best is None else best.cost))
     if best is not None and not best.tolerance and has_one_minimum(best) and best.cost < current.cost:
         return best
-    first, others = screened.starts[:1], () if near else screened.starts[1:]
-    starts, errors = [*first, *others, absent], None
-    if has_lines(current.comparison.layout) and not may_be_elsewhere(current):
-        # where the first start has led astray the null effect leads back, beside condition errors as they are
-        starts = [*first, absent, *(others if screened.effect.frequency else ())]
-        errors = current.around.errors
-    for start in starts:
+    for start, errors in _starts(current, screened, absent, near=near):
         limit = math.inf if best is None else best.cost
-        trial = workspace.try_fit(hypothesis, start, limit, errors=errors if start is absent else None)
+        trial = workspace.try_fit(hypothesis, start, limit, errors=errors)
         if trial is None:
             continue
         again = best is not None and in_same_minimum(trial, best)
@@ -310,3 +303,20 @@ def _fit_from_best_start(
         if max(gained, screened.predicted_gain) < worth_more and not screening_misleads(current):
             break
     return best
+
+
+def _starts(
+    current: Fitted[Physics], screened: Screened[Physics], absent: FloatArray, *, near: bool
+) -> Iterator[tuple[FloatArray, FloatArray | None]]:
+    """Yield where screening leads and the null effect, each with the condition errors there where they are known.
+
+    Responses near the data have one minimum. Where the first start has led astray from it, the null effect leads back,
+    beside the errors as they are; other starts are then worth a fit of what resonates only.
+    """
+    first, others = screened.starts[:1], () if near else screened.starts[1:]
+    yield from ((start, None) for start in first)
+    if not has_lines(current.comparison.layout) or may_be_elsewhere(current):
+        yield from ((start, None) for start in (*others, absent))
+        return
+    yield absent, current.around.errors
+    yield from ((start, None) for start in others if screened.effect.frequency is not None)

@@ -164,11 +164,11 @@ class Workspace(Generic[Physics]):
     _screened: list[tuple[Fitted[Physics], tuple[Screened[Physics], ...]]] = field(default_factory=list, init=False)
     #: Fits of the steps of the search so far, without any effect and after each that was added.
     so_far: list[Fitted[Physics]] = field(default_factory=list, init=False)
-    #: By the effects, all of them candidates, the start, and whether it was without condition errors: several ways lead
-    #: to the same fit. None: no answer there.
-    _fits: dict[tuple[tuple[int, ...], bytes, bool], Fitted[Physics] | None] = field(default_factory=dict, init=False)
+    #: By the effects, all of them candidates, the start, and the condition errors there: several ways lead to the same
+    #: fit. None: no answer there.
+    _fits: dict[tuple[tuple[int, ...], bytes, bytes], Fitted[Physics] | None] = field(default_factory=dict, init=False)
     #: Costs that these had to beat.
-    _given_up: dict[tuple[tuple[int, ...], bytes, bool], float] = field(default_factory=dict, init=False)
+    _given_up: dict[tuple[tuple[int, ...], bytes, bytes], float] = field(default_factory=dict, init=False)
 
     def fit(
         self,
@@ -194,7 +194,7 @@ class Workspace(Generic[Physics]):
         A fit that will not come below a cost ``to_beat`` may be given up. It begins with no condition errors, or with
         ``errors`` that are likely at the start.
         """
-        key = tuple(map(id, hypothesis.effects)), start.tobytes(), errors is None
+        key = tuple(map(id, hypothesis.effects)), start.tobytes(), b"" if errors is None else errors.tobytes()
         known = self._fits.get(key)
         if key not in self._fits or (known is not None and known.given_up and to_beat > self._given_up[key]):
             self._given_up[key] = to_beat

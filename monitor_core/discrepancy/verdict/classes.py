@@ -88,9 +88,9 @@ class EquivalenceClass(Generic[Physics]):
     untested: tuple[str, ...]  # keys of what such data cannot test, and that would do as well when it was refitted
     held_out_gain: float
     stands_in_for: str = ""  # key of an effect that such data cannot test and that would do better
-    #: Key of a law that such data cannot tell from the representative, of the amplitude or of time. No effect of the
-    #: catalogue is one: it makes no name doubtful where the model lacks something else.
-    another_law: str = ""
+    #: Keys of laws that such data cannot tell from the representative, of the amplitude or of time. No effect of the
+    #: catalogue is one: they make no name doubtful where the model lacks something else.
+    other_laws: tuple[str, ...] = ()
 
     @property
     def is_plausible(self) -> bool:
@@ -105,7 +105,7 @@ class EquivalenceClass(Generic[Physics]):
     @property
     def others(self) -> tuple[str, ...]:
         """Return the keys of all that may be there in the place of the representative."""
-        return (*self.look_alikes, self.another_law) if self.another_law else self.look_alikes
+        return (*self.look_alikes, *self.other_laws)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -145,11 +145,7 @@ def equivalence_class(
         for rival in accepted.rivals
         if rival.effect.key not in representing
     ]
-    if judged_gap(found.final).exceeds_healthy:
-        of_gain = _MARGIN_OF_GAIN * accepted.delta_bic
-    else:
-        of_gain = min(margin_of_shape(accepted.delta_bic), _HIDDEN * scale.n_values * scale.share)
-    margin = max(least_difference(found.final.comparison), of_gain)
+    margin = margin_between(found, accepted.delta_bic)
     best = max([own.delta_bic, *(rival.delta_bic for rival in rivals)])
     inside = [own, *(rival for rival in rivals if rival.delta_bic >= best - margin)]
     ordered = sorted(inside, key=lambda member: (member.effect.key in barred, *_precedence(member)))
@@ -170,10 +166,20 @@ def equivalence_class(
     another = ""
     if not (better or AMPLITUDE_LAW in untested):  # which say it already
         another = indistinguishable_law(members[0].effect, members[0].delta_bic, found.final.comparison.layout)
-    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, another)
+    laws = (another,) if another else ()
+    return EquivalenceClass(tuple(members), untested, accepted.held_out_gain, better, laws)
 
 
-def margin_of_shape(gain: float) -> float:
+def margin_between(found: Found[Physics], gain: float) -> float:
+    """Return by how much of BIC two effects have to differ that are told apart, the one found with a gain of BIC."""
+    if judged_gap(found.final).exceeds_healthy:
+        of_gain = _MARGIN_OF_GAIN * gain
+    else:
+        of_gain = min(_margin_of_shape(gain), _HIDDEN * found.evidence_scale.n_values * found.evidence_scale.share)
+    return max(least_difference(found.final.comparison), of_gain)
+
+
+def _margin_of_shape(gain: float) -> float:
     r"""Return the least difference D of BIC that an effect whose form is a little off does not feign.
 
     What it does to the data measures √G standard deviations, and where another does best by D the two are √D apart. An

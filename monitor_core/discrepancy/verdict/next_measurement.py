@@ -54,7 +54,7 @@ def next_measurement(
         untested = {key for found_class in classes for key in found_class.untested if lines}
         reported = {key for found_class in classes for key in found_class.keys} - untested
         unseen = [effect for effect in candidates if effect.key not in reported]
-        of_level = any(found_class.another_law == AMPLITUDE_LAW for found_class in classes)
+        of_level = any(AMPLITUDE_LAW in found_class.other_laws for found_class in classes)
         said = {ConditionAxis.LEVEL} if of_level else set()
         advice += _to_see_more(layout, unseen, sizes, said)
     return "; ".join(advice)
@@ -105,12 +105,12 @@ def _to_distinguish(found_class: EquivalenceClass[Physics], sizes: MachineSizes 
             f"measure whole frequency responses{_band(sizes)}, which distinguish {key} from "
             f"{' and '.join(found_class.untested)}"
         )
-    if found_class.another_law == TIME_LAW:
+    if TIME_LAW in found_class.other_laws:
         yield (
             "measure the first settings once more at the end, and all of them in random order, which distinguishes "
             f"{key} from what changes with time"
         )
-    if found_class.another_law == AMPLITUDE_LAW:
+    if AMPLITUDE_LAW in found_class.other_laws:
         yield (
             "measure some of the settings at a third of the usual excitation and at three times as much, which "
             f"distinguishes {key} from what goes with the excitation by another law"

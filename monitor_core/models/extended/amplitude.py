@@ -33,7 +33,6 @@ real part within 0 and 1 is taken. An excitation of one line, whose amplitude do
 import contextlib
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -130,9 +129,8 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
             f"no motion of the axis agrees with its own linearisation (guide_friction {friction:g} N, "
             f"cubic_nut_stiffness {cubic:g} 1/m²); lower one of them"
         )
-    rows = balance.rows(found)
-    known[kind] = (_Found(balance, found), *before[: _KEPT - 1])
-    return rows
+    known[kind] = (found, *before[: _KEPT - 1])
+    return found.rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,23 +162,20 @@ class _Balance:
         rms = self.motion.rms(*np.zeros((2, self.motion.level.size)))
         return -self._left_by(np.zeros_like(rms), rms)
 
-    def sought_from(self, start: FloatArray, longest: float = math.inf) -> FloatArray | None:
-        """Return the logarithms, None if there are none or a step to them would be longer than that."""
+    def sought_from(self, start: FloatArray, longest: float = math.inf) -> "_Found | None":
+        """Return the balance, None if there is none or a step to it would be longer than that."""
         logarithms = start
         with contextlib.suppress(np.linalg.LinAlgError):  # nowhere to go: as good as no answer
             for _ in range(_ITERATIONS):
-                step = self._step(logarithms)
+                rms, slopes = self.motion.rms_and_slopes(*self.rows(logarithms))
+                step = self.step_that_takes(self._left_by(logarithms, rms), slopes)
+                step = np.clip(step, -_LONGEST, _LONGEST)
                 logarithms, length = logarithms + step, float(np.max(np.abs(step)))
                 if length < _SETTLED:
-                    return logarithms
+                    return _Found.of(self, logarithms, slopes)
                 if length > longest:
                     return None
         return None
-
-    def _step(self, logarithms: FloatArray) -> FloatArray:
-        rms, slopes = self.motion.rms_and_slopes(*self.rows(logarithms))
-        step = self.step_that_takes(self._left_by(logarithms, rms), slopes)
-        return np.asarray(np.clip(step, -_LONGEST, _LONGEST))
 
     def step_that_takes(self, off: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return the step of the logarithms that takes away by how much they are too large, as the motion follows."""
@@ -195,43 +190,36 @@ class _Balance:
         return np.asarray(logarithms - constant - _EXPONENTS[acting, None] * np.log(rms))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Found:
     """A balance that was found, and how it moves with the drive."""
 
-    balance: _Balance
+    wanted: FloatArray
+    level: FloatArray
     logarithms: FloatArray
+    rows: FloatArray
+    by_both: FloatArray  # slopes of ln σ by ln c and ln h
+    at_knots: ComplexArray
+    by_drive: RmsSlopes | None = None  # known once it was asked for
 
-    @cached_property
-    def _rows(self) -> FloatArray:
-        return self.balance.rows(self.logarithms)
-
-    @cached_property
-    def _at_knots(self) -> ComplexArray:
-        return self.balance.motion.at_knots(*self._rows)
-
-    @cached_property
-    def _alike(self) -> FloatArray:
-        return _ALIKE * np.abs(self._at_knots)
-
-    @cached_property
-    def _by_drive(self) -> RmsSlopes:
-        return RmsSlopes.at(self.balance.motion.excitations, self._at_knots)
-
-    @cached_property
-    def _by_both(self) -> FloatArray:
-        return self.balance.motion.rms_and_slopes(*self._rows)[1]
+    @classmethod
+    def of(cls, balance: _Balance, logarithms: FloatArray, slopes: FloatArray) -> "_Found":
+        """Return a balance at its logarithms; raises OutsideValidityError of a nut without any stiffness."""
+        motion, rows = balance.motion, balance.rows(logarithms)
+        return cls(balance.wanted, motion.level, logarithms, rows, slopes, motion.at_knots(*rows))
 
     def moved_to(self, other: _Balance) -> FloatArray | None:
         """Return the logarithms of another balance that hardly differs, to first order; None of one that does."""
-        here, acting = self.balance, other.acting
-        change = other.motion.at_knots(*self._rows) - self._at_knots
-        if not np.all(np.abs(change) <= self._alike):
+        motion, acting = other.motion, other.acting
+        change = motion.at_knots(*self.rows) - self.at_knots
+        if not np.all(np.abs(change) <= _ALIKE * np.abs(self.at_knots)):
             return None
-        rising = self._by_drive.along(change) + np.log(other.motion.level / here.motion.level)
-        wanted = np.log(other.wanted[acting] / here.wanted[acting])
+        if self.by_drive is None:
+            self.by_drive = RmsSlopes.at(motion.excitations, self.at_knots)
+        rising = self.by_drive.along(change) + np.log(motion.level / self.level)
+        wanted = np.log(other.wanted[acting] / self.wanted[acting])
         try:
-            step = here.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self._by_both)
+            step = other.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self.by_both)
         except np.linalg.LinAlgError:  # it leads nowhere from here
             return None
         return self.logarithms + step if np.max(np.abs(step)) <= _LINEAR else None

@@ -47,9 +47,9 @@ def _renew(connection: Connection, axis_id: str) -> None:
         return  # another service, which started at the same time, has done it
     design = detector_design(detector_settings(load_configuration(axis.configuration)))
     beginning = dump_state(AxisState())
-    forget_checkpoints(connection, axis.number, before.epoch, None)
     for epoch in epochs_of(connection, axis.number):
-        if epoch.epoch == before.epoch:
+        if epoch.epoch is not None:  # an inspection that is told later may go back to any of them
+            forget_checkpoints(connection, axis.number, epoch.epoch, None)
             save_epoch(connection, replace(epoch, state=beginning))
     charts = replace(
         before,
