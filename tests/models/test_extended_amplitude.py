@@ -342,6 +342,29 @@ def test_what_was_asked_before_does_not_change_the_answer() -> None:
             np.testing.assert_allclose(responses(axis, lines), response_of(axis, case), rtol=1e-7)
 
 
+@pytest.mark.parametrize("excited", [FEW_LINES, FEW_LINES[:1]], ids=["a band", "one line"])
+def test_neighbours_that_were_asked_before_do_not_change_the_answer(excited) -> None:
+    """Other masses, positions and levels on the same lines, near and far: as on lines that were asked nothing yet."""
+    physics, level, rng = soft_nut(), 1.0, np.random.default_rng(6)
+    velocity, deflection = linear_motion(physics, MOTOR, level)
+    axis = add(physics, guide_friction=3e3 * velocity, cubic_nut_stiffness=1.0 / deflection**2)
+    cases = [
+        case_of(RECEPTANCE, excited, DriveConditions(at, excitation_level=level * factor), MOTOR)
+        for at, factor in ((0.2, 1.0), (0.52, 2.0), (0.8, 1.0))
+    ]
+    lines = prepare_lines(cases)
+    for _ in range(60):
+        move = 10.0 ** rng.choice([-5.0, -4.0, -3.0, -1.0]) * rng.standard_normal(3)
+        moved = replace(
+            lines.conditions,
+            position=lines.conditions.position * (1.0 + 0.1 * move[0]),
+            excitation_level=lines.conditions.excitation_level * (1.0 + 0.1 * move[1]),
+        )
+        there, fresh = replace(lines, conditions=moved), replace(prepare_lines(cases), conditions=moved)
+        heavier = add(axis, table_mass=2.0 * move[2])
+        np.testing.assert_allclose(responses(heavier, there), responses(heavier, fresh), rtol=1e-6)
+
+
 def test_any_hardening_has_an_answer() -> None:
     """The more, the larger β: a nut ten decades stiffer, as read off the compliance that force and table meet.
 
