@@ -92,9 +92,13 @@ def explain_comparison(
     if judged.outcome is Outcome.UNKNOWN and records.wrong and not judged.unfinished:
         # where so much is missing that nothing is found, records may stand out that are right
         if of_all is None:
-            again = _search(
-                comparison, axis, candidates, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up
-            ) if with_all is None else _with_no_record_wrong(with_all, settings)  # fmt: skip
+            if with_all is None:
+                again = _search(
+                    comparison, axis, candidates,
+                    sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
+                )  # fmt: skip
+            else:
+                again = _with_no_record_wrong(with_all, settings)
             of_all = _judge(again, settings, sizes)
         if of_all.outcome is not Outcome.UNKNOWN:
             judged, records = of_all, Records(comparison)

@@ -26,7 +26,7 @@ PERIODIC = effects_by_key()["periodic-preload"]
 @pytest.mark.slow
 @pytest.mark.parametrize(("truth", "left_open"), [("outside:preload-drift", True), ("periodic-preload", False)])
 def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
-    """The truth is of finite elements; a law of time is held against a periodic preload that gains much in both."""
+    """The truth is of finite elements; a law of time is held against a periodic preload."""
     situation = Situation(machine=jittered(machine_named("bench"), np.random.default_rng(5)), design="rich")
     comparison, subject = compared(draw_case(truth, "large", 0.003, 31, situation=situation))
     plain = Hypothesis(subject)

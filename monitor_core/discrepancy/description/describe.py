@@ -201,7 +201,7 @@ def _described(
     answers += list(_hung_elsewhere(answers, with_laws, progress))
     answers = [answer for answer in answers if is_evident(answer)]
     plain = [Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
-    answers += [answer for answer in plain if is_evident(answer) and _holds(baseline, answer, answer.scale)]
+    answers += [answer for answer in plain if is_borne_out(baseline, answer)]
     if not answers:
         return None, varied
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
@@ -340,8 +340,8 @@ def _holds(baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) 
     return held and of_missing >= _LEAST_EXPLAINED and share_of_free(answer) >= _LEAST_OF_FREE
 
 
-def holds_as_law(without: Fitted[AxisPhysics], answer: Answer) -> bool:
-    """Return whether the data ask for a law, and it explains most of what a fit is without."""
+def is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:
+    """Return whether the data ask for what is described, and it explains most of what a fit is without."""
     return is_evident(answer) and _holds(without, answer, answer.scale)
 
 

@@ -8,19 +8,18 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from monitor_core.discrepancy.description.bases import Base
-from monitor_core.discrepancy.description.describe import holds_as_law, refit_with_law
+from monitor_core.discrepancy.description.describe import is_borne_out, refit_with_law
 from monitor_core.discrepancy.description.free_variation import fitted_settings, vary_freely
 from monitor_core.discrepancy.description.laws import tried_laws
 from monitor_core.discrepancy.description.quantities import QUANTITIES
-from monitor_core.effects import PREFIX, Variable
+from monitor_core.discrepancy.verdict.amplitude import PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS
+from monitor_core.effects import Variable
 from monitor_core.fitting.evidence import delta_bic
 from monitor_core.fitting.solver.hypothesis_fit import Fitted
 from monitor_core.models.extended import AxisPhysics
 
 #: What changes the stiffness of the nut from setting to setting.
-OF_NUT: Final = frozenset({
-    "periodic-preload", "thermal-preload", "preload-exponent", f"{PREFIX}nut_stiffness_n_per_m",
-})  # fmt: skip
+OF_NUT: Final = frozenset({"periodic-preload", "thermal-preload", PRELOAD_EXPONENT, WRONG_NUT_STIFFNESS})
 _NUT_STIFFNESS = next(each for each in QUANTITIES if each.field == "nut_stiffness")
 _REFITS = 2
 
@@ -42,7 +41,7 @@ def goes_with_time(without: Fitted[Any], final: Fitted[Any], margin: float, prog
     answers = (refit_with_law(Base(without), each, progress) for each in of_time[:_REFITS])
     return any(
         answer is not None
-        and holds_as_law(without, answer)
+        and is_borne_out(without, answer)
         and delta_bic(final, answer.fitted, answer.scale) >= -margin
         for answer in answers
     )

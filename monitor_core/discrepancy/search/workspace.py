@@ -170,16 +170,9 @@ class Workspace(Generic[Physics]):
     #: Costs that these had to beat.
     _given_up: dict[tuple[tuple[int, ...], bytes, bytes], float] = field(default_factory=dict, init=False)
 
-    def fit(
-        self,
-        hypothesis: Hypothesis[Physics],
-        start: FloatArray,
-        to_beat: float = math.inf,
-        errors: FloatArray | None = None,
-    ) -> Fitted[Physics]:
+    def fit(self, hypothesis: Hypothesis[Physics], start: FloatArray) -> Fitted[Physics]:
         """Fit a hypothesis to the values that fits see; raises OutsideValidityError without an answer at the start."""
-        chosen = fitted_values(self.comparison.layout)
-        return fit(self.comparison, hypothesis, start, chosen, to_beat=to_beat, errors=errors)
+        return fit(self.comparison, hypothesis, start, fitted_values(self.comparison.layout))
 
     def try_fit(
         self,
@@ -199,7 +192,8 @@ class Workspace(Generic[Physics]):
         if key not in self._fits or (known is not None and known.given_up and to_beat > self._given_up[key]):
             self._given_up[key] = to_beat
             try:
-                known = self.fit(hypothesis, start, to_beat, errors)
+                chosen = fitted_values(self.comparison.layout)
+                known = fit(self.comparison, hypothesis, start, chosen, to_beat=to_beat, errors=errors)
             except OutsideValidityError:
                 known = None
             self._fits[key] = known

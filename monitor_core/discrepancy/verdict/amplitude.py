@@ -25,7 +25,7 @@ _ANOTHER_LEVEL = 1.5
 _WITHIN_RESPONSES, _AT_THIRD_LEVEL = 0.1, 0.2
 #: What a nut that goes with the amplitude passes for: at one or two levels it is a softer one, at one it follows the
 #: preload, too, since a stiffer nut is deflected less.
-_WRONG_NUT_STIFFNESS, _OF_PRELOAD = f"{PREFIX}nut_stiffness_n_per_m", "preload-exponent"
+WRONG_NUT_STIFFNESS, PRELOAD_EXPONENT = f"{PREFIX}nut_stiffness_n_per_m", "preload-exponent"
 
 
 def n_levels(layout: Layout) -> int:
@@ -66,10 +66,10 @@ def indistinguishable_law(effect: Effect[Physics], gain: float, layout: Layout) 
     if goes_with_amplitude(effect):
         apart = _AT_THIRD_LEVEL if levels >= _ENOUGH_LEVELS else _WITHIN_RESPONSES
         is_open = levels == 1 or not _shows(apart, gain)
-    elif effect.key == _WRONG_NUT_STIFFNESS:
+    elif effect.key == WRONG_NUT_STIFFNESS:
         is_open = levels < _ENOUGH_LEVELS
     else:
-        is_open = effect.key == _OF_PRELOAD and levels == 1 and not _shows(_WITHIN_RESPONSES, gain)
+        is_open = effect.key == PRELOAD_EXPONENT and levels == 1 and not _shows(_WITHIN_RESPONSES, gain)
     return AMPLITUDE_LAW if is_open else ""
 
 
