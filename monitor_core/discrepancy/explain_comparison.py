@@ -13,6 +13,7 @@ from monitor_core.discrepancy.in_words import Judged, explanation_of
 from monitor_core.discrepancy.records.rounds import Records, Worst, cleared
 from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
+from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
 from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_between
@@ -69,8 +70,8 @@ def explain_comparison(
     described = False
     while True:
         searched = _search(
-            records.kept, axis, candidates, baseline=records.baseline, before=searched, has_no_name=described,
-            worst_under=records.worst, sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
+            records, axis, candidates, before=searched, has_no_name=described,
+            sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
         )  # fmt: skip
         with_all = with_all if records.wrong else searched
         # what a wrong record leaves must not be described
@@ -94,7 +95,7 @@ def explain_comparison(
         if of_all is None:
             if with_all is None:
                 again = _search(
-                    comparison, axis, candidates,
+                    Records(comparison), axis, candidates, may_be_wrong=False,
                     sizes=sizes, settings=settings, progress=progress, time_is_up=time_is_up,
                 )  # fmt: skip
             else:
@@ -131,26 +132,25 @@ class _Searched(Generic[Physics]):
 
 
 def _search(
-    comparison: Comparison[Physics],
+    records: Records[Physics],
     axis: DescribedAxis[Physics],
     candidates: Sequence[Effect[Physics]],
     *,
-    baseline: Fitted[Physics] | None = None,
+    may_be_wrong: bool = True,
     before: _Searched[Physics] | None = None,
     has_no_name: bool = False,
-    worst_under: Callable[[Fitted[Physics]], Worst | None] = lambda _: None,
     sizes: MachineSizes | None,
     settings: ExplainSettings,
     progress: Callable[[str], None],
     time_is_up: Callable[[], bool] | None,
 ) -> _Searched[Physics]:
-    """Find what explains the records that are kept; ``baseline`` is the fit without any effect if it is known.
+    """Find what explains the records that are kept.
 
     Of a search ``before``, with a record more, the effects are fitted anew; others are sought beside them unless what
-    is missing ``has_no_name``. Where a record is ``worst_under`` what explains the others, nothing is sought that would
-    do in the place of what was found: it will be sought without that record.
+    is missing ``has_no_name``. Where one of the records ``may_be_wrong``, and stands out from what explains the others,
+    nothing is sought that would do in the place of what was found: it will be sought without that record.
     """
-    said = ["comparing the model as stated"]
+    comparison, said = records.kept, ["comparing the model as stated"]
 
     def report(sentence: str) -> None:
         said.append(sentence)
@@ -172,12 +172,12 @@ def _search(
     try:
         with stoppable.stoppable():
             steps = () if before is None else find_again(workspace, before.found, others=not has_no_name)
-            steps = steps or find_steps(workspace, baseline)
+            steps = steps or find_steps(workspace, records.baseline)
             while (least := hidden_in_remainder(steps[0], steps[-1], workspace.without, settings.outcome)) is not None:
                 hidden.append(least.key)
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
-            worst = None if judged_gap(steps[-1]).exceeds_healthy else worst_under(steps[-1])
+            worst = _worst_of(records, workspace, steps[-1], named=not has_no_name) if may_be_wrong else None
             found, classes = _named(workspace, steps, settings, for_now=worst is not None)
     except TimeIsUpError:
         steps, hidden, worst, unfinished = (), [], None, _unfinished(workspace, said[-1])
@@ -185,6 +185,17 @@ def _search(
         classes, final = classes_with_fit(found, candidates)
         found = replace(found, final=final)
     return _Searched(steps, found, tuple(classes), tuple(hidden), worst, unfinished, stoppable, workspace)
+
+
+def _worst_of(
+    records: Records[Physics], workspace: Workspace[Physics], final: Fitted[Physics], *, named: bool
+) -> Worst | None:
+    """Return the record that stands out from what a search has found, or that an effect with a name was found for."""
+    if judged_gap(final).exceeds_healthy:
+        return None
+    without = (workspace.without(final, effect) for effect in (findings(final) if named else ()))
+    behind = (records.behind_effect(final, plain) for plain in without)
+    return records.worst(final) or next((worst for worst in behind if worst is not None), None)
 
 
 def _named(

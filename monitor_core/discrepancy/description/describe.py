@@ -139,7 +139,8 @@ def _may_be_described(baseline: Fitted[Any]) -> bool:
 def _at_ports(
     baseline: Fitted[AxisPhysics], from_here: Sequence[Fitted[AxisPhysics]], sizes: MachineSizes | None
 ) -> tuple[Base, ...]:
-    missed = judged_gap(baseline).exceeds_healthy  # or no response has a resonance too many
+    swings = any(effect.frequency is not None for each in from_here for effect in each.hypothesis.effects)
+    missed = judged_gap(baseline).exceeds_healthy or swings  # or no response has a resonance too many
     return tuple(bases_at_ports(from_here, sizes)) if missed else ()
 
 

@@ -6,6 +6,7 @@ from typing import Generic
 
 from monitor_core.discrepancy.explanation import WrongRecord
 from monitor_core.discrepancy.records.accounts import accounted_for
+from monitor_core.discrepancy.records.behind import found_for
 from monitor_core.discrepancy.records.look import STANDS_OUT, record_under, worst_record
 from monitor_core.discrepancy.records.masking import bent_to
 from monitor_core.effects.effect import Effect, Physics
@@ -55,7 +56,7 @@ class Records(Generic[Physics]):
 
     def worst(self, fitted: Fitted[Physics]) -> Worst | None:
         """Return the record that is most surely wrong under a fit of those that are kept, None without any."""
-        if not isinstance(self.whole, HasRecords) or len(self.wrong) >= _MOST_WRONG * len(self.whole.layout.settings):
+        if not isinstance(self.whole, HasRecords) or self._has_enough_wrong:
             return None
         record = worst_record(fitted, self.whole, self.wrong, self.right) or self._bent_to(fitted)
         if record is None:
@@ -67,12 +68,36 @@ class Records(Generic[Physics]):
             return replace(self, right=self.right | account.right).worst(fitted)
         return Worst(account.wrong, account.right)
 
+    def behind_effect(self, fitted: Fitted[Physics], without: Fitted[Physics]) -> Worst | None:
+        """Return the wrong record that an effect was found for, None where the others ask for it, too.
+
+        ``fitted`` is the fit with the effect, ``without`` the one that lacks it.
+        """
+        kept, whole = self.kept, self.whole
+        if not isinstance(kept, HasRecords) or not isinstance(whole, HasRecords) or self._has_enough_wrong:
+            return None
+        numbers = self._numbers
+        found = found_for(fitted, without, kept, frozenset(numbers.index(each) for each in self.right - self.wrong))
+        if found is None:
+            return None
+        record = worst_record(found.without, whole, self.wrong, self.right)
+        return Worst(record) if record is not None and record.number - 1 == numbers[found.place] else None
+
+    @property
+    def _has_enough_wrong(self) -> bool:
+        return len(self.wrong) >= _MOST_WRONG * len(self.whole.layout.settings)
+
+    @property
+    def _numbers(self) -> list[int]:
+        """Settings of the records that are kept."""
+        return [index for index in range(len(self.whole.layout.settings)) if index not in self.wrong]
+
     def _bent_to(self, fitted: Fitted[Physics]) -> WrongRecord | None:
         """Return the record that is most surely wrong under a fit without it, None without any."""
         kept, whole = self.kept, self.whole
         if not isinstance(kept, HasRecords) or not isinstance(whole, HasRecords):
             return None
-        numbers = [index for index in range(len(whole.layout.settings)) if index not in self.wrong]
+        numbers = self._numbers
         evidence = {place: of for place, of in bent_to(fitted, kept).items() if numbers[place] not in self.right}
         best, *others = [*evidence.values(), 0.0]
         if judged_gap(fitted).exceeds_healthy and others and best < STANDS_OUT * others[0]:

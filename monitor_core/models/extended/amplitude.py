@@ -51,14 +51,16 @@ _EXPONENTS = np.array([-1.0, 2.0])
 #: Newton's method: longest step, one that leads next to where it began, and one whose square is nothing.
 _LONGEST, _NEXT, _SETTLED = 2.0, 0.03, 1e-4
 _ITERATIONS = 60
-#: A balance follows to first order where the drive at the knots, and both logarithms, change by no more than this.
+#: A balance is sought from first order where the drive at the knots changes by no more than this, and is taken from it
+#: where both logarithms hardly do.
 _ALIKE, _LINEAR = 0.02, 3e-4
 _KEPT = 3  # balances that were found last
 #: Nodes s and weights of Gauss's rule for averages over s exp(−s): exact for mean and slope of a parabola.
 _ENERGIES = 3.0 + np.sqrt(3.0) * np.array([-1.0, 1.0])
 _WEIGHTS = 0.5 - np.array([-1.0, 1.0]) / np.sqrt(12.0)
-#: Of the continued fraction: off by 4e-7, 6e-4 and 2 % of the peak where a is 2, 5 and 10 times γ.
-_MOMENTS = 12
+#: Of the continued fraction: off by 4e-7, 6e-4 and 2 % of the peak where a is 2, 5 and 10 times γ. Half of them are off
+#: by less than 1e-6 where a is at most 0.4 times the distance to the resonance at any line.
+_MOMENTS, _CALM = 12, 0.4
 
 
 def linearise(path: Path, physics: AxisPhysics, lines: PreparedLines, states: AxisStates) -> Path:
@@ -94,11 +96,17 @@ def _averaged(hardening: FloatArray, resonant: NumberArray, others: FloatArray) 
     mean = _WEIGHTS @ stiffer
     slope = 0.5 * (_WEIGHTS * (_ENERGIES - 2.0)) @ stiffer
     distance = resonant / (1.0 + others * resonant) - mean
-    width = np.maximum(-distance.imag, 0.0)
-    rest: NumberArray = np.zeros(mean.shape, dtype=np.complex128)
-    for n in range(_MOMENTS, 0, -1):
-        rest = n * (n + 1) * slope**2 / (1j * (distance - 2 * n * slope) + 2 * n * width + rest)
-    seen = mean + 1j * rest
+    off, loss, square = distance.real, -distance.imag, slope**2
+    width = np.maximum(loss, 0.0)
+    calm = bool(np.all(square <= _CALM**2 * (off**2 + loss**2)))
+    # by real and imaginary parts: a division of complex arrays takes several times as long
+    real, imaginary = np.zeros_like(mean), np.zeros_like(mean)
+    for n in range(_MOMENTS // 2 if calm else _MOMENTS, 0, -1):
+        real += loss + 2 * n * width
+        imaginary += off - 2 * n * slope
+        share = n * (n + 1) * square / (real**2 + imaginary**2)
+        real, imaginary = share * real, -share * imaginary
+    seen = mean - imaginary + 1j * real
     return np.asarray(seen / (1.0 - others * seen))
 
 
@@ -111,17 +119,20 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
     balance = _Balance(motion, np.array([friction * _GAUSSIAN, 1.5 * energy * cubic]))
     kind, known = (*np.sign(balance.wanted).tolist(), energy), motion.excitations.balances
     before = known.get(kind, ())
+    nearest = None
     for last in before:
-        moved = last.moved_to(balance)
-        if moved is not None:
+        step = last.step_to(balance)
+        if step is not None and np.max(np.abs(step)) <= _LINEAR:
             known[kind] = (last, *(other for other in before if other is not last))
-            return balance.rows(moved)
+            return balance.rows(last.logarithms + step)
+        if step is not None and nearest is None:
+            nearest = last.logarithms + step
     if friction and not cubic:
         _require_sliding(motion, friction)
     found = None
     if before:
         with contextlib.suppress(OutsideValidityError):
-            found = balance.sought_from(before[0].logarithms, longest=_NEXT)
+            found = balance.sought_from(before[0].logarithms if nearest is None else nearest, longest=_NEXT)
     if found is None:
         found = balance.sought_from(balance.linear())
     if found is None:
@@ -208,8 +219,8 @@ class _Found:
         motion, rows = balance.motion, balance.rows(logarithms)
         return cls(balance.wanted, motion.level, logarithms, rows, slopes, motion.at_knots(*rows))
 
-    def moved_to(self, other: _Balance) -> FloatArray | None:
-        """Return the logarithms of another balance that hardly differs, to first order; None of one that does."""
+    def step_to(self, other: _Balance) -> FloatArray | None:
+        """Return the step of the logarithms to another balance, to first order; None where the drive differs much."""
         motion, acting = other.motion, other.acting
         change = motion.at_knots(*self.rows) - self.at_knots
         if not np.all(np.abs(change) <= _ALIKE * np.abs(self.at_knots)):
@@ -219,10 +230,9 @@ class _Found:
         rising = self.by_drive.along(change) + np.log(motion.level / self.level)
         wanted = np.log(other.wanted[acting] / self.wanted[acting])
         try:
-            step = other.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self.by_both)
+            return other.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self.by_both)
         except np.linalg.LinAlgError:  # it leads nowhere from here
             return None
-        return self.logarithms + step if np.max(np.abs(step)) <= _LINEAR else None
 
 
 def _require_sliding(motion: Motion, friction: float) -> None:
