@@ -29,6 +29,7 @@ from tests.service.test_kill import errors_in_logs
 
 #: Kills of the service, each when the fit has read so many measurements more.
 N_KILLS, MORE = 3, 3
+N_TRIALS = 6
 #: Steps at which the fit alone is killed: some anywhere, and each of the last, where its calibration is stored.
 N_ANYWHERE, AT_THE_END = 6, 12
 
@@ -108,23 +109,21 @@ def test_a_fit_that_is_killed_at_any_step_gives_one_calibration(prepared: Path, 
     assert n_kills > N_ANYWHERE + AT_THE_END // 2
 
 
-@pytest.mark.slow
-def test_a_service_that_is_killed_goes_on_with_its_fit(
-    prepared: Path, tmp_path: Path, fork_server: Callable[..., ServerProcess]
-) -> None:
-    """The job is found by its axis again, and ends."""
-    data_dir, port = tmp_path / "var", free_port()
+def n_killed(prepared: Path, data_dir: Path, fork_server: Callable[..., ServerProcess]) -> int:
+    """Kill a service again and again while it fits, and return how often the fit had not ended before; then it ends."""
+    port, n_kills = free_port(), 0
     job = queued(data_dir, prepared)
     server = fork_server(data_dir, port)
     server.wait_until_up()
     with httpx.Client(base_url=server.url, timeout=30.0, trust_env=False) as http:
         api = Api(http, data_dir)
         for kill in range(N_KILLS):
-            found = wait_for(api, job, "queued", "running", done=MORE * kill)
+            found = wait_for(api, job, "queued", "running", "done", done=MORE * kill)
             server.process.kill()
             server.process.wait()
             (status, _), calibrations = left(data_dir)
-            assert (status, calibrations) == ("running", []), found
+            assert (status, len(calibrations)) in {("queued", 0), ("running", 0), ("done", 1)}, found
+            n_kills += status != "done"
             server = fork_server(data_dir, port)
             server.wait_until_up()
         (found,) = http.get("/v1/jobs", params={"axis": "axis"}).json()["jobs"]
@@ -133,4 +132,16 @@ def test_a_service_that_is_killed_goes_on_with_its_fit(
         assert (ended["status"], ended["done"], ended["total"]) == ("done", len(SETTINGS) + 1, len(SETTINGS) + 1)
         (calibration,) = http.get("/v1/axes/axis/calibrations").json()["calibrations"]
         assert (calibration["id"], calibration["comment"]) == (ended["result"]["calibration"], "guided")
+    server.process.kill()
+    server.process.wait()
+    return n_kills
+
+
+@pytest.mark.slow
+def test_a_service_that_is_killed_goes_on_with_its_fit(
+    prepared: Path, tmp_path: Path, fork_server: Callable[..., ServerProcess]
+) -> None:
+    """The job is found by its axis again, and ends. On a busy machine a fit may have ended before it can be killed."""
+    trials = (n_killed(prepared, tmp_path / f"trial-{trial}", fork_server) for trial in range(N_TRIALS))
+    assert any(n_kills == N_KILLS for n_kills in trials)
     assert errors_in_logs(tmp_path) == []

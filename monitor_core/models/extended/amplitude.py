@@ -127,13 +127,13 @@ def _balanced(motion: Motion, friction: float, cubic: float, energy: float) -> F
             return balance.rows(last.logarithms + step)
         if step is not None and nearest is None:
             nearest = last.logarithms + step
-    if friction and not cubic:
-        _require_sliding(motion, friction)
     found = None
     if before:
         with contextlib.suppress(OutsideValidityError):
             found = balance.sought_from(before[0].logarithms if nearest is None else nearest, longest=_NEXT)
     if found is None:
+        if friction and not cubic:
+            _require_sliding(motion, friction)
         found = balance.sought_from(balance.linear())
     if found is None:
         raise OutsideValidityError(
@@ -191,7 +191,7 @@ class _Balance:
     def step_that_takes(self, off: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return the step of the logarithms that takes away by how much they are too large, as the motion follows."""
         acting = self.acting
-        jacobian = np.eye(acting.size)[:, :, None] - _EXPONENTS[acting, None, None] * slopes[:, acting]
+        jacobian = np.eye(acting.size)[:, :, None] - _EXPONENTS[acting, None, None] * slopes
         return np.asarray(-np.linalg.solve(np.moveaxis(jacobian, 2, 0), off.T[..., None])[..., 0].T)
 
     def _left_by(self, logarithms: FloatArray, rms: FloatArray) -> FloatArray:
@@ -209,28 +209,31 @@ class _Found:
     level: FloatArray
     logarithms: FloatArray
     rows: FloatArray
-    by_both: FloatArray  # slopes of ln σ by ln c and ln h
+    by_own: FloatArray  # slopes of ln σ by ln c and ln h, of those that are there
     at_knots: ComplexArray
+    alike: FloatArray  # squares of the changes at the knots from where on another drive differs much
     by_drive: RmsSlopes | None = None  # known once it was asked for
 
     @classmethod
     def of(cls, balance: _Balance, logarithms: FloatArray, slopes: FloatArray) -> "_Found":
         """Return a balance at its logarithms; raises OutsideValidityError of a nut without any stiffness."""
         motion, rows = balance.motion, balance.rows(logarithms)
-        return cls(balance.wanted, motion.level, logarithms, rows, slopes, motion.at_knots(*rows))
+        here = motion.at_knots(*rows)
+        alike = _ALIKE**2 * (here.real**2 + here.imag**2)
+        return cls(balance.wanted, motion.level, logarithms, rows, slopes, here, alike)
 
     def step_to(self, other: _Balance) -> FloatArray | None:
         """Return the step of the logarithms to another balance, to first order; None where the drive differs much."""
         motion, acting = other.motion, other.acting
         change = motion.at_knots(*self.rows) - self.at_knots
-        if not np.all(np.abs(change) <= _ALIKE * np.abs(self.at_knots)):
+        if not np.all(change.real**2 + change.imag**2 <= self.alike):
             return None
         if self.by_drive is None:
             self.by_drive = RmsSlopes.at(motion.excitations, self.at_knots)
         rising = self.by_drive.along(change) + np.log(motion.level / self.level)
         wanted = np.log(other.wanted[acting] / self.wanted[acting])
         try:
-            return other.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self.by_both)
+            return other.step_that_takes(-wanted[:, None] - _EXPONENTS[acting, None] * rising, self.by_own)
         except np.linalg.LinAlgError:  # it leads nowhere from here
             return None
 

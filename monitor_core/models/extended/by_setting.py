@@ -136,7 +136,6 @@ def _excitations(excitations: Excitations, cases: _Index) -> Excitations:
         by_torque=excitations.by_torque[knots],
         interpolation=excitations.interpolation[points][:, knots] if numbers.size else None,
         of_point=of_point,
-        first_point=np.searchsorted(of_point, np.arange(numbers.size)),
         weight=excitations.weight[points],
         memory=Memory(knots.size),
     )

@@ -54,8 +54,7 @@ class Excitations:
     ends: EndMasks  # of the knots
     by_torque: BoolArray  # of the knots, shape (n_knots,)
     interpolation: Any  # sparse array, from values at knots to values at points; shape (n_points, n_knots)
-    of_point: npt.NDArray[np.intp]  # which excitation a point belongs to, rising; shape (n_points,)
-    first_point: npt.NDArray[np.intp]  # of each excitation; shape (n_excitations,)
+    of_point: npt.NDArray[np.intp]  # which excitation a point belongs to, rising, each as many; shape (n_points,)
     weight: FloatArray  # share of the excitation's power, sum 1 over each; shape (n_points,) [-]
     memory: Memory  # of what the drive answered at the knots
     balances: FoundLast = field(default_factory=FoundLast, init=False)  # of motion and linearisation; amplitude.py
@@ -94,7 +93,10 @@ def _on_grids(
 ) -> Excitations:
     knots = [_spread(*span, _KNOT_DISTANCE, fewest=_NEIGHBOURS) for span in spans]
     points = [_spread(*span, _POINT_DISTANCE, fewest=_NEIGHBOURS) for span in spans]
-    numbers, sizes = np.arange(len(spans)), [grid.size for grid in points]
+    numbers, most = np.arange(len(spans)), max((grid.size for grid in points), default=0)
+    # the last point stands several times, without power, where another excitation has more
+    weights = [np.pad(_power_shares(grid), (0, most - grid.size)) for grid in points]
+    points = [np.pad(grid, (0, most - grid.size), mode="edge") for grid in points]
     of_knot = np.repeat(numbers, [grid.size for grid in knots])
     by_torque = np.array([setup.excitation is not ExcitationPoint.FORCE_AT_TABLE for setup in setups], dtype=np.bool_)
     matrices = [_interpolation(*pair) for pair in zip(knots, points, strict=True)]
@@ -106,9 +108,8 @@ def _on_grids(
         ends=end_masks([setup.motor_end for setup in setups]).at(of_knot),
         by_torque=by_torque[of_knot],
         interpolation=scipy.sparse.block_diag(matrices, format="csr") if matrices else None,
-        of_point=np.repeat(numbers, sizes),
-        first_point=np.cumsum([0, *sizes])[:-1],
-        weight=np.concatenate([np.zeros(0), *map(_power_shares, points)]),
+        of_point=np.repeat(numbers, most),
+        weight=np.concatenate([np.zeros(0), *weights]),
         memory=Memory(of_knot.size),
     )
 

@@ -28,7 +28,7 @@ class _Square:
     """The square of the magnitude of a bilinear function at the points: a polynomial in c and h with real factors."""
 
     powers: tuple[tuple[int, int], ...]  # of c and h in each term
-    factors: FloatArray  # shape (n_terms, n_points)
+    factors: FloatArray  # at the points of each excitation, shape (n_excitations, n_terms, n_points of one)
 
     @classmethod
     def of(cls, excitations: Excitations, function: Bilinear) -> "_Square":
@@ -39,18 +39,15 @@ class _Square:
             powers = first[0] + second[0], first[1] + second[1]
             product = (1.0 if first == second else 2.0) * (value[0] * other[0] + value[1] * other[1])
             found[powers] = found[powers] + product if powers in found else product
-        return cls(tuple(found), np.array(list(found.values())))
+        factors = np.array(list(found.values())).reshape(len(found), excitations.size, -1)
+        return cls(tuple(found), factors.transpose(1, 0, 2))
 
-    def at(self, excitations: Excitations, damping: FloatArray, hardening: FloatArray) -> FloatArray:
-        """Return the square and c and h times its derivatives by them, of shape (3, n_points)."""
-        monomials = np.array([damping**i * hardening**j for i, j in self.powers])
-        degrees = np.array([(1, i, j) for i, j in self.powers])
-        rows = np.ascontiguousarray((degrees.T[:, :, None] * monomials).transpose(2, 0, 1))
-        found = np.empty((3, self.factors.shape[1]))
-        ends = [*excitations.first_point[1:].tolist(), self.factors.shape[1]]
-        for of_excitation, start, end in zip(rows, excitations.first_point.tolist(), ends, strict=True):
-            np.matmul(of_excitation, self.factors[:, start:end], out=found[:, start:end])
-        return found
+    def at(self, damping: FloatArray, hardening: FloatArray, by: Sequence[int]) -> FloatArray:
+        """Return the square and how it goes with ln c (0) or ln h (1), (n_excitations, 1 + n_by, n_points of one)."""
+        powers = np.array(self.powers)
+        monomials = damping[:, None] ** powers[:, 0] * hardening[:, None] ** powers[:, 1]
+        degrees = np.vstack([np.ones(len(powers)), powers.T[list(by)]])
+        return np.asarray(np.matmul(degrees * monomials[:, None], self.factors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +59,7 @@ class Motion:
 
     excitations: Excitations
     level: FloatArray  # rms of each excitation, shape (n_excitations,)
+    acting: tuple[int, ...]  # 0 where there is friction, 1 where the nut hardens
     characteristic: Bilinear  # at the knots
     numerators: tuple[Bilinear, ...]  # at the knots, of jωx where there is friction, of δ where the nut hardens
 
@@ -81,20 +79,27 @@ class Motion:
 
     def rms(self, damping: FloatArray, hardening: FloatArray) -> FloatArray:
         """Return σ_v [m/s] and σ_δ [m], a row for each numerator, shape (n_numerators, n_excitations)."""
-        return self.rms_and_slopes(damping, hardening)[0]
+        return self._rms_and_slopes(damping, hardening, ())[0]
 
     def rms_and_slopes(self, damping: FloatArray, hardening: FloatArray) -> tuple[FloatArray, FloatArray]:
-        r"""Return the rms and :math:`\partial \ln\sigma/\partial \ln` of c and h, (n_numerators, 2, n_excitations)."""
-        excitations = self.excitations
-        (below, *numerators) = (square.at(excitations, damping, hardening) for square in self._squares)
-        share = excitations.weight / below[0]
-        slope_below = below[1:] / below[0]
+        r"""Return the rms and :math:`\partial \ln\sigma/\partial \ln` of what acts of c and h.
+
+        The shapes are (n_numerators, n_excitations) and (n_numerators, n_acting, n_excitations).
+        """
+        return self._rms_and_slopes(damping, hardening, self.acting)
+
+    def _rms_and_slopes(
+        self, damping: FloatArray, hardening: FloatArray, by: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        (below, *numerators) = (square.at(damping, hardening, by) for square in self._squares)
+        share = self.excitations.weight.reshape(self.excitations.size, -1) / below[:, 0]
+        slope_below = below[:, 1:] / below[:, :1]
         rms, slopes = [], []
         for above in numerators:
-            above[1:] -= above[0] * slope_below
-            power, *by_both = np.add.reduceat(share * above, excitations.first_point, axis=1)
-            rms.append(self.level * np.sqrt(power))
-            slopes.append(0.5 * np.array(by_both) / power)
+            above[:, 1:] -= above[:, :1] * slope_below
+            sums = np.matmul(above, share[:, :, None])[..., 0].T
+            rms.append(self.level * np.sqrt(sums[0]))
+            slopes.append(0.5 * sums[1:] / sums[0])
         return np.array(rms), np.array(slopes)
 
 
@@ -104,12 +109,13 @@ def motion_at(physics: AxisPhysics, lines: PreparedLines, states: AxisStates) ->
     case = excitations.case[excitations.of_knot]
     characteristic, *motions = _functions(physics.at(case), excitations, states.at(case))
     acting = bool(added.guide_friction), bool(added.cubic_nut_stiffness)
+    indices = tuple(np.flatnonzero(acting).tolist())
     functions = [
         {powers: term for powers, term in function.items() if np.all(np.array(powers) <= acting)}
         for function in (characteristic, *itertools.compress(motions, acting))
     ]
     level = lines.conditions.excitation_level[excitations.case]
-    return Motion(excitations, level, functions[0], tuple(functions[1:]))
+    return Motion(excitations, level, indices, functions[0], tuple(functions[1:]))
 
 
 def _functions(physics: AxisPhysics, excitations: Excitations, states: AxisStates) -> tuple[Bilinear, ...]:
@@ -205,7 +211,8 @@ class RmsSlopes:
         by_numerator, by_characteristic = [], []
         for numerator in above:
             of_point = excitations.weight * (numerator.real**2 + numerator.imag**2) * inverse
-            share = inverse / np.add.reduceat(of_point, excitations.first_point)[excitations.of_point]
+            power = np.sum(of_point.reshape(excitations.size, -1), axis=1)
+            share = inverse / power[excitations.of_point]
             by_numerator.append(_to_knots(excitations, excitations.weight * share * numerator.conj()))
             by_characteristic.append(_to_knots(excitations, -of_point * share * below.conj()))
         first_knot = np.searchsorted(excitations.of_knot, np.arange(excitations.size))
