@@ -80,8 +80,8 @@ class Records(Generic[Physics]):
         found = found_for(fitted, without, kept, frozenset(numbers.index(each) for each in self.right - self.wrong))
         if found is None:
             return None
-        record = worst_record(found.without, whole, self.wrong, self.right)
-        return Worst(record) if record is not None and record.number - 1 == numbers[found.place] else None
+        record = self._worst_at(numbers[found.place], found.without, whole)
+        return None if record is None else Worst(record)
 
     @property
     def _has_enough_wrong(self) -> bool:
@@ -91,6 +91,11 @@ class Records(Generic[Physics]):
     def _numbers(self) -> list[int]:
         """Settings of the records that are kept."""
         return [index for index in range(len(self.whole.layout.settings)) if index not in self.wrong]
+
+    def _worst_at(self, index: int, without: Fitted[Physics], whole: HasRecords[Physics]) -> WrongRecord | None:
+        """Return the record of a setting if it is the one that is most surely wrong under a fit without it."""
+        worst = worst_record(without, whole, self.wrong, self.right)
+        return worst if worst is not None and worst.number - 1 == index else None
 
     def _bent_to(self, fitted: Fitted[Physics]) -> WrongRecord | None:
         """Return the record that is most surely wrong under a fit without it, None without any."""
@@ -108,8 +113,8 @@ class Records(Generic[Physics]):
                 without = fit(rest, fitted.hypothesis, fitted.coordinates, fitted_values(rest.layout))
             except OutsideValidityError:
                 continue
-            worst = worst_record(without, whole, self.wrong, self.right)
-            if worst is not None and worst.number - 1 == numbers[place]:
+            worst = self._worst_at(numbers[place], without, whole)
+            if worst is not None:
                 return worst
         return None
 

@@ -158,7 +158,7 @@ class _Balance:
     @property
     def acting(self) -> npt.NDArray[np.intp]:
         """Which of them are there; logarithms have shape (n_acting, n_excitations)."""
-        return np.flatnonzero(self.wanted)
+        return np.array(self.motion.acting)
 
     def rows(self, logarithms: FloatArray) -> FloatArray:
         """Return c and h, shape (2, n_excitations); raises OutsideValidityError of a nut without any stiffness."""
@@ -211,22 +211,19 @@ class _Found:
     rows: FloatArray
     by_own: FloatArray  # slopes of ln σ by ln c and ln h, of those that are there
     at_knots: ComplexArray
-    alike: FloatArray  # squares of the changes at the knots from where on another drive differs much
     by_drive: RmsSlopes | None = None  # known once it was asked for
 
     @classmethod
     def of(cls, balance: _Balance, logarithms: FloatArray, slopes: FloatArray) -> "_Found":
         """Return a balance at its logarithms; raises OutsideValidityError of a nut without any stiffness."""
         motion, rows = balance.motion, balance.rows(logarithms)
-        here = motion.at_knots(*rows)
-        alike = _ALIKE**2 * (here.real**2 + here.imag**2)
-        return cls(balance.wanted, motion.level, logarithms, rows, slopes, here, alike)
+        return cls(balance.wanted, motion.level, logarithms, rows, slopes, motion.at_knots(*rows))
 
     def step_to(self, other: _Balance) -> FloatArray | None:
         """Return the step of the logarithms to another balance, to first order; None where the drive differs much."""
         motion, acting = other.motion, other.acting
         change = motion.at_knots(*self.rows) - self.at_knots
-        if not np.all(change.real**2 + change.imag**2 <= self.alike):
+        if not np.all(np.abs(change) <= _ALIKE * np.abs(self.at_knots)):
             return None
         if self.by_drive is None:
             self.by_drive = RmsSlopes.at(motion.excitations, self.at_knots)
