@@ -16,7 +16,7 @@ from monitor_core.effects.effect import Physics
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.comparison import HasRecords
 
-_N_GRID, _N_HALVINGS = 61, 12
+_N_GRID, _N_HALVINGS = 31, 10
 #: Of a value, to see how the misfit moves with it.
 _STEP = 1e-3
 #: By name in :class:`ConditionArrays`: the fault, its unit and what that is of the unit inside.
