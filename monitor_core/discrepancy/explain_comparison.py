@@ -16,6 +16,7 @@ from monitor_core.discrepancy.search.search import find_again, find_steps, judge
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
 from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, rests_on_levels_of
 from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_between
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
@@ -178,7 +179,7 @@ def _search(
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
             worst = _worst_of(records, workspace, steps[-1], named=not has_no_name) if may_be_wrong else None
-            found, classes = _named(workspace, steps, settings, for_now=worst is not None)
+            found, classes = _named(records, workspace, steps, settings, for_now=worst is not None)
     except TimeIsUpError:
         steps, hidden, worst, unfinished = (), [], None, _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
@@ -199,7 +200,12 @@ def _worst_of(
 
 
 def _named(
-    workspace: Workspace[Physics], steps: Sequence[Fitted[Physics]], settings: ExplainSettings, *, for_now: bool
+    records: Records[Physics],
+    workspace: Workspace[Physics],
+    steps: Sequence[Fitted[Physics]],
+    settings: ExplainSettings,
+    *,
+    for_now: bool,
 ) -> tuple[Found[Physics], Sequence[EquivalenceClass[Physics]]]:
     """Judge what a search has found; ``for_now`` without what would do in the place of it."""
     lost = for_now or names_nothing(steps[0], steps[-1], settings.outcome)
@@ -215,7 +221,16 @@ def _named(
     if not lost and has_lines(final.comparison.layout):
         pairs = zip(classes, found.accepted, strict=True)
         classes = tuple(_left_to_time(workspace, found, group, accepted) for group, accepted in pairs)
+        classes = tuple(_left_to_amplitude(records, group) for group in classes)
     return replace(found, final=final), classes
+
+
+def _left_to_amplitude(records: Records[Physics], group: EquivalenceClass[Physics]) -> EquivalenceClass[Physics]:
+    """Return a class with another law of the amplitude in it, where a record was taken out that tells them apart."""
+    known = AMPLITUDE_LAW in (*group.untested, *group.other_laws)
+    if known or not rests_on_levels_of(group.representative.effect, records.whole.layout, records.wrong):
+        return group
+    return replace(group, other_laws=(*group.other_laws, AMPLITUDE_LAW))
 
 
 def _left_to_time(
@@ -237,7 +252,7 @@ def _with_no_record_wrong(searched: _Searched[Physics], settings: ExplainSetting
     workspace.progress(doing)
     try:
         with searched.axis.stoppable():
-            found, classes = _named(workspace, searched.steps, settings, for_now=False)
+            found, classes = _named(Records(workspace.comparison), workspace, searched.steps, settings, for_now=False)
     except TimeIsUpError:
         return replace(searched, worst=None, unfinished=_unfinished(workspace, doing))
     return replace(searched, found=found, classes=tuple(classes), worst=None)

@@ -5,6 +5,7 @@ give the same two stiffnesses, and friction may stand in for a part of it: the t
 the effect is large enough for the laws to differ there.
 """
 
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -71,6 +72,20 @@ def indistinguishable_law(effect: Effect[Physics], gain: float, layout: Layout) 
     else:
         is_open = effect.key == PRELOAD_EXPONENT and levels == 1 and not _shows(_WITHIN_RESPONSES, gain)
     return AMPLITUDE_LAW if is_open else ""
+
+
+def rests_on_levels_of(effect: Effect[Physics], layout: Layout, wrong: Collection[int]) -> bool:
+    """Return whether a record was taken out that tells the law of the amplitude; ``wrong`` are settings, from 0.
+
+    That is one at another level of excitation than most. What stands out there from one law may be right by another.
+    """
+    levels = levels_of(layout, ConditionAxis.LEVEL)
+    stated = levels[levels > 0.0]
+    if not (goes_with_amplitude(effect) and stated.size):
+        return False
+    usual = float(np.median(stated))
+    here = levels[[index for index in sorted(wrong) if levels[index] > 0.0]]
+    return bool(np.any(np.maximum(here / usual, usual / here) > _ANOTHER_LEVEL))
 
 
 def _shows(apart: float, gain: float) -> bool:
