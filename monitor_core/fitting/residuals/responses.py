@@ -40,7 +40,7 @@ from monitor_core.models.protocol import DriveConditions, MotorEnd
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 8.0
 #: By which positions and preloads are moved to see what their errors do, in their standard deviations.
-_STEP = 0.002
+_STEP = 0.01
 #: Where a wrong tag is sought: a position beyond what was travelled, of that; a preload by a factor; a payload in
 #: moving masses; a temperature by so many kelvins.
 _BEYOND_TRAVEL, _WRONG_PRELOAD, _WRONG_PAYLOAD, _WRONG_WARMTH = 0.1, 4.0, 2.0, 60.0
