@@ -1,6 +1,6 @@
 """How often nothing is found in healthy axes: more of them than the blind benchmark has, drawn by seeds of their own.
 
-``python -m benchmarks.healthy_axes --out FOLDER [--draws 2] [--workers 2]`` draws the healthy axes of as many blind
+``python -m benchmarks.healthy_axes --out FOLDER [--draws 2] [--workers 1]`` draws the healthy axes of as many blind
 benchmarks (``benchmarks.hidden_effects``), by lot, answers each from its files alone, and prints how many answers were
 *none*, with an exact 95 % confidence interval (Clopper and Pearson), and what the others were.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 from scipy.stats import binomtest
 
 from benchmarks.blind_cases import composition
-from benchmarks.hidden_effects import answer, draw
+from benchmarks.hidden_effects import answer, draw, make_folders
 from monitor_core.fitting.residuals.model_form import ModelFormError
 from service.blas_threads import compute_in_one_thread
 
@@ -30,8 +30,7 @@ def main() -> None:
         for _ in range(options.draws):
             seed, form = secrets.randbelow(10**9), ModelFormError()
             folder = options.out / str(seed)
-            for part in ("given", "sealed", "answers"):
-                (folder / part).mkdir(parents=True, exist_ok=True)
+            make_folders(folder)
             jobs = [job for job in composition(seed) if job.healthy]
             n = len(jobs)
             list(pool.map(draw, jobs, [folder] * n, [seed] * n, [form] * n))

@@ -44,6 +44,12 @@ HEALTHY_SEEDS = (900, 901, 902)
 _NO_GAP = {when: {"fit": math.nan, "held_out": math.nan} for when in ("before", "after")} | {"noise_floor": math.nan}
 
 
+def make_folders(folder: Path) -> None:
+    """Make the folders of a draw: what is given, the sealed truth, and the answers."""
+    for part in ("given", "sealed", "answers"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+
+
 def draw(job: Job, folder: Path, seed: int, form: ModelFormError) -> str:
     """Write what is measured and the model, and return the truth with its d′ as text; nothing is drawn twice."""
     sealed = folder / "sealed" / f"{job.name}.json"
@@ -178,8 +184,7 @@ def main() -> None:
     parser.add_argument("--learnt", action="store_true")
     options = parser.parse_args()
     folder = options.out
-    for part in ("given", "sealed", "answers"):
-        (folder / part).mkdir(parents=True, exist_ok=True)
+    make_folders(folder)
     compute_in_one_thread()
     seed = seed_of(folder, options.seed)
     jobs, form = chosen(options.share, seed), learnt_form(folder) if options.learnt else ModelFormError()
