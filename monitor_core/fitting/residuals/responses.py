@@ -39,8 +39,8 @@ from monitor_core.models.protocol import DriveConditions, MotorEnd
 
 #: A line whose amplitude is not this many times its noise says nothing that a logarithm could hold.
 _LEAST_SIGNAL_TO_NOISE = 8.0
-#: By which conditions are moved to see what their errors do, in their standard deviations (a choice). A shorter move lets
-#: the balance of friction or a hardening nut follow to first order; a longer one averages over what is steep at a place.
+#: By which conditions are moved to see what their errors do, in their standard deviations (a choice). A shorter move
+#: lets the balance of friction or a hardening nut follow to first order; a longer one averages over what is steep.
 _STEP = 0.01
 #: Where a wrong tag is sought: a position beyond what was travelled, of that; a preload by a factor; a payload in
 #: moving masses; a temperature by so many kelvins.
