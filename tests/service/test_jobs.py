@@ -81,6 +81,18 @@ def test_replayed_and_posted_windows_are_the_same_windows(replaying: Api) -> Non
     assert job["result"]["windows_already_there"] == N_WINDOWS
 
 
+def test_pages_show_how_far_a_replay_at_work_is(replaying: Api) -> None:
+    """What it reports are counts, without the sentence that an analysis has."""
+    job_id = start(replaying, "short", speed=1.0)["id"]
+    job = wait_for(replaying, job_id, "running", done=N_WINDOWS)
+    assert "progress" not in job["result"]
+    for path in ("/axes/axis", f"/jobs/{job_id}", "/system"):
+        page = replaying.http.get(path)
+        assert page.status_code == 200, path
+        assert f"{N_WINDOWS} of {N_MEASUREMENTS * N_WINDOWS}" in page.text, path
+    replaying.http.post(f"/v1/jobs/{job_id}/cancel")
+
+
 @pytest.mark.slow
 def test_waiting_replay_is_cancelled_soon(replaying: Api) -> None:
     job_id = start(replaying, "short", speed=1.0)["id"]  # in real time: the second measurement comes in a minute
