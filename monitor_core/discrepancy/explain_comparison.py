@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Generic
 
-from monitor_core.discrepancy.conclusion import conclude, has_names
-from monitor_core.discrepancy.description.describe import following_excitation, swinging_at_port
+from monitor_core.discrepancy.conclusion import Conclusion, conclude, has_names
+from monitor_core.discrepancy.description.describe import Description, following_excitation, swinging_at_port
 from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.discrepancy.in_words import Judged, explanation_of
@@ -15,8 +16,8 @@ from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
-from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, rests_on_levels_of
+from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, may_lack_more
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, goes_with_amplitude, rests_on_levels_of
 from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_between
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
@@ -117,6 +118,7 @@ class _Searched(Generic[Physics]):
     classes: tuple[EquivalenceClass[Physics], ...]
     hidden: tuple[str, ...]
     worst: Worst | None  # of the records, where no more is left than a healthy axis leaves
+    follows: Description | None  # what follows the excitation by a law of its own, in the place of a name that does
     unfinished: str
     axis: StoppableAxis[Physics]
     workspace: Workspace[Physics]
@@ -160,16 +162,22 @@ def _search(
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
 
+    @cache
+    def following(fitted: Fitted[Physics]) -> Description | None:
+        return following_excitation(workspace.baseline, fitted, report)
+
     def explained_otherwise(fitted: Fitted[Physics]) -> bool:
+        if not may_lack_more(fitted):
+            return _rests_on_amplitude(fitted) and following(fitted) is not None
         return (
             leaves_only_wandering(fitted, settings.outcome)
+            or following(fitted) is not None
             or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
-            or following_excitation(workspace.baseline, fitted, report) is not None
         )
 
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)
     steps: tuple[Fitted[Physics], ...] = ()
-    hidden, worst, unfinished = list[str](), None, ""
+    hidden, worst, follows, unfinished = list[str](), None, None, ""
     try:
         with stoppable.stoppable():
             steps = () if before is None else find_again(workspace, before.found, others=not has_no_name)
@@ -178,14 +186,24 @@ def _search(
                 hidden.append(least.key)
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
-            worst = _worst_of(records, workspace, steps[-1], named=not has_no_name) if may_be_wrong else None
-            found, classes = _named(records, workspace, steps, settings, for_now=worst is not None)
+            follows = following(steps[-1]) if _rests_on_amplitude(steps[-1]) else None
+            if may_be_wrong and follows is None:
+                worst = _worst_of(records, workspace, steps[-1], named=not has_no_name)
+            found, classes = _named(
+                records, workspace, steps, settings, for_now=worst is not None or follows is not None
+            )
     except TimeIsUpError:
-        steps, hidden, worst, unfinished = (), [], None, _unfinished(workspace, said[-1])
+        steps, hidden, worst, follows, unfinished = (), [], None, None, _unfinished(workspace, said[-1])
         found = judge_so_far(workspace)
         classes, final = classes_with_fit(found, candidates)
         found = replace(found, final=final)
-    return _Searched(steps, found, tuple(classes), tuple(hidden), worst, unfinished, stoppable, workspace)
+    return _Searched(steps, found, tuple(classes), tuple(hidden), worst, follows, unfinished, stoppable, workspace)
+
+
+def _rests_on_amplitude(fitted: Fitted[Physics]) -> bool:
+    """Return whether all that was found is one effect that goes with the amplitude, and nothing is left."""
+    found = findings(fitted)
+    return len(found) == 1 and goes_with_amplitude(found[0]) and not may_lack_more(fitted)
 
 
 def _worst_of(
@@ -264,9 +282,12 @@ def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: Machi
     classes: Sequence[EquivalenceClass[Physics]] = searched.classes
     remainder = remainder_of(final, counts_strain=True)
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
-    with nullcontext() if searched.unfinished else searched.axis.stoppable():
-        concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
-                             unfinished=bool(searched.unfinished), sizes=sizes)  # fmt: skip
+    if searched.follows is None:
+        with nullcontext() if searched.unfinished else searched.axis.stoppable():
+            concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
+                                 unfinished=bool(searched.unfinished), sizes=sizes)  # fmt: skip
+    else:
+        concluded = Conclusion(Outcome.DESCRIBED, settings.outcome, searched.follows)
     outcome, description = concluded.outcome, concluded.description
     if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)

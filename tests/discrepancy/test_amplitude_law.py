@@ -11,7 +11,7 @@ from monitor_core.discrepancy.verdict.amplitude import indistinguishable_law, n_
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
 from monitor_core.discrepancy.verdict.next_measurement import next_measurement
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, outcome_of, remainder_of
-from monitor_core.effects import DRIVE_EFFECTS, PREFIX
+from monitor_core.effects import DRIVE_EFFECTS, PREFIX, Variable
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
@@ -150,3 +150,16 @@ def test_a_play_that_passes_for_a_cubic_stiffness_is_left_open() -> None:
     answer = answered(draw_case("outside:backlash", "large", 0.01, 31, situation=situation))
     assert answer.outcome == Outcome.EQUIVALENT
     assert all(AMPLITUDE_LAW in effect.equivalent_to for effect in answer.effects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("size", "seed"), [("medium", 199), ("large", 202)])
+def test_a_play_that_other_names_leave_nothing_of_is_described_where_its_law_explains_more(size, seed) -> None:
+    """A cubic stiffness leaves no more than a healthy axis does; nothing is sought beside it, no record is wrong."""
+    situation = Situation(machine=jittered(machine_named("mini"), np.random.default_rng([seed, 1])), design="usual")
+    said = list[str]()
+    answer = answered(draw_case("outside:backlash", size, 0.003, seed, situation=situation), progress=said.append)
+    assert (answer.outcome, answer.effects, answer.records) == (Outcome.DESCRIBED, (), ())
+    (found,) = answer.described
+    assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.EXCITATION)
+    assert [words for words in said if "screening" in words] == ["0 effects found, screening 43 more"]

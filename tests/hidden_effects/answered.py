@@ -18,8 +18,8 @@ def compared(case):
     return compare_responses(measured, held_out=folds), drive
 
 
-def answered(case):
-    """Return what the workflow makes of a case."""
+def answered(case, progress=None):
+    """Return what the workflow makes of a case; ``progress`` is called with what it does."""
     comparison, drive = compared(case)
     candidates = drive.candidates(sizes_of_drive(drive.physics({}), observations(case)))
-    return explain_comparison(comparison, drive, candidates)
+    return explain_comparison(comparison, drive, candidates, progress=progress)

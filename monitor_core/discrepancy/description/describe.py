@@ -124,7 +124,9 @@ def following_excitation(
     if not _may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
         return None
     progress("asking whether something follows the excitation by another law")
-    found, _ = _described(baseline, fitted, (Base(baseline),), (), progress)
+    # where names leave nothing, what explains more than they do need not explain most of what is missing
+    least = _LEAST_EXPLAINED if judged_gap(fitted).exceeds_healthy else 0.0
+    found, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=least)
     if found is None or found.fitted is None or found.kept or judged_gap(found.fitted).exceeds_healthy:
         return None
     law = found.described.law
@@ -191,6 +193,8 @@ def _described(
     with_laws: Sequence[Base],
     swinging: Sequence[Base],
     progress: Callable[[str], None],
+    *,
+    least_explained: float = _LEAST_EXPLAINED,
 ) -> tuple[Description | None, _Varied]:
     """Return what holds best, and what varied freely in the fits from which laws are sought.
 
@@ -213,7 +217,7 @@ def _described(
     kept = final.hypothesis.keys if final in (best.base.fitted, best.base.before) else frozenset[str]()
     best = _without_needless(best, kept)
     kept &= best.fitted.hypothesis.keys
-    if not _holds(baseline, best, scale) or not (kept or _surpasses(final, best, scale)):
+    if not _holds(baseline, best, scale, least_explained) or not (kept or _surpasses(final, best, scale)):
         return None, varied
     described = described_by(best, _alike(baseline, best, others, scale), scale)
     return Description(described, best.fitted, kept), varied
@@ -331,14 +335,16 @@ def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:
         return answer
 
 
-def _holds(baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:
+def _holds(
+    baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale, least_explained: float = _LEAST_EXPLAINED
+) -> bool:
     """Return whether it explains most of what is missing, on data that were held out, too."""
     fitted, remainder = answer.fitted, remainder_of(answer.fitted)
     of_missing = explained_share(baseline, fitted, remainder.misfit)
     gained = gain(baseline.held_out, fitted.held_out, scale)
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
-    return held and of_missing >= _LEAST_EXPLAINED and share_of_free(answer) >= _LEAST_OF_FREE
+    return held and of_missing >= least_explained and share_of_free(answer) >= _LEAST_OF_FREE
 
 
 def is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:

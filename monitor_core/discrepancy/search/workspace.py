@@ -155,7 +155,7 @@ class Workspace(Generic[Physics]):
     candidates: tuple[Effect[Physics], ...]
     settings: SearchSettings = SearchSettings()
     progress: Callable[[str], None] = lambda _sentence: None
-    #: Asked of the fit with one effect, where that leaves something: whether what no effect is explains all of it.
+    #: Asked of the fit with one effect: whether what no effect is explains all that is missing.
     is_explained_otherwise: Callable[[Fitted[Physics]], bool] = lambda _fitted: False
     #: By the keys of their effects.
     best_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
