@@ -118,7 +118,7 @@ class _Searched(Generic[Physics]):
     classes: tuple[EquivalenceClass[Physics], ...]
     hidden: tuple[str, ...]
     worst: Worst | None  # of the records, where no more is left than a healthy axis leaves
-    follows: Description | None  # what follows the excitation by a law of its own, in the place of a name that does
+    follows: Description | None  # what follows the excitation by a law of its own, in the place of the one name
     unfinished: str
     axis: StoppableAxis[Physics]
     workspace: Workspace[Physics]
@@ -164,14 +164,17 @@ def _search(
 
     @cache
     def following(fitted: Fitted[Physics]) -> Description | None:
+        found = findings(fitted)
+        may_follow = len(found) == 1 and (may_lack_more(fitted) or goes_with_amplitude(found[0]))
+        if not may_follow or leaves_only_wandering(fitted, settings.outcome):
+            return None
         return following_excitation(workspace.baseline, fitted, report)
 
     def explained_otherwise(fitted: Fitted[Physics]) -> bool:
-        if not may_lack_more(fitted):
-            return _rests_on_amplitude(fitted) and following(fitted) is not None
-        return (
+        if following(fitted) is not None:
+            return True
+        return may_lack_more(fitted) and (
             leaves_only_wandering(fitted, settings.outcome)
-            or following(fitted) is not None
             or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
         )
 
@@ -186,7 +189,7 @@ def _search(
                 hidden.append(least.key)
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
-            follows = following(steps[-1]) if _rests_on_amplitude(steps[-1]) else None
+            follows = following(steps[-1])
             if may_be_wrong and follows is None:
                 worst = _worst_of(records, workspace, steps[-1], named=not has_no_name)
             found, classes = _named(
@@ -198,12 +201,6 @@ def _search(
         classes, final = classes_with_fit(found, candidates)
         found = replace(found, final=final)
     return _Searched(steps, found, tuple(classes), tuple(hidden), worst, follows, unfinished, stoppable, workspace)
-
-
-def _rests_on_amplitude(fitted: Fitted[Physics]) -> bool:
-    """Return whether all that was found is one effect that goes with the amplitude, and nothing is left."""
-    found = findings(fitted)
-    return len(found) == 1 and goes_with_amplitude(found[0]) and not may_lack_more(fitted)
 
 
 def _worst_of(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind_cases import Job, drawn
 from tests.hidden_effects.answered import answered
 from tests.hidden_effects.cases import draw_case
 from tests.hidden_effects.machines import jittered, machine_named
@@ -39,3 +40,14 @@ def test_an_exponent_of_the_preload_keeps_its_name(machine) -> None:
     assert found.key == "preload-exponent"
     assert found.stands_in_for == ""
     assert set(found.equivalent_to) <= {"amplitude-law"}
+
+
+@pytest.mark.slow
+def test_what_it_would_do_alone_in_the_place_of_all_leaves_every_name_open() -> None:
+    """A softening passed for a compliant base beside an exponent; a cubic stiffness alone explains more than both."""
+    situation = ("receptance", "finite elements", "mini", "poor", "uniform")
+    answer = answered(drawn(Job(152, "outside:nut-softening", "large", 0.003, *situation), 957558161))
+    assert answer.outcome == "unknown"
+    assert [effect.key for effect in answer.effects] == ["base-compliance", "preload-exponent"]
+    assert {effect.stands_in_for for effect in answer.effects} == {"cubic-stiffness"}
+    assert "vary the excitation level" in answer.next_measurement

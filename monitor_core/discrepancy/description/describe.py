@@ -28,7 +28,7 @@ from monitor_core.effects import Effect, Law, MachineSizes, Variable, varying
 from monitor_core.effects.effect import ConditionAxis
 from monitor_core.errors import OutsideValidityError
 from monitor_core.fitting.conditions.settings import varied_conditions
-from monitor_core.fitting.evidence import EvidenceScale, delta_bic, least_difference, significance
+from monitor_core.fitting.evidence import EvidenceScale, delta_bic, evidence_scale, least_difference, significance
 from monitor_core.fitting.hold_out import gain, gap_of, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 from monitor_core.models.extended import AxisPhysics
@@ -45,6 +45,8 @@ _LEAST_EXPLAINED, _LEAST_OF_FREE = 0.8, 0.6
 _ASTRAY = 2.0
 #: Of χ², what something that swings at a port may leave for no law to be tried in its place.
 _NOTHING_ELSE = 0.1
+#: Times the evidence for the first name: what explains so much more is what is missing, and the name was in its place.
+_AS_MUCH_AGAIN = 2.0
 #: Noise floors, of the gap on held-out data: what leaves more describes something else along the way.
 _MOST_LEFT = 1.2
 _Varied = list[tuple[Base, FreeVariation]]
@@ -118,19 +120,27 @@ def following_excitation(
 ) -> Description | None:
     """Return what follows the excitation by a law of its own, where that leaves nothing else to seek.
 
-    ``fitted`` is what the catalogue has come to so far; the law stands in its place, and explains more. None where the
-    excitation does not vary, of a rigid axis or few settings.
+    ``fitted`` is what the catalogue has come to so far; the law stands in its place, and explains more: as much again,
+    or so much that it leaves no more than a healthy axis does. None where the excitation does not vary, of a rigid axis
+    or few settings.
     """
     if not _may_be_described(baseline) or ConditionAxis.LEVEL not in varied_conditions(baseline.comparison.layout):
         return None
     progress("asking whether something follows the excitation by another law")
-    # where names leave nothing, what explains more than they do need not explain most of what is missing
-    least = _LEAST_EXPLAINED if judged_gap(fitted).exceeds_healthy else 0.0
-    found, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=least)
-    if found is None or found.fitted is None or found.kept or judged_gap(found.fitted).exceeds_healthy:
+    found, _ = _described(baseline, fitted, (Base(baseline),), (), progress, least_explained=0.0)
+    if found is None or found.fitted is None or found.kept:
         return None
     law = found.described.law
-    return found if law is not None and law.variable is Variable.EXCITATION else None
+    if law is None or law.variable is not Variable.EXCITATION:
+        return None
+    scale = evidence_scale(found.fitted)
+    if delta_bic(baseline, found.fitted, scale) > _AS_MUCH_AGAIN * delta_bic(baseline, fitted, scale):
+        return found
+    if judged_gap(found.fitted).exceeds_healthy:
+        return None
+    # where names leave nothing, what explains more than they do need not explain most of what is missing
+    share = explained_share(baseline, found.fitted, remainder_of(found.fitted).misfit)
+    return found if share >= _LEAST_EXPLAINED or not judged_gap(fitted).exceeds_healthy else None
 
 
 def _may_be_described(baseline: Fitted[Any]) -> bool:

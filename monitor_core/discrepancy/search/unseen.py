@@ -7,7 +7,6 @@ all settings: there it is a wrong parameter, which has a name.
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
 
 from monitor_core.discrepancy.screening.screen import screen
 from monitor_core.discrepancy.screening.sizes import Screened
@@ -29,14 +28,17 @@ def unseen_in_place(
     accepted: Sequence[Accepted[Physics]],
     scale: EvidenceScale,
 ) -> tuple[Unseen, ...]:
-    """Return what would do as well as effects that were found, or better, each where it does best.
+    """Return what would do as well as effects that were found, or better, each in the place of what where it does best.
 
     Of natural frequencies alone nothing is returned: what only responses would show is another question.
     """
     if not has_lines(workspace.comparison.layout):
         return ()
-    found = sorted(_in_place(workspace, final, accepted, scale), key=lambda unseen: (unseen.key, -unseen.delta_bic))
-    return tuple(next(best) for _, best in groupby(found, key=lambda unseen: unseen.key))
+    found = sorted(_in_place(workspace, final, accepted, scale), key=lambda unseen: -unseen.delta_bic)
+    best: dict[tuple[str, frozenset[str]], Unseen] = {}
+    for unseen in found:
+        best.setdefault((unseen.key, unseen.instead_of), unseen)
+    return tuple(best.values())
 
 
 def _in_place(
@@ -58,10 +60,13 @@ def _in_place(
             fitted = _fitted(workspace, found.without, screened)
             if fitted is None:
                 continue
-            fitted = prune(workspace, fitted, fitted.hypothesis.effects[:-1])
-            more = delta_bic(final, fitted, scale)
-            if more > least:
-                yield Unseen(screened.effect.key, final.hypothesis.keys - fitted.hypothesis.keys, more)
+            alone = fitted = prune(workspace, fitted, fitted.hypothesis.effects[:-1])
+            for effect in fitted.hypothesis.effects[:-1]:  # what stands beside it has evidence, and may still be none
+                alone = workspace.without(alone, effect)
+            for tried in dict.fromkeys((fitted, alone)):
+                more = delta_bic(final, tried, scale)
+                if more > least:
+                    yield Unseen(screened.effect.key, final.hypothesis.keys - tried.hypothesis.keys, more)
 
 
 def _fitted(

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -109,6 +110,7 @@ def by_frequency(layout: Layout, n_bands: int) -> Grouping | None:
     return Grouping(name, ConditionAxis.FREQUENCY, group, lowest, highest, " Hz")
 
 
+@lru_cache(maxsize=4)  # it is asked hundreds of times of the layout at hand
 def has_lines(layout: Layout) -> bool:
     """Return whether the values are lines of responses rather than natural frequencies or forces."""
     series = series_of(layout)[np.isfinite(layout.frequency)]
