@@ -31,6 +31,7 @@ from service.store.database import Database, writing
 from service.store.tables import AlarmEventRow, AlarmRow, NoticeRow
 from service.store.waveforms import WaveformPlace
 from tests.service.arrivals import AXIS, history
+from tests.service.brokers import wait_until
 from tests.service.conftest import assert_problem, emptied, running_service, simulated_measurement
 from tests.service.several import SentAwayForGoodError, prepare, said, send, services
 
@@ -420,11 +421,16 @@ def test_alarms_whose_shelf_has_ended_are_brought_back_once(url: str, windows: l
             session.flush()
             alarms = [row.id for row in rows]
         at_once(*(Shelves(database).end for _ in range(4)))
-        with database.read() as session:
-            events = list(session.scalars(select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_(alarms))))
+
+        def events() -> list[AlarmEventRow]:
+            with database.read() as session:
+                return list(session.scalars(select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_(alarms))))
+
+        wait_until(lambda: len(events()) >= len(alarms), what="what a service is at work at itself")
+        found = events()
         database.close()
-    assert sorted(event.alarm_id for event in events) == alarms
-    assert {event.kind for event in events} == {"back"}
+    assert sorted(event.alarm_id for event in found) == alarms
+    assert {event.kind for event in found} == {"back"}
 
 
 # people
