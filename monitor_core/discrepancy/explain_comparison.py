@@ -163,19 +163,20 @@ def _search(
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
 
     @cache
+    def wanders(fitted: Fitted[Physics]) -> bool:
+        return leaves_only_wandering(fitted, settings.outcome)
+
+    @cache
     def following(fitted: Fitted[Physics]) -> Description | None:
         found = findings(fitted)
         may_follow = len(found) == 1 and (may_lack_more(fitted) or goes_with_amplitude(found[0]))
-        if not may_follow or leaves_only_wandering(fitted, settings.outcome):
-            return None
-        return following_excitation(workspace.baseline, fitted, report)
+        return following_excitation(workspace.baseline, fitted, report) if may_follow and not wanders(fitted) else None
 
     def explained_otherwise(fitted: Fitted[Physics]) -> bool:
         if following(fitted) is not None:
             return True
         return may_lack_more(fitted) and (
-            leaves_only_wandering(fitted, settings.outcome)
-            or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
+            wanders(fitted) or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
         )
 
     workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)
