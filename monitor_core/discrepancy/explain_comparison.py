@@ -151,7 +151,8 @@ def _search(
 
     Of a search ``before``, with a record more, the effects are fitted anew; others are sought beside them unless what
     is missing ``has_no_name``. Where one of the records ``may_be_wrong``, and stands out from what explains the others,
-    nothing is sought that would do in the place of what was found: it will be sought without that record.
+    nothing is sought that would do in the place of what was found: it will be sought without that record. Nor is it
+    where what was found is one name, and what follows the excitation by a law of its own explains more.
     """
     comparison, said = records.kept, ["comparing the model as stated"]
 

@@ -28,7 +28,7 @@ def unseen_in_place(
     accepted: Sequence[Accepted[Physics]],
     scale: EvidenceScale,
 ) -> tuple[Unseen, ...]:
-    """Return what would do as well as effects that were found, or better, each in the place of what where it does best.
+    """Return what would do as well as effects that were found, or better: for each set of those, where it does best.
 
     Of natural frequencies alone nothing is returned: what only responses would show is another question.
     """
