@@ -44,13 +44,16 @@ def conclude(
     *,
     wanders: bool,
     unfinished: bool,
+    follows: Description | None,
     sizes: MachineSizes | None,
 ) -> Conclusion:
     """Return the outcome of effects with names, and what is described beside them or in their place.
 
     What ``wanders`` over frequency is no effect of the catalogue, and what was found beside it may be a part of it. An
-    ``unfinished`` search is not described.
+    ``unfinished`` search is not described, and what ``follows`` the excitation by a law of its own has been.
     """
+    if follows is not None:
+        return Conclusion(Outcome.DESCRIBED, settings, follows)
     outcome = Outcome.UNKNOWN if wanders else _outcome(found.baseline, found.final, classes, remainder, settings)
     if unfinished:
         return Conclusion(Outcome.PARTIAL if classes and outcome is not Outcome.UNKNOWN else Outcome.UNKNOWN, settings)

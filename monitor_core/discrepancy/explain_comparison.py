@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Generic
 
-from monitor_core.discrepancy.conclusion import Conclusion, conclude, has_names
-from monitor_core.discrepancy.description.describe import Description, following_excitation, swinging_at_port
+from monitor_core.discrepancy.conclusion import conclude, has_names
+from monitor_core.discrepancy.description.describe import Description
+from monitor_core.discrepancy.description.otherwise import Otherwise
 from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
 from monitor_core.discrepancy.explanation import Explanation, Outcome
 from monitor_core.discrepancy.in_words import Judged, explanation_of
@@ -16,8 +16,8 @@ from monitor_core.discrepancy.search.found import Accepted, Found
 from monitor_core.discrepancy.search.search import find_again, find_steps, judge_found, judge_so_far, leave_out
 from monitor_core.discrepancy.search.stepwise import findings
 from monitor_core.discrepancy.search.time_limit import StoppableAxis, TimeIsUpError
-from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace, may_lack_more
-from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, goes_with_amplitude, rests_on_levels_of
+from monitor_core.discrepancy.search.workspace import SearchSettings, Workspace
+from monitor_core.discrepancy.verdict.amplitude import AMPLITUDE_LAW, rests_on_levels_of
 from monitor_core.discrepancy.verdict.classes import TIME_LAW, EquivalenceClass, margin_between
 from monitor_core.discrepancy.verdict.outcome import (
     OutcomeSettings,
@@ -26,7 +26,7 @@ from monitor_core.discrepancy.verdict.outcome import (
     names_nothing,
     remainder_of,
 )
-from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering
+from monitor_core.discrepancy.verdict.wandering import wandering
 from monitor_core.effects.effect import Effect, Physics
 from monitor_core.effects.sizes import MachineSizes
 from monitor_core.fitting.comparison import Comparison
@@ -163,24 +163,8 @@ def _search(
     report(f"adjusting the model to {comparison.layout.n_values} values at {len(comparison.layout.settings)} settings")
     stoppable = StoppableAxis(axis, lambda: bool(workspace.so_far) and time_is_up is not None and time_is_up())
 
-    @cache
-    def wanders(fitted: Fitted[Physics]) -> bool:
-        return leaves_only_wandering(fitted, settings.outcome)
-
-    @cache
-    def following(fitted: Fitted[Physics]) -> Description | None:
-        found = findings(fitted)
-        may_follow = len(found) == 1 and (may_lack_more(fitted) or goes_with_amplitude(found[0]))
-        return following_excitation(workspace.baseline, fitted, report) if may_follow and not wanders(fitted) else None
-
-    def explained_otherwise(fitted: Fitted[Physics]) -> bool:
-        if following(fitted) is not None:
-            return True
-        return may_lack_more(fitted) and (
-            wanders(fitted) or swinging_at_port(workspace.baseline, fitted, sizes, report) is not None
-        )
-
-    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, explained_otherwise)
+    otherwise: Otherwise[Physics] = Otherwise(settings.outcome, sizes, report)
+    workspace = Workspace(comparison, stoppable, tuple(candidates), settings.search, report, otherwise.explains)
     steps: tuple[Fitted[Physics], ...] = ()
     hidden, worst, follows, unfinished = list[str](), None, None, ""
     try:
@@ -191,7 +175,7 @@ def _search(
                 hidden.append(least.key)
                 steps = leave_out(workspace, steps, least)
             report("judging what was found")
-            follows = following(steps[-1])
+            follows = otherwise.follows(workspace.baseline, steps[-1])
             if may_be_wrong and follows is None:
                 worst = _worst_of(records, workspace, steps[-1], named=not has_no_name)
             found, classes = _named(
@@ -281,12 +265,9 @@ def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: Machi
     classes: Sequence[EquivalenceClass[Physics]] = searched.classes
     remainder = remainder_of(final, counts_strain=True)
     wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
-    if searched.follows is None:
-        with nullcontext() if searched.unfinished else searched.axis.stoppable():
-            concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
-                                 unfinished=bool(searched.unfinished), sizes=sizes)  # fmt: skip
-    else:
-        concluded = Conclusion(Outcome.DESCRIBED, settings.outcome, searched.follows)
+    with nullcontext() if searched.unfinished else searched.axis.stoppable():
+        concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
+                             unfinished=bool(searched.unfinished), follows=searched.follows, sizes=sizes)  # fmt: skip
     outcome, description = concluded.outcome, concluded.description
     if description is not None and description.fitted is not None:
         outcome, final, remainder = Outcome.DESCRIBED, description.fitted, remainder_of(description.fitted)

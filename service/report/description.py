@@ -30,7 +30,13 @@ def described_sentence(found: Described) -> str:
         return f"{swings}{or_else}, the same at every setting"
     with_what, factor, unit = _VARIABLES[found.law.variable]
     what = f"{swings}; its {found.parameter}" if swings else f"{found.parameter} at the {found.place}"
-    return f"{what} varies with {with_what}{or_else}, as {_law(found, found.law, factor, unit)}"
+    return f"{what} varies with {with_what}{or_else}, as {_law(found, found.law, factor, unit)}{_at_end(found)}"
+
+
+def _at_end(found: Described) -> str:
+    """Say which coefficients stand at an end of the range that is searched: the form may be another; else nothing."""
+    ends = " and ".join(name.replace("_", " ") for name, value in found.parameters.items() if value.at_end)
+    return f"; its {ends} would go beyond what is searched, so that the form is only the nearest tried" if ends else ""
 
 
 def _swings(found: Described) -> str:

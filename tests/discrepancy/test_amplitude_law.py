@@ -17,6 +17,7 @@ from monitor_core.effects.effect import ConditionAxis
 from monitor_core.fitting.comparison import Setting
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
+from service.report.description import described_sentence
 from service.report.words import in_plain_words
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
 from tests.hidden_effects.answered import answered
@@ -175,3 +176,5 @@ def test_a_law_that_explains_as_much_again_as_the_first_name_is_the_answer() -> 
     (found,) = answer.described
     assert (found.place, found.parameter, found.law.variable) == ("nut", "nut_stiffness_n_per_m", Variable.EXCITATION)
     assert answer.gap.after.held_out < 1.2 * answer.gap.noise_floor < 1.2 * answer.gap.before.held_out / 2.0
+    assert [name for name, value in found.parameters.items() if value.at_end] == ["change"]
+    assert "its change would go beyond what is searched" in described_sentence(found)

@@ -39,7 +39,7 @@ def find_steps(workspace: Workspace[Physics], baseline: Fitted[Physics] | None =
     steps = add_stepwise(workspace, first, taken, most_effects=len(first.hypothesis.effects) + 1)
     workspace.remember(baseline)
     has_another = len(steps) > len(taken)
-    if not (has_another and workspace.is_explained_otherwise(steps[-1])):
+    if not (has_another and workspace.is_explained_otherwise(workspace.baseline, steps[-1])):
         steps = add_stepwise(workspace, steps[-1], steps) if has_another else steps
         # the best without an effect is in no false minimum, as far as an effect has led out of it
         first = first if first.hypothesis.effects else workspace.baseline
@@ -69,7 +69,9 @@ def find_again(
         steps.append(fitted)
     if not others:
         return tuple(steps)
-    further = add_stepwise(workspace, steps[-1], steps[1:])
+    further = steps[1:]
+    if not (further and workspace.is_explained_otherwise(workspace.baseline, further[-1])):
+        further = add_stepwise(workspace, steps[-1], further)
     return _ended(workspace, further[-1] if further else steps[0], further)
 
 

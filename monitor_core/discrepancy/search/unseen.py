@@ -50,7 +50,7 @@ def _in_place(
     settings, physics = workspace.settings, final.physics()
     missing = _OF_AMPLITUDE - varied_conditions(workspace.comparison.layout)
     effects = [each for each in workspace.candidates if each.needs & missing and each.applies(physics)]
-    least = -least_difference(workspace.comparison)
+    least, names = -least_difference(workspace.comparison), {each.effect.key for each in accepted}
     for found in accepted if effects else ():
         worth_it = settings.least_share_of_gain * (found.without.cost - final.cost)
         for screened in screen(found.without, effects):
@@ -61,8 +61,8 @@ def _in_place(
             if fitted is None:
                 continue
             alone = fitted = prune(workspace, fitted, fitted.hypothesis.effects[:-1])
-            for effect in fitted.hypothesis.effects[:-1]:  # what stands beside it has evidence, and may still be none
-                alone = workspace.without(alone, effect)
+            for effect in fitted.hypothesis.effects[:-1]:  # what was found beside it has evidence, and may be none
+                alone = workspace.without(alone, effect) if effect.key in names else alone
             for tried in dict.fromkeys((fitted, alone)):
                 more = delta_bic(final, tried, scale)
                 if more > least:

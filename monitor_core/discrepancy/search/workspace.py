@@ -155,8 +155,8 @@ class Workspace(Generic[Physics]):
     candidates: tuple[Effect[Physics], ...]
     settings: SearchSettings = SearchSettings()
     progress: Callable[[str], None] = lambda _sentence: None
-    #: Asked of the fit with one effect: whether what no effect is explains all that is missing.
-    is_explained_otherwise: Callable[[Fitted[Physics]], bool] = lambda _fitted: False
+    #: Asked of the fits without any effect and with one: whether what no effect is explains all that is missing.
+    is_explained_otherwise: Callable[[Fitted[Physics], Fitted[Physics]], bool] = lambda _baseline, _fitted: False
     #: By the keys of their effects.
     best_fits: dict[frozenset[str], Fitted[Physics]] = field(default_factory=dict, init=False)
     #: With the fit that they start from, and by its effects; from each minimum they are refitted once only.
