@@ -348,18 +348,25 @@ def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:
 def _holds(
     baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale, least_explained: float = _LEAST_EXPLAINED
 ) -> bool:
+    """Return whether it is no less than what is missing, and no one of many laws that point the same way."""
+    return _explains(baseline, answer, scale, least_explained) and share_of_free(answer) >= _LEAST_OF_FREE
+
+
+def _explains(
+    baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale, least_explained: float = _LEAST_EXPLAINED
+) -> bool:
     """Return whether it explains most of what is missing, on data that were held out, too."""
     fitted, remainder = answer.fitted, remainder_of(answer.fitted)
     of_missing = explained_share(baseline, fitted, remainder.misfit)
     gained = gain(baseline.held_out, fitted.held_out, scale)
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
-    return held and of_missing >= least_explained and share_of_free(answer) >= _LEAST_OF_FREE
+    return held and of_missing >= least_explained
 
 
 def is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:
     """Return whether the data ask for what is described, and it explains most of what a fit is without."""
-    return is_evident(answer) and _holds(without, answer, answer.scale)
+    return is_evident(answer) and _explains(without, answer, answer.scale)
 
 
 def _surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:

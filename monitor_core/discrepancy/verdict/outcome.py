@@ -3,7 +3,7 @@
 Group each accepted effect with its indistinguishable alternatives; refit with the representatives.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +21,8 @@ from monitor_core.fitting.conditions.groups import levels_of
 from monitor_core.fitting.hold_out import JudgedGap, judged_gap
 from monitor_core.fitting.solver.hypothesis_fit import Fitted, fit
 
-#: Probability below which errors of settings that differ with a condition are no chance; ten are looked at or so. And
-#: of how many settings an order says something.
+#: Probability below which it is no chance that errors of settings differ with a condition, of all that are looked at;
+#: and of how many settings an order says something.
 _BY_CHANCE, _FEWEST = 1e-3, 6
 
 
@@ -97,8 +97,14 @@ def follow_conditions(fitted: Fitted[Physics]) -> bool:
     """Return whether the errors of settings go with how the axis was set, or with time, as no tolerance does.
 
     An analysis of variance of each kind of error over the levels of each condition, and its correlation with the order
-    in which the settings were measured.
+    in which the settings were measured. Of so many looks one may come out by chance (Bonferroni).
     """
+    looks = list(_chances(fitted))
+    return bool(looks) and len(looks) * min(looks) < _BY_CHANCE
+
+
+def _chances(fitted: Fitted[Physics]) -> Iterator[float]:
+    """Yield the probability of each look at the errors of settings, were they independent of conditions and time."""
     layout = fitted.comparison.layout
     errors = fitted.around.whitened_by.pulls(fitted.misfit)
     for name, column in zip(fitted.comparison.condition_error_names, errors.T, strict=True):
@@ -106,15 +112,14 @@ def follow_conditions(fitted: Fitted[Physics]) -> bool:
             continue
         known = np.isfinite(column)
         order = np.flatnonzero(known)
-        if order.size > _FEWEST and spearmanr(order, column[known]).pvalue < _BY_CHANCE:
-            return True
+        if order.size > _FEWEST:
+            yield float(spearmanr(order, column[known]).pvalue)
         for axis in ConditionAxis:
             of_setting = levels_of(layout, axis)
             groups = [column[known & (of_setting == level)] for level in np.unique(of_setting[known])]
             groups = [group for group in groups if group.size]
-            if 1 < len(groups) < np.count_nonzero(known) and f_oneway(*groups).pvalue < _BY_CHANCE:
-                return True
-    return False
+            if 1 < len(groups) < np.count_nonzero(known):
+                yield float(f_oneway(*groups).pvalue)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
