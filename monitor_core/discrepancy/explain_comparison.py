@@ -264,7 +264,8 @@ def _judge(searched: _Searched[Physics], settings: ExplainSettings, sizes: Machi
     found, final = searched.found, searched.final
     classes: Sequence[EquivalenceClass[Physics]] = searched.classes
     remainder = remainder_of(final, counts_strain=True)
-    wanders = wandering(final, (group.representative.effect for group in classes), remainder, settings.outcome)
+    members = ((group.representative.effect, group.representative.delta_bic) for group in classes)
+    wanders = wandering(final, members, remainder, settings.outcome)
     with nullcontext() if searched.unfinished else searched.axis.stoppable():
         concluded = conclude(searched.workspace, found, classes, remainder, settings.outcome, wanders=bool(wanders),
                              unfinished=bool(searched.unfinished), follows=searched.follows, sizes=sizes)  # fmt: skip

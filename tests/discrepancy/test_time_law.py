@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy import AMPLITUDE_LAW, TIME_LAW, Outcome
 from monitor_core.discrepancy.description.time_law import OF_NUT, goes_with_time
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
@@ -15,7 +16,7 @@ from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from service.report.words import in_plain_words
 from tests.discrepancy.axes import LinearAxis, LinearComparison, effects_by_key, layout_of, quantity
-from tests.hidden_effects.answered import compared
+from tests.hidden_effects.answered import answered, compared
 from tests.hidden_effects.cases import draw_case
 from tests.hidden_effects.machines import jittered, machine_named
 from tests.hidden_effects.situations import Situation
@@ -37,6 +38,15 @@ def test_a_drift_does_as_well_where_it_is_the_truth(truth, left_open) -> None:
     said = list[str]()
     assert goes_with_time(without, final, 20.0, said.append) is left_open
     assert said[0] == "asking whether it changes with time"
+
+
+@pytest.mark.slow
+def test_a_law_of_time_that_explains_more_than_a_name_leaves_that_open() -> None:
+    """However much of what varies freely is errors of the settings, which scatter twice as much as is stated."""
+    situation = ("receptance", "finite elements", "mini", "rich", "larger", "hum")
+    answer = answered(drawn(Job(161, "outside:preload-drift", "large", 0.003, *situation), 759593450))
+    assert answer.outcome == Outcome.EQUIVALENT
+    assert [(effect.key, effect.equivalent_to) for effect in answer.effects] == [(PERIODIC.key, (TIME_LAW,))]
 
 
 def test_what_changes_the_nut_is_in_the_catalogue() -> None:

@@ -40,7 +40,7 @@ def wanders():
 def test_a_resonance_that_wanders_is_found_at_other_frequencies_elsewhere(wanders):
     """0.3 per metre of a screw of 0.97 m, as much over the screw of the gantry: ± 12 % at its ends."""
     fitted, absorber, truth = wanders
-    found = wandering(fitted, [absorber], remainder_of(fitted), OutcomeSettings())[absorber.key]
+    found = wandering(fitted, [(absorber, 50.0)], remainder_of(fitted), OutcomeSettings())[absorber.key]
     assert found.delta_bic > fitted.comparison.least_delta_bic
     assert found.lowest < 0.95 * truth["frequency_hz"]
     assert found.highest > 1.05 * truth["frequency_hz"]
@@ -49,7 +49,7 @@ def test_a_resonance_that_wanders_is_found_at_other_frequencies_elsewhere(wander
 
 def test_one_that_stays_does_not_wander():
     fitted, absorber, truth = with_absorber("table-absorber")
-    assert wandering(fitted, [absorber], remainder_of(fitted), OutcomeSettings()) == {}
+    assert wandering(fitted, [(absorber, 50.0)], remainder_of(fitted), OutcomeSettings()) == {}
     assert not leaves_only_wandering(fitted, OutcomeSettings())
     found = wandering_of(fitted, absorber)
     assert found.delta_bic < 0.0

@@ -106,13 +106,17 @@ def swinging_at_port(
 ) -> Description | None:
     """Return what swings at a port that the catalogue has nothing for, where that leaves nothing else to seek.
 
-    ``fitted`` is what the catalogue has come to so far; None of a rigid axis or few settings.
+    ``fitted`` is what the catalogue has come to so far; what swings leaves next to nothing of the misfit, or no more
+    than a healthy axis does and explains as much again. None of a rigid axis or few settings.
     """
     if not _may_be_described(baseline):
         return None
     progress("asking whether something swings that has no name")
     swinging, _ = _described(baseline, fitted, (), _at_ports(baseline, (baseline, fitted), sizes), progress)
-    return swinging if swinging is not None and _leaves_nothing_else(baseline, swinging) else None
+    if swinging is None or swinging.fitted is None or judged_gap(swinging.fitted).exceeds_healthy:
+        return None
+    again = _explains_as_much_again(baseline, fitted, swinging.fitted)
+    return swinging if again or _leaves_nothing_else(baseline, swinging) else None
 
 
 def following_excitation(
@@ -133,14 +137,19 @@ def following_excitation(
     law = found.described.law
     if law is None or law.variable is not Variable.EXCITATION:
         return None
-    scale = evidence_scale(found.fitted)
-    if delta_bic(baseline, found.fitted, scale) > _AS_MUCH_AGAIN * delta_bic(baseline, fitted, scale):
+    if _explains_as_much_again(baseline, fitted, found.fitted):
         return found
     if judged_gap(found.fitted).exceeds_healthy:
         return None
     # where names leave nothing, what explains more than they do need not explain most of what is missing
     share = explained_share(baseline, found.fitted, remainder_of(found.fitted).misfit)
     return found if share >= _LEAST_EXPLAINED or not judged_gap(fitted).exceeds_healthy else None
+
+
+def _explains_as_much_again(baseline: Fitted[Any], fitted: Fitted[Any], other: Fitted[Any]) -> bool:
+    """Return whether the evidence for another fit is as much again as that for what the catalogue has come to."""
+    scale = evidence_scale(other)
+    return delta_bic(baseline, other, scale) > _AS_MUCH_AGAIN * delta_bic(baseline, fitted, scale)
 
 
 def _may_be_described(baseline: Fitted[Any]) -> bool:
@@ -216,7 +225,7 @@ def _described(
     answers += list(_hung_elsewhere(answers, with_laws, progress))
     answers = [answer for answer in answers if is_evident(answer)]
     plain = [Answer(base, base.fitted, base.port) for base in swinging if base.port is not None]
-    answers += [answer for answer in plain if is_borne_out(baseline, answer)]
+    answers += [answer for answer in plain if _is_borne_out(baseline, answer)]
     if not answers:
         return None, varied
     scale = min(answers, key=lambda answer: answer.fitted.cost).scale
@@ -348,25 +357,18 @@ def _without_needless(answer: Answer, kept: frozenset[str]) -> Answer:
 def _holds(
     baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale, least_explained: float = _LEAST_EXPLAINED
 ) -> bool:
-    """Return whether it is no less than what is missing, and no one of many laws that point the same way."""
-    return _explains(baseline, answer, scale, least_explained) and share_of_free(answer) >= _LEAST_OF_FREE
-
-
-def _explains(
-    baseline: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale, least_explained: float = _LEAST_EXPLAINED
-) -> bool:
     """Return whether it explains most of what is missing, on data that were held out, too."""
     fitted, remainder = answer.fitted, remainder_of(answer.fitted)
     of_missing = explained_share(baseline, fitted, remainder.misfit)
     gained = gain(baseline.held_out, fitted.held_out, scale)
     left = gap_of(fitted.comparison, fitted.held_out)
     held = math.isnan(gained) or (gained > 0.0 and left <= _MOST_LEFT * fitted.comparison.noise_floor)
-    return held and of_missing >= least_explained
+    return held and of_missing >= least_explained and share_of_free(answer) >= _LEAST_OF_FREE
 
 
-def is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:
+def _is_borne_out(without: Fitted[AxisPhysics], answer: Answer) -> bool:
     """Return whether the data ask for what is described, and it explains most of what a fit is without."""
-    return is_evident(answer) and _explains(without, answer, answer.scale)
+    return is_evident(answer) and _holds(without, answer, answer.scale)
 
 
 def _surpasses(final: Fitted[AxisPhysics], answer: Answer, scale: EvidenceScale) -> bool:

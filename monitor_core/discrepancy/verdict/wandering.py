@@ -10,6 +10,7 @@ which counts by the evidence scale of the fit, at the price of one unknown for e
 missing, too, the frequency of a resonance that stays takes up little of that.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -44,23 +45,36 @@ class Wandering:
 
 
 def wandering(
-    final: Fitted[Physics], effects: Iterable[Effect[Physics]], remainder: Remainder, settings: OutcomeSettings
+    final: Fitted[Physics],
+    effects: Iterable[tuple[Effect[Physics], float]],
+    remainder: Remainder,
+    settings: OutcomeSettings,
 ) -> dict[str, Wandering]:
-    """Return by its key each effect whose own frequency wanders, where anything is left that it may be a part of."""
-    if not remainder.is_left(settings) or not has_lines(final.comparison.layout):
+    """Return by its key each effect whose own frequency wanders; with an effect comes the evidence for it, a ΔBIC.
+
+    Where something is left, what wanders takes up most of that. Where nothing is, it explains more than the effect,
+    which stood where it passes by: a small absorber that wanders leaves no more than a healthy axis does.
+    """
+    if not has_lines(final.comparison.layout):
         return {}
-    freed = {effect.key: wandering_of(final, effect) for effect in effects if effect.frequency is not None}
-    return {
-        key: found
-        for key, found in freed.items()
-        if found.delta_bic > final.comparison.least_delta_bic and found.taken > _LEAST_OF_REMAINDER * remainder.misfit
-    }
+    left, wanders = remainder.is_left(settings), dict[str, Wandering]()
+    most = evidence_scale(final).factor * final.cost  # all that a fit leaves
+    for effect, evidence in effects:
+        least = final.comparison.least_delta_bic if left else max(evidence, final.comparison.least_delta_bic)
+        if effect.frequency is None or least > most:
+            continue
+        found = wandering_of(final, effect)
+        if found.delta_bic > least and found.taken > _LEAST_OF_REMAINDER * remainder.misfit:
+            wanders[effect.key] = found
+    return wanders
 
 
 def leaves_only_wandering(fitted: Fitted[Physics], settings: OutcomeSettings) -> bool:
     """Return whether almost all that a fit leaves goes with a frequency of its own that wanders."""
     remainder = remainder_of(fitted)
-    found = wandering(fitted, fitted.hypothesis.effects, remainder, settings)
+    if not remainder.is_left(settings):
+        return False
+    found = wandering(fitted, ((effect, math.inf) for effect in fitted.hypothesis.effects), remainder, settings)
     return any(each.taken > _ALMOST_ALL * remainder.misfit for each in found.values())
 
 

@@ -48,6 +48,21 @@ class _CommonWhitening:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _OfAllSettings:
+    """The directions of all settings side by side, each as long as the longest, so that one product takes them all."""
+
+    place: npt.NDArray[np.intp]  # of each value, shape (n_settings, n_longest); beyond the last of a setting its last
+    directions: FloatArray  # shape (n_settings, n_longest, n_errors); 0 beyond the last
+    shrunk: FloatArray  # shape (n_settings, n_errors, n_longest)
+    there: npt.NDArray[np.intp]  # of the values in the flat array of these, shape (n_values,)
+
+    def taken_from(self, scaled: FloatArray) -> FloatArray:
+        """Return what errors of the settings take from one misfit, shape (n_values,)."""
+        along = scaled[self.place][:, None, :] @ self.directions
+        return np.asarray((along @ self.shrunk).ravel()[self.there])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Whitening:
     """What turns misfits into independent standard normal residuals."""
 
@@ -58,11 +73,14 @@ class Whitening:
     shrink: FloatArray  # U diag(…) U^T of each setting, shape (n_settings, n_errors, n_errors)
     common: "_CommonWhitening | None"
     grams: FloatArray  # T T^T of each setting, shape (n_settings, n_errors, n_errors)
+    of_all: _OfAllSettings
 
     def __call__(self, misfits: FloatArray) -> FloatArray:
         """Return residuals of misfits, shape (..., n_values)."""
         scaled = misfits / self.deviation
-        if self.directions.shape[0]:
+        if self.directions.shape[0] and scaled.ndim == 1:
+            scaled -= self.of_all.taken_from(scaled)
+        elif self.directions.shape[0]:
             ends = [*self.starts[1:].tolist(), scaled.shape[-1]]
             for start, end, shrink in zip(self.starts.tolist(), ends, self.shrink, strict=True):
                 of_setting, directions = scaled[..., start:end], self.directions[:, start:end]
@@ -126,7 +144,17 @@ def whitening(
     values = np.maximum(values, 0.0)
     factor = 1.0 / (1.0 + values + np.sqrt(1.0 + values))  # (1 − (1+λ)^(-1/2))/λ without cancellation
     shrink = np.einsum("skl,sl,sml->skm", vectors, factor, vectors)
-    return Whitening(deviation, scaled, starts, position, shrink, _common(common, deviation), grams)
+    of_all = _side_by_side(scaled, starts, shrink)
+    return Whitening(deviation, scaled, starts, position, shrink, _common(common, deviation), grams, of_all)
+
+
+def _side_by_side(directions: FloatArray, starts: npt.NDArray[np.intp], shrink: FloatArray) -> _OfAllSettings:
+    sizes = np.diff(np.r_[starts, directions.shape[1]])
+    number = np.arange(np.max(sizes))
+    place, there = starts[:, None] + np.minimum(number, sizes[:, None] - 1), number < sizes[:, None]
+    padded = np.where(there, directions[:, place], 0.0).transpose(1, 0, 2)
+    along = np.ascontiguousarray(padded.transpose(0, 2, 1))
+    return _OfAllSettings(place, along, shrink @ padded, np.flatnonzero(there))
 
 
 def _common(common: CommonErrors | None, deviation: FloatArray) -> _CommonWhitening | None:

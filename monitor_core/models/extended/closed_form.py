@@ -24,7 +24,7 @@ under the force in the nut is one more compliance in series with B/A (:mod:`moni
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -278,6 +278,10 @@ def _damper(omega: NumberArray, damping: float) -> NumberArray | float:
     return (1j * damping) * omega if acts(damping) else 0.0
 
 
+#: Added to a phase, so that none is zero: what it is divided into is then 1, and no other phase differs.
+_NO_PHASE: Final = 1e-200
+
+
 def _waves_of_both(
     omega: NumberArray,
     position: FloatArray,
@@ -298,10 +302,11 @@ def _waves_of_both(
     length[0], length[1] = lengths
     compliance[0], compliance[1] = compliances
     phase = omega * (length * np.sqrt(compliance * inertia))
-    angle = np.pi * (phase / np.pi)  # the arithmetic of np.sinc, without what it does around it
-    angle = np.where(angle, angle, 1e-20)
-    sinc = np.sin(angle) / angle
-    cosine, sine_over_z = np.cos(phase), length * compliance * sinc
+    cosine = np.cos(phase)
+    phase += _NO_PHASE
+    sinc = np.sin(phase)
+    sinc /= phase
+    sine_over_z = length * compliance * sinc
     z_sine = omega * omega * (inertia * length) * sinc
     return RodWaves(cosine[0], sine_over_z[0], z_sine[0]), RodWaves(cosine[1], sine_over_z[1], z_sine[1])
 
