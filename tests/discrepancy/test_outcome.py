@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy.explanation import Outcome
 from monitor_core.discrepancy.search.workspace import variances_of_pulls
 from monitor_core.discrepancy.verdict.classes import EquivalenceClass, Member
@@ -24,6 +25,7 @@ from monitor_core.fitting.hold_out import REMAINDER, JudgedGap, fitted_values
 from monitor_core.fitting.hypothesis import Hypothesis
 from monitor_core.fitting.solver.hypothesis_fit import fit
 from tests.discrepancy.axes import LinearAxis, LinearComparison, layout_of, quantity
+from tests.hidden_effects.answered import answered
 
 SETTINGS = OutcomeSettings()
 MOST = 1.2  # what a healthy axis may leave, in noise floors
@@ -159,6 +161,34 @@ def test_settings_that_scatter_at_random_follow_nothing() -> None:
     rng = np.random.default_rng(11)
     follow = sum(follow_conditions(errors_of_settings(3.0 * rng.standard_normal(10))) for _ in range(300))
     assert follow <= 3
+
+
+def test_many_looks_at_settings_that_scatter_find_no_more_than_one() -> None:
+    """Six looks: at time and at five conditions, each of which three other settings have otherwise."""
+    rng = np.random.default_rng(13)
+    axes = [ConditionAxis.POSITION, ConditionAxis.PRELOAD, ConditionAxis.PAYLOAD, ConditionAxis.TEMPERATURE]
+    follow = 0
+    for _ in range(1500):
+        fitted = errors_of_settings(rng.standard_normal(10))
+        others = {axis: rng.permutation(10) < len(AT_ANOTHER_LEVEL) for axis in axes}
+        settings = tuple(
+            replace(setting, values={**setting.values, **{axis: float(at[i]) for axis, at in others.items()}})
+            for i, setting in enumerate(fitted.comparison.layout.settings)
+        )
+        layout = replace(fitted.comparison.layout, settings=settings)
+        follow += follow_conditions(replace(fitted, comparison=replace(fitted.comparison, layout=layout)))
+    assert 0 < follow <= 7  # of a thousandth: one in a thousand such tests finds more
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "noise", "disturbance"), [(276, 0.01, "loop"), (362, 0.003, "clean")])
+def test_a_healthy_axis_whose_settings_scatter_twice_as_much_as_stated_has_nothing_missing(
+    number, noise, disturbance
+) -> None:
+    """Two warm settings of 31, or two at another level, differed from the others with a probability of 0.0004."""
+    situation = ("receptance", "finite elements", "mini", "rich", "larger", disturbance)
+    answer = answered(drawn(Job(number, "none", "medium", noise, *situation), 759593450))
+    assert (answer.outcome, answer.effects) == (Outcome.NONE, ())
 
 
 def test_errors_that_go_with_a_condition_or_with_time_are_seen() -> None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy.verdict.outcome import OutcomeSettings, remainder_of
 from monitor_core.discrepancy.verdict.wandering import leaves_only_wandering, wandering, wandering_of
 from monitor_core.fitting.described_axis import DescribedDrive
@@ -12,6 +13,7 @@ from monitor_core.fitting.solver.hypothesis_fit import fit
 from monitor_core.models.families import build_model
 from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects import cases, frf_file
+from tests.hidden_effects.answered import answered
 from tests.hidden_effects.machines import GANTRY
 from tests.hidden_effects.situations import Situation
 from tests.hidden_effects.truth import transmission_line
@@ -54,3 +56,13 @@ def test_one_that_stays_does_not_wander():
     found = wandering_of(fitted, absorber)
     assert found.delta_bic < 0.0
     assert found.lowest == found.highest == pytest.approx(truth["frequency_hz"], rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_small_one_that_wanders_gets_no_name_though_nothing_is_left():
+    """One of 7 g on 4 kg was called an absorber of the table, with a ΔBIC of 119; that of its frequency is 3481."""
+    situation = ("receptance", "transmission line", "mini", "rich", "uniform", "clean")
+    answer = answered(drawn(Job(136, "outside:wandering-absorber", "small", 0.003, *situation), 26585308))
+    assert (answer.outcome, [effect.key for effect in answer.effects]) == ("unknown", ["table-absorber"])
+    assert any("whose frequency wanders" in remark for remark in answer.effects[0].remarks)
+    assert not answer.gap.after.held_out > answer.gap.noise_floor
