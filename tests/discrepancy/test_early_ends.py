@@ -5,12 +5,7 @@ import pytest
 
 from benchmarks.blind_cases import Job, drawn
 from monitor_core.discrepancy.explain_comparison import explain_comparison
-from monitor_core.fitting.conditions.settings import default_folds
-from monitor_core.fitting.described_axis import DescribedDrive
 from monitor_core.fitting.machine_sizes import sizes_of_drive
-from monitor_core.fitting.residuals.responses import compare_responses
-from monitor_core.models.families import build_model
-from monitor_core.recordings.model_file import parse_model
 from tests.hidden_effects import frf_file
 from tests.hidden_effects.answered import compared
 from tests.hidden_effects.cases import draw_case
@@ -24,13 +19,15 @@ def told(kind, seed, wrong=None):
     centre = machine_named("centre")
     situation = Situation(machine=jittered(centre, np.random.default_rng([seed, 1])), design="usual", wrong=wrong)
     case = draw_case(kind, "large", 0.003, seed, respond=transmission_line.respond, situation=situation)
-    file, measured = parse_model(case.baseline, kind), frf_file.observations(case)
-    drive = DescribedDrive(build_model(file.family, file.parameters).parameters, dict(file.uncertain), {})
-    sizes = sizes_of_drive(drive.physics({}), measured)
-    said = []
-    comparison = compare_responses(measured, held_out=default_folds(each.conditions for each in measured))
-    answer = explain_comparison(comparison, drive, drive.candidates(sizes), sizes=sizes, progress=said.append)
-    return answer, said
+    return told_of(case)
+
+
+def told_of(case):
+    """Return the answer to a case, by an axis whose sizes are known, and what was said on the way."""
+    comparison, drive = compared(case)
+    sizes = sizes_of_drive(drive.physics({}), frf_file.observations(case))
+    said = list[str]()
+    return explain_comparison(comparison, drive, drive.candidates(sizes), sizes=sizes, progress=said.append), said
 
 
 @pytest.mark.slow
@@ -45,10 +42,7 @@ def test_what_has_no_name_is_asked_for_after_the_first_effect(kind) -> None:
 def test_what_has_no_name_and_explains_as_much_again_as_the_first_effect_is_asked_for_there_too() -> None:
     """Noise of 1 % leaves more of χ² than a tenth; further names beside an absorber on the nut took a minute."""
     situation = ("receptance", "transmission line", "bench", "rich", "assumed", "pink")
-    case, said = drawn(Job(182, "outside:rotor-absorber", "small", 0.01, *situation), 26585308), list[str]()
-    comparison, drive = compared(case)
-    sizes = sizes_of_drive(drive.physics({}), frf_file.observations(case))
-    answer = explain_comparison(comparison, drive, drive.candidates(sizes), sizes=sizes, progress=said.append)
+    answer, said = told_of(drawn(Job(182, "outside:rotor-absorber", "small", 0.01, *situation), 26585308))
     assert answer.outcome == "described"
     assert [found.place for found in answer.described] == ["motor"]
     assert not any(sentence.startswith("1 effect found") for sentence in said)

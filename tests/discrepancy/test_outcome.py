@@ -185,7 +185,7 @@ def test_many_looks_at_settings_that_scatter_find_no_more_than_one() -> None:
 def test_a_healthy_axis_whose_settings_scatter_twice_as_much_as_stated_has_nothing_missing(
     number, noise, disturbance
 ) -> None:
-    """Two warm settings of 31, or two at another level, differed from the others with a probability of 0.0004."""
+    """Two warm settings of 31 were other than the rest with a probability of 0.0005, two at another level of 0.0004."""
     situation = ("receptance", "finite elements", "mini", "rich", "larger", disturbance)
     answer = answered(drawn(Job(number, "none", "medium", noise, *situation), 759593450))
     assert (answer.outcome, answer.effects) == (Outcome.NONE, ())

@@ -51,7 +51,9 @@ class Otherwise(Generic[Physics]):
         if not may_follow or self._wanders(fitted):
             return None
         follows = following_excitation(baseline, fitted, self.progress)
-        swings = None if follows is None else self._swings(baseline, fitted)
+        if follows is None:
+            return None
+        swings = self._swings(baseline, fitted)
         return None if swings is not None and _explains_more(swings, follows) else follows
 
     def _swings(self, baseline: Fitted[Physics], fitted: Fitted[Physics]) -> Description | None:
@@ -65,9 +67,9 @@ class Otherwise(Generic[Physics]):
         return self._wandering[fitted]
 
 
-def _explains_more(first: Description, other: Description | None) -> bool:
+def _explains_more(first: Description, other: Description) -> bool:
     """Return whether the first of two that leave nothing else is what the data ask for."""
-    if first.fitted is None or other is None or other.fitted is None:
+    if first.fitted is None or other.fitted is None:
         return False
     more = delta_bic(other.fitted, first.fitted, evidence_scale(first.fitted))
     return more > least_difference(first.fitted.comparison)
