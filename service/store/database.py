@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import Any, cast
@@ -51,6 +51,8 @@ class Database:
         self.engine = _create_engine(url)
         _COMMITS[self.engine] = _Commits()
         self.file = database_file(url)  # None: kept by a server
+        #: Open to the file, and used by nobody now: the engine takes as long to give one as to read a row or two.
+        self._idle: list[Connection] = []
         self._schema: str | None = None  # that this program writes, as soon as it has migrated to it
 
     @contextmanager
@@ -62,16 +64,29 @@ class Database:
         if self.file is not None:
             self.file.require_unmoved()
         driver: Any = self.engine.dialect.loaded_dbapi
-        with _translated(driver), self.engine.connect() as connection:
+        with _translated(driver):
+            connection = self._idle_one() or self.engine.connect()
             try:
                 yield connection
             except (DBAPIError, driver.Error):
                 connection.invalidate()
                 raise
             finally:
-                # A connection opened while the volume is read-only would stay so when that is mended.
-                if self.file is not None and not self.file.is_writable():
-                    connection.invalidate()
+                self._give_back(connection)
+
+    def _idle_one(self) -> Connection | None:
+        with suppress(IndexError):  # in one step, whoever else asks
+            return self._idle.pop()
+        return None
+
+    def _give_back(self, connection: Connection) -> None:
+        """Keep a connection to the file for whoever asks next; the engine looks after those to a server."""
+        if self.file is not None and not self.file.is_writable():
+            connection.invalidate()  # opened while the volume is read-only, it would stay so when that is mended
+        if self.file is None or connection.invalidated or connection.in_transaction():
+            connection.close()
+        else:
+            self._idle.append(connection)
 
     @contextmanager
     def translated(self) -> Iterator[None]:
@@ -172,6 +187,8 @@ class Database:
 
     def close(self) -> None:
         """Close all connections."""
+        while (connection := self._idle_one()) is not None:
+            connection.close()
         self.engine.dispose()
         if self.file is not None:
             self.file.release()

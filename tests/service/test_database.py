@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from monitor_core.recording import Session
 from monitor_core.recordings.session_hdf5 import write_session
 from service.documents.measurement import with_trend
-from service.errors import DataFolderError
+from service.errors import DataFolderError, StorageError
 from service.operations.monitoring.trend import extremes
 from service.store import intake
 from service.store.database import Database, alembic_config, reading, writing
@@ -54,6 +54,41 @@ def test_migrations_make_the_tables(database_url: str) -> None:
         )
     database.close()
     assert differences == []
+
+
+def test_a_connection_to_a_file_is_used_again_unless_it_failed(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'preload.db'}")
+    database.migrate()
+
+    kept = []  # so that no new one has the identity of an old one
+
+    def opened() -> set[int]:
+        with database.connect() as connection, database.connect() as beside, reading(connection), reading(beside):
+            found = [used.connection.driver_connection for used in (connection, beside)]
+        kept.extend(found)
+        return set(map(id, found))
+
+    def failing() -> None:
+        with database.connect() as connection, reading(connection):
+            connection.execute(text("SELECT * FROM missing"))
+
+    def given_up() -> None:
+        with database.connect() as connection, writing(connection):
+            connection.execute(text("DELETE FROM alembic_version"))
+            raise LookupError
+
+    first = opened()
+    assert len(first) == 2
+    assert opened() == first
+    with pytest.raises(StorageError, match="no such table"):
+        failing()
+    assert len(opened() & first) == 1  # the other one is new
+    with pytest.raises(LookupError):
+        given_up()
+    with database.connect() as connection, reading(connection):
+        assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
+    database.close()
+    assert not list(tmp_path.glob("*-wal")), "a connection is still open"
 
 
 def test_migrations_down_and_up(database_url: str, tmp_path: Path) -> None:
