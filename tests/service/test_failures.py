@@ -3,6 +3,7 @@
 import errno
 import os
 import sqlite3
+import threading
 from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
@@ -19,11 +20,18 @@ from tests.service.conftest import START, Api, assert_problem, simulated_measure
 from tests.service.test_ingest import stored_frames
 
 
-def failing_once(real: Callable[..., object], error: Exception, *, afterwards: bool = False) -> Callable[..., object]:
-    """Fail at the first call, before or after the real thing was done."""
+def failing_once(
+    real: Callable[..., object], error: Exception, *, afterwards: bool = False, thread: str = ""
+) -> Callable[..., object]:
+    """Fail at the first call, before or after the real thing was done; where a thread is named, at its first one.
+
+    A service that has just started writes something of its own, too.
+    """
     calls = []
 
     def fail(*args: object, **kwargs: object) -> object:
+        if thread and threading.current_thread().name != thread:
+            return real(*args, **kwargs)
         calls.append(args)
         if len(calls) > 1:
             return real(*args, **kwargs)
@@ -65,7 +73,7 @@ def test_locked_database_asks_to_send_again(api: Api, monkeypatch: pytest.Monkey
     windows = simulated_measurement(np.random.default_rng(2), "m")
     with monkeypatch.context() as broken:
         error = sqlite3.OperationalError("database is locked")  # of the driver, as it comes from BEGIN IMMEDIATE
-        broken.setattr(database, "_begin", failing_once(database._begin, error))
+        broken.setattr(database, "_begin", failing_once(database._begin, error, thread="ingest"))
         problem = assert_problem(api.post("axis", windows), 503, "storage-failed")
     assert "database is locked" in problem["detail"]
     assert stored_frames(api.data_dir) == []
@@ -81,7 +89,8 @@ def test_failure_at_the_commit_leaves_rows_with_their_waveforms(
     windows = simulated_measurement(np.random.default_rng(3), "m")
     error = OperationalError("COMMIT", {}, Exception("server closed the connection"))
     with monkeypatch.context() as broken:
-        broken.setattr(DefaultDialect, "do_commit", failing_once(DefaultDialect.do_commit, error, afterwards=committed))
+        failing = failing_once(DefaultDialect.do_commit, error, afterwards=committed, thread="ingest")
+        broken.setattr(DefaultDialect, "do_commit", failing)
         assert_problem(api.post("axis", windows), 503, "storage-failed")
     answer = api.accept("axis", windows)
     assert answer["already_there" if committed else "accepted"] == 15
