@@ -59,12 +59,11 @@ def test_migrations_make_the_tables(database_url: str) -> None:
 def test_a_connection_to_a_file_is_used_again_unless_it_failed(tmp_path: Path) -> None:
     database = Database(f"sqlite:///{tmp_path / 'preload.db'}")
     database.migrate()
-
-    kept = []  # so that no new one has the identity of an old one
+    kept = list[Connection]()  # so that no new one has the identity of an old one
 
     def opened() -> set[int]:
         with database.connect() as connection, database.connect() as beside, reading(connection), reading(beside):
-            found = [used.connection.driver_connection for used in (connection, beside)]
+            found = (connection, beside)
         kept.extend(found)
         return set(map(id, found))
 
