@@ -166,6 +166,7 @@ class Prediction:
     noise: float  # variance that this session has on top, in units of σ²
     centre: FloatArray  # (n_structures,), from the zero of the belief
     zero: float
+    decay: FloatArray  # of the autoregression since the session before, (n_structures,)
 
     @property
     def scale(self) -> FloatArray:
@@ -182,6 +183,28 @@ class Prediction:
         """Share of the variance of the prediction that is due to the coefficients, not to the scatter of sessions."""
         own = np.einsum("i,rij,j->r", self.design[:-1], self.bank.covariance[:, :-1, :-1], self.design[:-1])
         return float(self.bank.weight @ np.clip(own / self.spread, 0.0, 1.0))
+
+    @property
+    def gain(self) -> FloatArray:
+        """What a unit error teaches of the state, (n_structures, size)."""
+        return np.asarray(self.cross / self.spread[:, None])
+
+    @property
+    def gain_of_dependence(self) -> FloatArray:
+        """The same where only the autoregression is followed."""
+        gain = np.zeros_like(self.cross)
+        gain[:, -1] = self.cross[:, -1] / self.spread
+        return gain
+
+    def log_weight(self, error: FloatArray) -> FloatArray:
+        """Return the logarithm of the weight of each structure once a session was off by so much."""
+        degrees = 2.0 * self.bank.shape
+        evidence = (
+            special.gammaln(0.5 * (degrees + 1.0)) - special.gammaln(0.5 * degrees) - 0.5 * np.log(degrees * math.pi)
+            - np.log(self.scale) - 0.5 * (degrees + 1.0) * np.log1p((error / self.scale) ** 2 / degrees)
+        )  # fmt: skip
+        relative = self.bank.log_weight + evidence
+        return np.asarray(relative - np.logaddexp.reduce(relative))
 
     def residual(self, value: float) -> float:
         r"""Return the residual of a value as its normal score, :math:`z = \Phi^{-1}(F(y))`."""
@@ -212,7 +235,7 @@ def reopened(belief: Belief) -> Belief:
     """Forget the level, and keep what was learnt of scatter, dependence, season and covariates."""
     bank = _bank_of(belief.numbers)
     bank.covariance[:, 0, 0] += _OPEN**2
-    return replace(belief, numbers=bank.numbers())
+    return with_bank(belief, bank)
 
 
 def predict(belief: Belief, session: Session) -> Prediction:
@@ -228,26 +251,20 @@ def predict(belief: Belief, session: Session) -> Prediction:
     cross = bank.covariance @ design
     noise = _noise(belief, bank, session)
     spread = cross @ design + 1.0 - _SHARE + noise + _of_unknown(bank, unknown)
-    return Prediction(bank, design, cross, spread, noise, bank.mean @ design, belief.zero)
+    return Prediction(bank, design, cross, spread, noise, bank.mean @ design, belief.zero, decay)
 
 
 def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Learn a session, of which no more than :data:`LARGEST_LESSON` standard deviations are believed."""
-    bank, scale, spread = prediction.bank, prediction.scale, prediction.spread
+    bank, scale, gain = prediction.bank, prediction.scale, prediction.gain
     error = session.value - belief.zero - prediction.centre
-    degrees = 2.0 * bank.shape
-    evidence = (
-        special.gammaln(0.5 * (degrees + 1.0)) - special.gammaln(0.5 * degrees) - 0.5 * np.log(degrees * math.pi)
-        - np.log(scale) - 0.5 * (degrees + 1.0) * np.log1p((error / scale) ** 2 / degrees)
-    )  # fmt: skip
     believed = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
-    gain = prediction.cross / spread[:, None]
     learnt = Bank(
         bank.mean + gain * believed[:, None],
         bank.covariance - gain[:, :, None] * prediction.cross[:, None, :],
         bank.shape + 0.5,
-        bank.rate + 0.5 * believed**2 / spread,
-        bank.log_weight + evidence - (bank.log_weight + evidence).max(),
+        bank.rate + 0.5 * believed**2 / prediction.spread,
+        prediction.log_weight(error),
     )
     return replace(
         belief,
@@ -270,8 +287,7 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
     bank, scale = prediction.bank, prediction.scale
     error = session.value - belief.zero - prediction.centre
     error = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
-    gain = np.zeros_like(prediction.cross)
-    gain[:, -1] = prediction.cross[:, -1] / prediction.spread
+    gain = prediction.gain_of_dependence
     both = gain[:, :, None] * prediction.cross[:, None, :]
     square = gain[:, :, None] * gain[:, None, :] * prediction.spread[:, None, None]
     followed = replace(
@@ -293,6 +309,11 @@ def learnt_from(sessions: Sequence[Session], start: Belief) -> Belief:
 def bank_of(belief: Belief) -> Bank:
     """Return the posterior of all structures."""
     return _bank_of(belief.numbers)
+
+
+def with_bank(belief: Belief, bank: Bank) -> Belief:
+    """Return a belief with another posterior of its structures."""
+    return replace(belief, numbers=bank.numbers())
 
 
 def healthy_value(belief: Belief, at: datetime) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Find the false-alarm rate that the axis' own healthy history gives, to compare with the one that was stated.
 
 The stated rate holds for residuals that are independent and standard normal. Those of the axis itself, resampled in
-blocks of a fortnight, keep whatever dependence and whatever tails they have.
+blocks of a fortnight, keep whatever dependence and whatever tails they have. CUSUM and Shewhart rule are run over them;
+what all sessions together say of a loss that lasts cannot be taken from blocks, and is counted with its share.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.design import DetectorDesign
+from monitor_core.trend.design import EVIDENCE_SHARE, DetectorDesign
 from monitor_core.trend.detector import ClosedSession, closed_session, reset, step
 from monitor_core.trend.observation import Observation
 from monitor_core.trend.state import DetectorState, cusum_step
@@ -91,7 +92,8 @@ def found_rate(
         chosen = rng.integers(starts.shape[1], size=(starts.shape[0], years, -(-_DAYS // BLOCK)))
         first = np.take_along_axis(starts[:, None, :].astype(np.intp), chosen, axis=2)
         which = blocks[first].reshape(starts.shape[0], years, -1)[..., :_DAYS]
-        return np.asarray(_alarms(residual[which], reference[which], design).mean(axis=1) * per_year)
+        of_charts = _alarms(residual[which], reference[which], design).mean(axis=1) * per_year
+        return np.asarray(of_charts + EVIDENCE_SHARE * design.settings.false_alarms_per_year)
 
     found = float(rates(np.arange(n, dtype=np.float64)[None, :], _HISTORIES * 10)[0])
     drawn = rng.integers(n, size=(_HISTORIES, n // BLOCK)).astype(np.float64)
@@ -105,7 +107,7 @@ def found_rate(
 
 
 def _alarms(residual: FloatArray, reference: FloatArray, design: DetectorDesign) -> FloatArray:
-    """Return how often the charts alarm along the last axis, each alarm cleared."""
+    """Return how often CUSUM and Shewhart rule alarm along the last axis, each alarm cleared."""
     cusum = np.zeros(residual.shape[:-1])
     beyond_before = np.zeros(residual.shape[:-1], dtype=bool)
     count = np.zeros(residual.shape[:-1])

@@ -27,6 +27,8 @@ LOWEST_EWMA_LIMIT = 2.0 * math.sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT))
 ALERT_DURATION = 10.0
 #: Share of the false alarms that the Shewhart rule would cause if it were alone.
 SHEWHART_SHARE = 0.1
+#: Share of the false alarms that are left to the weighing of all sessions together: so many are none of the other two.
+EVIDENCE_SHARE = 0.1
 #: The Shewhart rule waits for the next session to confirm.
 SHEWHART_CONSECUTIVE = 2
 
@@ -72,6 +74,7 @@ class DetectorDesign:
     cusum_limit: float
     shewhart_limit: float
     ewma_limit: float
+    evidence_limit: float  # of ln R, see :mod:`monitor_core.trend.lasting_loss`
 
     @property
     def sessions_per_year(self) -> float:
@@ -90,11 +93,15 @@ class DetectorDesign:
 
 
 def design_detector(settings: DetectorSettings) -> DetectorDesign:
-    """Solve the limits of CUSUM, Shewhart rule and EWMA from the wanted rates.
+    """Solve the limits of CUSUM, Shewhart rule and EWMA, and that of all sessions together, from the wanted rates.
 
     Alarm: the CUSUM beyond its limit, or :data:`SHEWHART_CONSECUTIVE` residuals in a row beyond the Shewhart limit,
-    which alone would cause :data:`SHEWHART_SHARE` of the rate. Alert: the EWMA beyond its limit on either side, because
-    a rise of preload is no loss but tells that something has changed.
+    which alone would cause :data:`SHEWHART_SHARE` of the rate; both together cause all of it but
+    :data:`EVIDENCE_SHARE`. Or the evidence of :mod:`monitor_core.trend.lasting_loss` beyond as many sessions as lie
+    between two false alarms: by itself it alarms no oftener than stated, and mostly where the others do.
+
+    Alert: the EWMA beyond its limit on either side, because a rise of preload is no loss but tells that something has
+    changed.
 
     ``OutsideValidityError`` if the wanted number of false alarms is so large that no limit gives it.
     """
@@ -111,7 +118,7 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
         )
         return n_sessions / float(run_length)
 
-    cusum_limit = _solve(all_alarms, settings.false_alarms_per_year)
+    cusum_limit = _solve(all_alarms, (1.0 - EVIDENCE_SHARE) * settings.false_alarms_per_year)
     largest_residual = CUSUM_REFERENCE + 0.5 * cusum_limit
 
     def alerts(limit: float) -> float:
@@ -120,7 +127,8 @@ def design_detector(settings: DetectorSettings) -> DetectorDesign:
 
     often_enough = alerts(LOWEST_EWMA_LIMIT) <= settings.false_alerts_per_year
     ewma_limit = LOWEST_EWMA_LIMIT if often_enough else _solve(alerts, settings.false_alerts_per_year)
-    return DetectorDesign(settings, CUSUM_REFERENCE, cusum_limit, shewhart_limit, ewma_limit)
+    evidence_limit = math.log(n_sessions / settings.false_alarms_per_year)
+    return DetectorDesign(settings, CUSUM_REFERENCE, cusum_limit, shewhart_limit, ewma_limit, evidence_limit)
 
 
 def _solve(expected_number: Callable[[float], float], wanted: float) -> float:

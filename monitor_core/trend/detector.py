@@ -9,10 +9,13 @@ import math
 from dataclasses import dataclass, replace
 from datetime import datetime
 
+import numpy as np
+
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend.baseline import Baseline, baseline_of, learn_baseline, learn_level_again
 from monitor_core.trend.belief import Belief, learn, pass_over, predict
 from monitor_core.trend.design import EWMA_WEIGHT, SHEWHART_CONSECUTIVE, DetectorDesign, LossDirection
+from monitor_core.trend.lasting_loss import Beginnings, weigh, without_loss
 from monitor_core.trend.observation import Observation, Session, first_of
 from monitor_core.trend.state import (
     Chart,
@@ -49,8 +52,6 @@ WHOLE = 0.9
 #: A rise of the preload by at most so many standard deviations of a session may be an error of what twenty sessions
 #: taught of the level; a larger one is a change that somebody should look into.
 LARGEST_SETTLED = 1.0
-#: So much of an error that payload, temperature and position leave is no evidence [standard uncertainties].
-DEAD_ZONE = 1.96
 
 
 def step(state: DetectorState, observation: Observation, design: DetectorDesign) -> DetectorState:
@@ -120,17 +121,39 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
     charts = state.charts
     if not _is_whole(session, state.learnt):
         charts = _judge(charts, session, state.baseline, design, whole=True)
+    prediction = predict(state.known, session)
+    teaches = _teaches(session, state.baseline)
+    beginnings = state.beginnings
+    if charts.alarm is None or state.before.alarm is None:
+        beginnings, _ = weigh(beginnings, state.known, prediction, session, towards_loss=_sign(design), learns=teaches)
+    known = (learn if teaches else pass_over)(state.known, prediction, session)
     if charts.alarm is not None:
-        learnt = known = pass_over(state.learnt, predict(state.learnt, session), session)
-    elif session.in_doubt or session.systematic_uncertainty > LARGEST_SYSTEMATIC * state.baseline.scatter:
-        learnt = pass_over(state.learnt, predict(state.learnt, session), session)
-        known = pass_over(state.known, predict(state.known, session), session)
+        if charts.alarm.chart is Chart.SHIRYAEV_ROBERTS and state.before.alarm is None:
+            learnt = without_loss(known, beginnings, charts.alarm.onset, _sign(design))
+        else:
+            learnt = _followed(state.learnt, session)
+        known, beginnings = learnt, Beginnings()
     else:
-        known = learn(state.known, predict(state.known, session), session)
         undisputed = charts.alert is None or _has_settled_upwards(charts, state.baseline, design)
         calm = charts.cusum <= LEARNING_FRACTION * design.cusum_limit and undisputed
-        learnt = known if calm else pass_over(state.learnt, predict(state.learnt, session), session)
-    return replace(state, learnt=learnt, known=known, session=None, before=charts, baseline=baseline_of(learnt))
+        learnt = known if teaches and calm else _followed(state.learnt, session)
+    return replace(
+        state, learnt=learnt, known=known, beginnings=beginnings, session=None, before=charts,
+        baseline=baseline_of(learnt),
+    )  # fmt: skip
+
+
+def _followed(belief: Belief, session: Session) -> Belief:
+    return pass_over(belief, predict(belief, session), session)
+
+
+def _teaches(session: Session, baseline: Baseline) -> bool:
+    return not session.in_doubt and session.systematic_uncertainty <= LARGEST_SYSTEMATIC * baseline.scatter
+
+
+def _sign(design: DetectorDesign) -> float:
+    """Return which way values go as preload is lost."""
+    return -1.0 if design.settings.loss is LossDirection.FALL else 1.0
 
 
 def _has_settled_upwards(charts: Charts, baseline: Baseline, design: DetectorDesign) -> bool:
@@ -172,13 +195,18 @@ def _learnt_baseline(state: DetectorState, collected: tuple[Session, ...], desig
 def _watch(
     state: DetectorState, learnt: Belief, baseline: Baseline, session: Session, design: DetectorDesign
 ) -> DetectorState:
-    prediction = predict(learnt, session)
-    towards_loss = -1.0 if design.settings.loss is LossDirection.FALL else 1.0
+    prediction, towards_loss = predict(learnt, session), _sign(design)
     difference = session.value - prediction.value
-    evidence = max(abs(difference) - DEAD_ZONE * session.systematic_uncertainty, 0.0)
-    residual = towards_loss * prediction.residual(prediction.value + math.copysign(evidence, difference))
+    evident = float(session.evident(np.array(difference)))
+    residual = towards_loss * prediction.residual(prediction.value + evident)
     reference = design.cusum_reference + BASELINE_ALLOWANCE * math.sqrt(prediction.unlearnt)
-    charts = _charted(replace(state.before, residual=residual, reference=reference), session, difference, design)
+    lasting = None
+    if state.known is not None and state.before.alarm is None:
+        expected = prediction if state.known == learnt else predict(state.known, session)
+        teaches = _teaches(session, baseline)
+        _, lasting = weigh(state.beginnings, state.known, expected, session, towards_loss=towards_loss, learns=teaches)
+    before = replace(state.before, residual=residual, reference=reference, lasting=lasting)
+    charts = _charted(before, session, difference, design)
     judged = _judge(charts, session, baseline, design, whole=_is_whole(session, learnt))
     status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL
     return replace(
@@ -235,6 +263,13 @@ def _judge(charts: Charts, session: Session, baseline: Baseline, design: Detecto
     if alarm is None and charts.cusum_run is not None and charts.cusum > design.cusum_limit:
         change = charts.cusum_run.mean_change(baseline)
         alarm = Evidence(Chart.CUSUM, at, charts.cusum, design.cusum_limit, charts.cusum_run.since, change)
+    lasting = charts.lasting
+    if alarm is None and lasting is not None and lasting.log_evidence > design.evidence_limit:
+        limit, value = design.evidence_limit, lasting.log_evidence
+        alarm = Evidence(Chart.SHIRYAEV_ROBERTS, at, value, limit, lasting.onset, lasting.change)
+        # the charts begin to see this loss only now; it ends as it does for other alarms
+        run = charts.cusum_run or _extend(None, session.started_at, lasting.change.value)
+        charts = replace(charts, cusum=max(charts.cusum, design.cusum_limit), cusum_run=run)
     if alert is None and charts.ewma_run is not None and abs(charts.ewma) > design.ewma_limit:
         change = charts.ewma_run.mean_change(baseline)
         alert = Evidence(Chart.EWMA, at, charts.ewma, design.ewma_limit, charts.ewma_run.since, change)

@@ -9,11 +9,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+import numpy as np
+
+from monitor_core.arrays import FloatArray
 from monitor_core.errors import OutsideValidityError
 
 #: What is measured within so long after the first measurement of a session belongs to it. Less than a day, so that an
 #: axis that is measured every morning, if not to the minute, has a session a day.
 SESSION = timedelta(hours=20)
+#: So much of an error that payload, temperature and position leave is no evidence [standard uncertainties].
+DEAD_ZONE = 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +74,11 @@ class Session:
     def takes(self, at: datetime) -> bool:
         """Tell whether a measurement made at this moment, later than all, is of this session."""
         return at - self.started_at < SESSION
+
+    def evident(self, difference: FloatArray) -> FloatArray:
+        """Return what is left of differences once payload, temperature and position have explained what they can."""
+        left = np.maximum(np.abs(difference) - DEAD_ZONE * self.systematic_uncertainty, 0.0)
+        return np.asarray(np.copysign(left, difference))
 
     def with_observation(self, new: Observation) -> "Session":
         """Return the session with one more measurement (recursive mean and sum of squares after Welford)."""

@@ -7,7 +7,7 @@ value, and gives its new value. Limits and run lengths are in :mod:`monitor_core
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from enum import StrEnum
 from typing import overload
@@ -17,6 +17,7 @@ import numpy as np
 from monitor_core.arrays import FloatArray
 from monitor_core.trend.baseline import Baseline
 from monitor_core.trend.belief import Belief, Prior
+from monitor_core.trend.lasting_loss import Beginnings, LastingLoss
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
@@ -88,6 +89,7 @@ class Chart(StrEnum):
 
     CUSUM = "cusum"
     SHEWHART = "shewhart"
+    SHIRYAEV_ROBERTS = "shiryaev-roberts"
     EWMA = "ewma"
 
 
@@ -111,7 +113,7 @@ class Evidence:
 
     chart: Chart
     raised_at: datetime
-    value: float  # of the chart, in standard deviations, positive towards loss
+    value: float  # of the chart: standard deviations, positive towards loss, or the logarithm of the evidence
     limit: float
     onset: datetime  # estimated begin of the change
     change: Estimate  # mean difference from what was expected since the onset, in the unit of the observations
@@ -128,6 +130,7 @@ class Charts:
     cusum_run: Run | None = None  # since the CUSUM left zero
     shewhart_run: Run | None = None  # residuals in a row beyond the Shewhart limit
     ewma_run: Run | None = None  # since the EWMA changed its sign
+    lasting: LastingLoss | None = None  # what all sessions together say; None while an alarm stands
     alarm: Evidence | None = None
     alert: Evidence | None = None
     quiet_alarm: int = 0  # sessions in a row with the alarm's charts under the release level
@@ -140,7 +143,8 @@ class DetectorState:
 
     A session is judged from its first measurement on and learnt when it is over: ``before`` are the charts before it,
     ``charts`` with what it has so far. ``learnt`` is what is believed of the healthy axis; ``known`` has learnt the
-    sessions, too, that something speaks against, and takes its place when nothing does any more.
+    sessions, too, that something speaks against, and takes its place when nothing does any more. ``beginnings`` are
+    what the sessions that are over say of a loss that lasts.
     """
 
     status: TrendStatus = TrendStatus.UNKNOWN
@@ -151,6 +155,7 @@ class DetectorState:
     prior: Prior | None = None  # what sisters lend
     learnt: Belief | None = None
     known: Belief | None = None
+    beginnings: Beginnings = field(default_factory=Beginnings)
     baseline: Baseline | None = None  # what is learnt, for people; None as long as no alarm can be raised
     before: Charts = Charts()
     charts: Charts = Charts()

@@ -225,6 +225,10 @@ _CHART = {
     Chart.SHEWHART: (
         "each session since then is more than {limit:.1f} standard deviations off, the latest {value:.1f}"
     ),
+    Chart.SHIRYAEV_ROBERTS: (
+        "all sessions together speak for a loss that has lasted since then, the logarithm of the evidence is "
+        "{value:.1f}, its limit {limit:.1f}"
+    ),
 }
 
 

@@ -1,7 +1,8 @@
 """The state of the charts of an axis as it is kept between measurements, and how an epoch of it begins.
 
-What is believed of an axis are some two hundred numbers. They are stored as base64 of little-endian doubles: a fleet is
-read with every look at it, and lists of numbers take four times as long to read.
+What is believed of an axis are some two hundred numbers, and three hundred say since when a loss may have lasted. They
+are stored as base64 of little-endian doubles: a fleet is read with every look at it, and lists of numbers take four
+times as long to read.
 """
 
 import base64
@@ -29,17 +30,17 @@ from service.store.trend.sessions import SessionRecord
 
 #: Written where both beliefs are one.
 _AS_LEARNT = "as learnt"
-_BELIEFS = ("learnt", "known")
+_PACKED = ("learnt", "known", "beginnings")  # members of the detector that hold such numbers
 _STATE = StoredRecord(
     "state of the charts",
     TypeAdapter(AxisState),
-    version=3,  # nine structures of dependence
+    version=4,  # all sessions are weighed together, too
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
 )
 _DESIGN = StoredRecord(
     "limits of the charts",
     TypeAdapter(DetectorDesign),
-    version=2,  # a baseline spans some days
+    version=3,  # a limit for all sessions together
     remedy="restore the backup, or send the configuration of the axis again, which solves new ones",
 )
 
@@ -59,8 +60,8 @@ def dump_state(state: AxisState) -> JsonObject:
     if isinstance(detector, dict):
         if detector["known"] == detector["learnt"]:
             detector["known"] = _AS_LEARNT
-        for belief in [detector[name] for name in _BELIEFS if isinstance(detector[name], dict)]:
-            belief["numbers"] = base64.b64encode(np.array(belief["numbers"], "<f8").tobytes()).decode()
+        for member in [detector[name] for name in _PACKED if isinstance(detector[name], dict)]:
+            member["numbers"] = base64.b64encode(np.array(member["numbers"], "<f8").tobytes()).decode()
     return document
 
 
@@ -69,20 +70,20 @@ def _unpacked(document: Json) -> Json:
     detector = document.get("detector") if isinstance(document, dict) else None
     if not isinstance(document, dict) or not isinstance(detector, dict):
         return document
-    beliefs = {name: _unpacked_belief(detector.get(name)) for name in _BELIEFS}
-    if beliefs["known"] == _AS_LEARNT:
-        beliefs["known"] = beliefs["learnt"]
-    present = {name: belief for name, belief in beliefs.items() if name in detector}
+    members = {name: _unpacked_member(detector.get(name)) for name in _PACKED}
+    if members["known"] == _AS_LEARNT:
+        members["known"] = members["learnt"]
+    present = {name: member for name, member in members.items() if name in detector}
     return document | {"detector": detector | present}
 
 
-def _unpacked_belief(belief: Json) -> Json:
-    packed = belief.get("numbers") if isinstance(belief, dict) else None
-    if not isinstance(belief, dict) or not isinstance(packed, str):
-        return belief
+def _unpacked_member(member: Json) -> Json:
+    packed = member.get("numbers") if isinstance(member, dict) else None
+    if not isinstance(member, dict) or not isinstance(packed, str):
+        return member
     with suppress(ValueError):
-        return belief | {"numbers": np.frombuffer(base64.b64decode(packed, validate=True), "<f8").tolist()}
-    return belief
+        return member | {"numbers": np.frombuffer(base64.b64decode(packed, validate=True), "<f8").tolist()}
+    return member
 
 
 def load_design(document: Json) -> DetectorDesign:
