@@ -118,14 +118,15 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
         return state
     if state.baseline is None or state.learnt is None or state.known is None:
         return replace(state, learning=(*state.learning, session), session=None)
-    charts = state.charts
+    charts, beginnings = state.charts, state.beginnings
+    prediction, teaches = predict(state.known, session), _teaches(session, state.baseline)
+    if state.before.alarm is None:
+        beginnings, lasting = weigh(
+            beginnings, state.known, prediction, session, towards_loss=_sign(design), learns=teaches
+        )
+        charts = replace(charts, lasting=lasting)
     if not _is_whole(session, state.learnt):
         charts = _judge(charts, session, state.baseline, design, whole=True)
-    prediction = predict(state.known, session)
-    teaches = _teaches(session, state.baseline)
-    beginnings = state.beginnings
-    if charts.alarm is None or state.before.alarm is None:
-        beginnings, _ = weigh(beginnings, state.known, prediction, session, towards_loss=_sign(design), learns=teaches)
     known = (learn if teaches else pass_over)(state.known, prediction, session)
     if charts.alarm is not None:
         if charts.alarm.chart is Chart.SHIRYAEV_ROBERTS and state.before.alarm is None:
@@ -200,14 +201,13 @@ def _watch(
     evident = float(session.evident(np.array(difference)))
     residual = towards_loss * prediction.residual(prediction.value + evident)
     reference = design.cusum_reference + BASELINE_ALLOWANCE * math.sqrt(prediction.unlearnt)
-    lasting = None
-    if state.known is not None and state.before.alarm is None:
+    lasting, whole = None, _is_whole(session, learnt)
+    if whole and state.known is not None and state.before.alarm is None:
         expected = prediction if state.known == learnt else predict(state.known, session)
         teaches = _teaches(session, baseline)
         _, lasting = weigh(state.beginnings, state.known, expected, session, towards_loss=towards_loss, learns=teaches)
     before = replace(state.before, residual=residual, reference=reference, lasting=lasting)
-    charts = _charted(before, session, difference, design)
-    judged = _judge(charts, session, baseline, design, whole=_is_whole(session, learnt))
+    judged = _judge(_charted(before, session, difference, design), session, baseline, design, whole=whole)
     status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL
     return replace(
         state,
