@@ -94,25 +94,26 @@ def weigh(
 ) -> tuple[Beginnings, LastingLoss | None]:
     """Weigh one more session, before the belief has learnt it, and tell whether it will.
 
-    ``towards_loss`` is 1.0 if values rise as preload is lost, -1.0 if they fall. The loss is None as long as no session
-    before this one can be its beginning: what one session says alone is none that lasts.
+    ``towards_loss`` is 1.0 if values rise as preload is lost, -1.0 if they fall. A session that teaches nothing says
+    nothing either: what scatter there is would not be known. The loss is None as long as no session before this one can
+    be its beginning: what one session says alone is none that lasts.
     """
     bank, spread = prediction.bank, prediction.spread
-    off = session.value - belief.zero - prediction.centre
-    largest = LARGEST_WORD * prediction.scale
-    error = towards_loss * np.clip(session.evident(off), -largest, largest)
-    before = _with_one_more(_weighed(beginnings, prediction.design.size))
-    effect = before.effect.copy()
+    weighed = _with_one_more(_weighed(beginnings, prediction.design.size))
+    effect, cross, information = weighed.effect.copy(), weighed.cross, weighed.information
     effect[..., -1] *= prediction.decay
     left = 1.0 - effect @ prediction.design
-    gain = prediction.gain if learns else prediction.gain_of_dependence
-    weighed = _Weighed(
-        effect + left[..., None] * gain,
-        before.cross + left * error / spread,
-        before.information + left**2 / spread,
-        before.merged,
-    )
-    each = _log_evidence(weighed, bank.shape + 0.5, bank.rate + 0.5 * error**2 / spread, prediction.log_weight(off))
+    shape, rate, weight = bank.shape, bank.rate, bank.weight
+    if learns:
+        off = session.value - belief.zero - prediction.centre
+        largest = LARGEST_WORD * prediction.scale
+        error = towards_loss * np.clip(session.evident(off), -largest, largest)
+        cross, information = cross + left * error / spread, information + left**2 / spread
+        shape, rate = shape + 0.5, rate + 0.5 * error**2 / spread
+        weight = np.exp(prediction.log_weight(off))
+    effect += left[..., None] * (prediction.gain if learns else prediction.gain_of_dependence)
+    weighed = _Weighed(effect, cross, information, weighed.merged)
+    each = _log_evidence(weighed, shape, rate, weight)
     at = (*beginnings.at, session.started_at)
     loss = None
     if len(at) > 1:
@@ -139,7 +140,7 @@ def without_loss(belief: Belief, beginnings: Beginnings, onset: datetime, toward
     return with_bank(belief, healthy)
 
 
-def _log_evidence(weighed: _Weighed, shape: FloatArray, rate: FloatArray, log_weight: FloatArray) -> FloatArray:
+def _log_evidence(weighed: _Weighed, shape: FloatArray, rate: FloatArray, weight: FloatArray) -> FloatArray:
     """Return by how much each beginning predicts better than none, all steps of a loss integrated out."""
     information = weighed.information + STEP**-2
     with_step = rate - 0.5 * weighed.cross**2 / information
@@ -148,7 +149,7 @@ def _log_evidence(weighed: _Weighed, shape: FloatArray, rate: FloatArray, log_we
         shape * np.log(rate / with_step) - 0.5 * np.log(STEP**2 * information)
         + math.log(2.0) + special.log_ndtr(upwards)
     )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(log_weight + of_structure, axis=1))
+    return np.asarray(np.logaddexp.reduce(np.log(np.maximum(weight, 1e-300)) + of_structure, axis=1))
 
 
 def _step(weighed: _Weighed, which: int, bank: Bank, towards_loss: float) -> Estimate:

@@ -220,17 +220,33 @@ def test_loss_and_unit_go_together():
     assert falling.change.value == pytest.approx(-rising.change.value, rel=1e-9)
 
 
-def test_what_corrections_could_explain_is_no_evidence():
-    sessions = [
-        replace(session, systematic_uncertainty=10.0) for session in sessions_of([300.0] * N_HEALTHY + [310.0] * 40)
-    ]
-    belief, beginnings, loss = begin(sessions[0], Prior(), VARIANCE), Beginnings(), None
-    for session in sessions[:N_HEALTHY]:
+def after(sessions, **weighing):
+    """Return the loss after sessions that are weighed on what twenty healthy ones have taught."""
+    healthy = sessions_of(300.0 + 5.0 * np.resize([1.0, -1.0], N_HEALTHY))
+    belief, beginnings, loss = begin(healthy[0], Prior(), VARIANCE), Beginnings(), None
+    for session in healthy:
         belief = learn(belief, predict(belief, session), session)
-    for session in sessions[N_HEALTHY:]:
+    for session in sessions:
         prediction = predict(belief, session)
-        beginnings, loss = weigh(beginnings, belief, prediction, session, towards_loss=1.0, learns=False)
-    assert loss.log_evidence < math.log(40.0)  # as many sessions as were weighed
+        beginnings, loss = weigh(beginnings, belief, prediction, session, towards_loss=1.0, **weighing)
+        if weighing["learns"]:
+            belief = learn(belief, prediction, session)
+    return loss
+
+
+def test_what_corrections_could_explain_is_no_evidence():
+    off = sessions_of([310.0] * 40, np.arange(N_HEALTHY, N_HEALTHY + 40))
+    nothing = math.log(40.0)  # as many sessions as were weighed
+    assert after(off, learns=True).log_evidence > nothing
+    explained = [replace(session, systematic_uncertainty=10.0) for session in off]
+    assert after(explained, learns=True).log_evidence < nothing
+
+
+def test_sessions_that_teach_nothing_say_nothing():
+    far_off = sessions_of([400.0] * 40, np.arange(N_HEALTHY, N_HEALTHY + 40))
+    loss = after(far_off, learns=False)
+    assert loss.log_evidence < math.log(40.0)
+    assert loss.change.value == 0.0
 
 
 @pytest.mark.slow
