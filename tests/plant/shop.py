@@ -328,10 +328,18 @@ _WINDOWS_A_PLACE = 8
 
 
 def shop_year(
-    machine: Machine, rng: np.random.Generator, days: int = 365, year: ShopYear | None = None
+    machine: Machine,
+    rng: np.random.Generator,
+    days: int = 365,
+    year: ShopYear | None = None,
+    lost: Sequence[float] = (),
 ) -> Iterator[Truth]:
-    """Record one session a day, eight windows at each of five places, of an axis that stays as it is."""
+    """Record one session a day, eight windows at each of five places, of an axis that has lost so much preload [N].
+
+    It stays as it is where nothing is said.
+    """
     year = year or ShopYear()
+    preload = machine.healthy - (np.array(lost) if len(lost) else np.zeros(days))
     air, structure = year.air(rng, days)
     friction = year.friction_scales(rng, days)
     offset = year.thermometer * rng.standard_normal()
@@ -346,6 +354,7 @@ def shop_year(
             replace(
                 condition,
                 position=condition.position + float(home[day // 7]),
+                preload=float(preload[day]),
                 temperature=float(structure[day] + offset),
                 friction_scale=float(friction[day]),
                 bracket_scale=float(mounting[day // 30]),
@@ -360,4 +369,4 @@ def shop_year(
         for i, _ in enumerate(chunk):
             names = {f"m{k:04d}" for k in range(i * len(places), (i + 1) * len(places))}
             of_day = tuple(window for window in windows if window.measurement in names)
-            yield Truth(Session(machine.name, of_day), (machine.healthy,) * len(places))
+            yield Truth(Session(machine.name, of_day), (float(preload[chunk[i]]),) * len(places))
