@@ -4,13 +4,14 @@ The value of session t, nine structures side by side, each weighted by how well 
 
 .. math:: y_t = x_t^\mathsf{T} \beta + e_t + w_t, \qquad e_t = \varphi^{\Delta t} e_{t-\Delta t} + v_t
 
-with the level, a season of a year, temperature and drag torque in x; e an autoregression of first order with the share
-s of the scatter σ², and white noise w with the rest (AR(1) plus noise: Lu & Reynolds, J. Qual. Technol. 31 (1999)
-259–274). A structure is one pair φ, s. Coefficients and σ² are learnt with the normal–inverse-gamma prior of Bayesian
-linear regression, as a Kalman filter in units of σ² (West & Harrison, Bayesian Forecasting and Dynamic Models, 2nd ed.,
-Springer, 1997, section 4.5); the prediction is then Student's t with 2a degrees of freedom, wider wherever a covariate
-goes beyond what was seen, and a mixture over the structures. Its probability integral makes every residual standard
-normal and independent of those before, as long as the axis is healthy and one of the structures is near.
+with the level, a season of a year, temperature, its change in a day and drag torque in x; e an autoregression of first
+order with the share s of the scatter σ², and white noise w with the rest (AR(1) plus noise: Lu & Reynolds, J. Qual.
+Technol. 31 (1999) 259–274). A structure is one pair φ, s. Coefficients and σ² are learnt with the normal–inverse-gamma
+prior of Bayesian linear regression, as a Kalman filter in units of σ² (West & Harrison, Bayesian Forecasting and
+Dynamic Models, 2nd ed., Springer, 1997, section 4.5); the prediction is then Student's t with 2a degrees of freedom,
+wider wherever a covariate goes beyond what was seen, and a mixture over the structures. Its probability integral makes
+every residual standard normal and independent of those before, as long as the axis is healthy and one of the structures
+is near.
 """
 
 import math
@@ -50,8 +51,9 @@ STRUCTURES = (
 )
 _CORRELATION = np.array([structure.correlation for structure in STRUCTURES])
 _SHARE = np.array([structure.share for structure in STRUCTURES])
-#: Level, season (two), temperature, drag torque; the autoregression is the last member of the state.
-N_COEFFICIENTS = 5
+#: Level, season (two), change of the temperature in a day, temperature, drag torque; the autoregression is the last
+#: member of the state. The change stands for a structure that lags behind its thermometer.
+N_COEFFICIENTS = 6
 _SIZE = N_COEFFICIENTS + 1
 _UPPER = np.triu_indices(_SIZE)
 #: A coefficient is known in units of the scatter: per this many kelvin ...
@@ -69,9 +71,9 @@ class Prior:
     """What is known of a healthy axis before its first session: by default little, from sisters more."""
 
     weights: tuple[float, ...] = tuple(structure.weight for structure in STRUCTURES)
-    # season (two), per 10 K, per quarter of the drag torque, in the unit of the observations
-    coefficients: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    deviations: tuple[float, ...] = (0.8, 0.8, 2.0, 2.0)  # of these coefficients, in units of the scatter
+    # season (two), per 10 K in a day, per 10 K, per quarter of the drag torque, in the unit of the observations
+    coefficients: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    deviations: tuple[float, ...] = (0.8, 0.8, 4.0, 2.0, 2.0)  # of these coefficients, in units of the scatter
     variance: float | None = None  # σ², in the squared unit of the observations
     degrees_of_freedom: float = 1.0  # of this variance
     n_sisters: int = 0  # that it was learnt from
@@ -87,6 +89,7 @@ class Covariate:
     mean: float
     squares: float  # sum of the squared deviations from the mean
     count: int
+    latest: float
 
     def with_value(self, value: float) -> "Covariate":
         """Return what was seen with one more value."""
@@ -94,7 +97,7 @@ class Covariate:
         mean = self.mean + deviation / (self.count + 1)
         squares = self.squares + deviation * (value - mean)
         low, high = min(self.lowest, value), max(self.highest, value)
-        return Covariate(self.reference, low, high, mean, squares, self.count + 1)
+        return Covariate(self.reference, low, high, mean, squares, self.count + 1, value)
 
     @property
     def variance(self) -> float:
@@ -295,7 +298,10 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
         mean=bank.mean + gain * error[:, None],
         covariance=bank.covariance - both - both.transpose(0, 2, 1) + square,
     )
-    return replace(belief, last_at=session.started_at, numbers=followed.numbers())
+    seen = belief.temperature
+    if seen is not None and session.temperature is not None:
+        seen = replace(seen, latest=session.temperature)
+    return replace(belief, last_at=session.started_at, numbers=followed.numbers(), temperature=seen)
 
 
 def learnt_from(sessions: Sequence[Session], start: Belief) -> Belief:
@@ -331,14 +337,15 @@ def healthy_value(belief: Belief, at: datetime) -> tuple[float, float]:
 
 def _season(belief: Belief, at: datetime) -> FloatArray:
     angle = 2.0 * math.pi * ((at - belief.started_at) / YEAR)
-    return np.array([1.0, 1.0 - math.cos(angle), math.sin(angle), 0.0, 0.0, 1.0])
+    return np.array([1.0, 1.0 - math.cos(angle), math.sin(angle), 0.0, 0.0, 0.0, 1.0])
 
 
 def _design(belief: Belief, session: Session) -> tuple[FloatArray, tuple[float, float]]:
     """Return the row of a session, and the variance of each covariate that was not measured in it."""
-    row = _season(belief, session.started_at)
-    row[3] = _scaled(belief.temperature, session.temperature, KELVIN)
-    row[4] = _drag(belief.drag_torque, session.drag_torque)
+    row, seen = _season(belief, session.started_at), belief.temperature
+    row[3] = change_in_a_day(seen.latest if seen else None, session.temperature, session.started_at - belief.last_at)
+    row[4] = _scaled(belief.temperature, session.temperature, KELVIN)
+    row[5] = _drag(belief.drag_torque, session.drag_torque)
     return row, (
         _variance_unless_known(belief.temperature, session.temperature, KELVIN),
         _variance_unless_known(belief.drag_torque, session.drag_torque, _drag_unit(belief.drag_torque)),
@@ -350,6 +357,14 @@ def _scaled(seen: Covariate | None, value: float | None, unit: float) -> float:
     if seen is None or unit == 0.0:
         return 0.0
     return ((seen.mean if value is None else value) - seen.reference) / unit
+
+
+def change_in_a_day(before: float | None, now: float | None, apart: timedelta) -> float:
+    """Return by how much it has grown warmer within a day, in units of :data:`KELVIN`; 0 if that is not known.
+
+    Between two sessions the temperature is taken to go straight on.
+    """
+    return 0.0 if before is None or now is None else (now - before) / KELVIN * min(1.0, DAY / apart)
 
 
 def _drag(seen: Covariate | None, value: float | None) -> float:
@@ -389,4 +404,4 @@ def _noise(belief: Belief, bank: Bank, session: Session) -> float:
 def _seen(covariate: Covariate | None, value: float | None) -> Covariate | None:
     if value is None:
         return covariate
-    return Covariate(value, value, value, value, 0.0, 1) if covariate is None else covariate.with_value(value)
+    return Covariate(value, value, value, value, 0.0, 1, value) if covariate is None else covariate.with_value(value)

@@ -7,12 +7,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 from scipy import linalg, special
 
 from monitor_core.arrays import FloatArray
-from monitor_core.trend.belief import DAY, DRAG_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure
+from monitor_core.trend.belief import DAY, DRAG_SHARE, KELVIN, STRUCTURES, YEAR, Prior, Structure, change_in_a_day
 from monitor_core.trend.observation import Session
 from monitor_core.uncertainty import Estimate
 
@@ -56,7 +57,7 @@ def trend_line(sessions: Sequence[Session], prior: Prior | None = None) -> Trend
     zero, unit = float(values.mean()), float(values.std())
     angle = 2.0 * math.pi * days * (DAY / YEAR)
     design = np.column_stack([
-        np.ones(days.size), days * (DAY / YEAR), 1.0 - np.cos(angle), np.sin(angle),
+        np.ones(days.size), days * (DAY / YEAR), 1.0 - np.cos(angle), np.sin(angle), _changes(chosen),
         _covariate([session.temperature for session in chosen], KELVIN),
         _covariate([session.drag_torque for session in chosen], None),
     ])  # fmt: skip
@@ -102,6 +103,17 @@ def _fit(values: FloatArray, design: FloatArray, known: FloatArray, days: FloatA
     log_determinants = 2.0 * float(np.log(np.diag(factor)).sum()) + float(np.linalg.slogdet(precision)[1])
     evidence = -0.5 * log_determinants - half * math.log(squares) + float(special.gammaln(half))
     return _Fit(mean, np.diag(inverse) * squares / (2.0 * half), evidence)
+
+
+def _changes(sessions: Sequence[Session]) -> FloatArray:
+    """Return the change of the temperature in a day, as it is learnt."""
+    return np.array([
+        0.0,
+        *(
+            change_in_a_day(before.temperature, session.temperature, session.started_at - before.started_at)
+            for before, session in pairwise(sessions)
+        ),
+    ])  # fmt: skip
 
 
 def _covariate(stated: Sequence[float | None], unit: float | None) -> FloatArray:

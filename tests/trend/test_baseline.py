@@ -11,7 +11,7 @@ from scipy import stats
 from monitor_core.errors import OutsideValidityError
 from monitor_core.trend import Observation, Prior, learn_baseline
 from monitor_core.trend.baseline import baseline_of
-from monitor_core.trend.belief import STRUCTURES, begin, learn, pass_over, predict
+from monitor_core.trend.belief import STRUCTURES, bank_of, begin, change_in_a_day, learn, pass_over, predict
 from monitor_core.trend.line import trend_line
 from monitor_core.trend.observation import first_of, sessions_of
 from monitor_core.trend.sisters import prior_from
@@ -96,8 +96,11 @@ def test_the_filter_is_the_multivariate_t_of_all_sessions_together(structure):
         belief = learn(belief, predict(belief, session), session)
 
     angle = 2.0 * math.pi * days / 365.25
-    x = np.column_stack([np.ones(25), 1.0 - np.cos(angle), np.sin(angle), (temperatures - temperatures[0]) / 10.0])
-    variances = np.array([1e4, *(d**2 for d in prior.deviations[:3])])
+    warmer = np.append(0.0, np.diff(temperatures) / np.diff(days)) / 10.0  # in a day
+    x = np.column_stack([
+        np.ones(25), 1.0 - np.cos(angle), np.sin(angle), warmer, (temperatures - temperatures[0]) / 10.0
+    ])  # fmt: skip
+    variances = np.array([1e4, *(d**2 for d in prior.deviations[:4])])
     apart = np.abs(days[:, None] - days)
     # with no correlation, 0⁰ = 1 on the diagonal
     dependence = share * phi**apart + (1.0 - share) * np.eye(25)
@@ -234,8 +237,8 @@ def test_sisters_lend_temperature_scatter_and_dependence_with_their_number():
     prior = prior_from(sisters)
     assert prior.n_sisters == 5
     assert math.sqrt(prior.variance) == pytest.approx(10.0, rel=0.2)
-    assert prior.coefficients[2] == pytest.approx(40.0, rel=0.2)  # per 10 K
-    assert prior.deviations[2] < Prior().deviations[2]
+    assert prior.coefficients[3] == pytest.approx(40.0, rel=0.2)  # per 10 K
+    assert prior.deviations[3] < Prior().deviations[3]
     independent = prior.weights[0]
     assert independent < 0.5 * Prior().weights[0]
     assert sum(prior.weights) == pytest.approx(1.0)
@@ -256,6 +259,33 @@ def test_a_young_axis_with_sisters_predicts_a_temperature_it_has_not_seen():
     assert np.abs(lent).mean() < 0.4 * np.abs(alone).mean()
 
 
+def test_a_structure_that_lags_behind_its_thermometer_is_learnt():
+    """A structure that takes a day to follow the air: what remains is the white noise that was put on top."""
+    rng = np.random.default_rng(15)
+    air = 20.0 + 3.0 * rng.standard_normal(200)
+    structure, state = np.empty(200), 20.0
+    for day, temperature in enumerate(air):
+        state += (temperature - state) * (1.0 - math.exp(-1.0))
+        structure[day] = state
+    values = 300.0 + 6.0 * (structure - air) + 5.0 * rng.standard_normal(200)  # corrected by the air that was measured
+    own = learnt(values, temperatures=air)
+    scatter = math.sqrt(bank_of(own).variance)
+    alone = learnt(values)
+    assert scatter == pytest.approx(5.0, rel=0.2)
+    assert math.sqrt(bank_of(alone).variance) > 1.4 * scatter
+    warmer = [
+        predict(own, first_of(Observation(own.last_at + DAY, 300.0, temperature=float(air[-1] + kelvin)))).value
+        for kelvin in (0.0, 5.0)
+    ]
+    assert warmer[1] - warmer[0] == pytest.approx(-6.0 * math.exp(-1.0) * 5.0, rel=0.35)
+
+
+def test_the_air_between_two_sessions_goes_straight_on():
+    assert change_in_a_day(20.0, 26.0, 3 * DAY) == pytest.approx(0.2)  # 2 K a day, in tens of kelvin
+    assert change_in_a_day(20.0, 26.0, 0.9 * DAY) == pytest.approx(0.6)  # less than a day is no more
+    assert change_in_a_day(None, 26.0, DAY) == change_in_a_day(20.0, None, DAY) == 0.0
+
+
 def test_a_sister_that_differs_is_not_forced_to_agree():
     rng = np.random.default_rng(14)
     sisters = [learnt(v, temperatures=t) for v, t in (an_axis(rng, 300, per_kelvin=4.0) for _ in range(4))]
@@ -273,7 +303,7 @@ def test_sisters_that_disagree_lend_less():
     rng = np.random.default_rng(15)
     alike = [learnt(v, temperatures=t) for v, t in (an_axis(rng, 200, per_kelvin=4.0) for _ in range(4))]
     unlike = [learnt(v, temperatures=t) for v, t in (an_axis(rng, 200, per_kelvin=k) for k in (-6.0, 0.0, 5.0, 9.0))]
-    assert prior_from(unlike).deviations[2] > 1.5 * prior_from(alike).deviations[2]
+    assert prior_from(unlike).deviations[3] > 1.5 * prior_from(alike).deviations[3]
 
 
 # --- the line --------------------------------------------------------------------------------------------------------
@@ -283,7 +313,7 @@ def test_the_line_of_independent_sessions_without_season_is_least_squares():
     rng = np.random.default_rng(6)
     days = np.arange(60.0)
     values = 300.0 - 0.1 * days + rng.standard_normal(60)
-    line = trend_line(sessions_of(observations(values)), only(0, deviations=(1e-5, 1e-5, 1e-5, 1e-5)))
+    line = trend_line(sessions_of(observations(values)), only(0, deviations=(1e-5,) * 5))
     fit = stats.linregress(days / 365.25, values)
     assert line.slope.value == pytest.approx(fit.slope, rel=1e-6)
     assert line.slope.standard_uncertainty == pytest.approx(fit.stderr, rel=1e-3)
