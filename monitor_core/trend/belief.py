@@ -89,7 +89,6 @@ class Covariate:
     mean: float
     squares: float  # sum of the squared deviations from the mean
     count: int
-    latest: float
 
     def with_value(self, value: float) -> "Covariate":
         """Return what was seen with one more value."""
@@ -97,7 +96,7 @@ class Covariate:
         mean = self.mean + deviation / (self.count + 1)
         squares = self.squares + deviation * (value - mean)
         low, high = min(self.lowest, value), max(self.highest, value)
-        return Covariate(self.reference, low, high, mean, squares, self.count + 1, value)
+        return Covariate(self.reference, low, high, mean, squares, self.count + 1)
 
     @property
     def variance(self) -> float:
@@ -119,6 +118,8 @@ class Belief:
     within_squares: float = 0.0  # of the observations about the mean of their session
     temperature: Covariate | None = None
     drag_torque: Covariate | None = None
+    change: Covariate | None = None  # of the temperature in a day, in units of KELVIN
+    latest_temperature: float | None = None  # of the last session, learnt or not; None if it was not stated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,6 +280,8 @@ def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
         within_squares=belief.within_squares + session.squares,
         temperature=_seen(belief.temperature, session.temperature),
         drag_torque=_seen(belief.drag_torque, session.drag_torque),
+        change=_seen(belief.change, _change(belief, session)),
+        latest_temperature=session.temperature,
     )
 
 
@@ -298,10 +301,12 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
         mean=bank.mean + gain * error[:, None],
         covariance=bank.covariance - both - both.transpose(0, 2, 1) + square,
     )
-    seen = belief.temperature
-    if seen is not None and session.temperature is not None:
-        seen = replace(seen, latest=session.temperature)
-    return replace(belief, last_at=session.started_at, numbers=followed.numbers(), temperature=seen)
+    return replace(
+        belief,
+        last_at=session.started_at,
+        numbers=followed.numbers(),
+        latest_temperature=session.temperature,
+    )
 
 
 def learnt_from(sessions: Sequence[Session], start: Belief) -> Belief:
@@ -340,16 +345,21 @@ def _season(belief: Belief, at: datetime) -> FloatArray:
     return np.array([1.0, 1.0 - math.cos(angle), math.sin(angle), 0.0, 0.0, 0.0, 1.0])
 
 
-def _design(belief: Belief, session: Session) -> tuple[FloatArray, tuple[float, float]]:
+def _design(belief: Belief, session: Session) -> tuple[FloatArray, tuple[float, ...]]:
     """Return the row of a session, and the variance of each covariate that was not measured in it."""
-    row, seen = _season(belief, session.started_at), belief.temperature
-    row[3] = change_in_a_day(seen.latest if seen else None, session.temperature, session.started_at - belief.last_at)
+    row, change = _season(belief, session.started_at), _change(belief, session)
+    row[3] = change or 0.0
     row[4] = _scaled(belief.temperature, session.temperature, KELVIN)
     row[5] = _drag(belief.drag_torque, session.drag_torque)
     return row, (
+        _variance_unless_known(belief.change, change, 1.0),
         _variance_unless_known(belief.temperature, session.temperature, KELVIN),
         _variance_unless_known(belief.drag_torque, session.drag_torque, _drag_unit(belief.drag_torque)),
     )
+
+
+def _change(belief: Belief, session: Session) -> float | None:
+    return change_in_a_day(belief.latest_temperature, session.temperature, session.started_at - belief.last_at)
 
 
 def _scaled(seen: Covariate | None, value: float | None, unit: float) -> float:
@@ -359,12 +369,12 @@ def _scaled(seen: Covariate | None, value: float | None, unit: float) -> float:
     return ((seen.mean if value is None else value) - seen.reference) / unit
 
 
-def change_in_a_day(before: float | None, now: float | None, apart: timedelta) -> float:
-    """Return by how much it has grown warmer within a day, in units of :data:`KELVIN`; 0 if that is not known.
+def change_in_a_day(before: float | None, now: float | None, apart: timedelta) -> float | None:
+    """Return by how much it has grown warmer within a day, in units of :data:`KELVIN`; None if that is not known.
 
     Between two sessions the temperature is taken to go straight on.
     """
-    return 0.0 if before is None or now is None else (now - before) / KELVIN * min(1.0, DAY / apart)
+    return None if before is None or now is None else (now - before) / KELVIN * min(1.0, DAY / apart)
 
 
 def _drag(seen: Covariate | None, value: float | None) -> float:
@@ -379,10 +389,10 @@ def _variance_unless_known(seen: Covariate | None, value: float | None, unit: fl
     return seen.variance / unit**2 if seen is not None and value is None and unit > 0.0 else 0.0
 
 
-def _of_unknown(bank: Bank, unknown: tuple[float, float]) -> FloatArray:
+def _of_unknown(bank: Bank, unknown: tuple[float, ...]) -> FloatArray:
     """Return what covariates that were not measured add to the variance of a value, in units of σ²."""
     added = np.zeros(len(STRUCTURES))
-    for i, variance in enumerate(unknown, start=N_COEFFICIENTS - 2):
+    for i, variance in enumerate(unknown, start=N_COEFFICIENTS - len(unknown)):
         if variance > 0.0:
             added += variance * (bank.mean[:, i] ** 2 / (bank.rate / bank.shape) + bank.covariance[:, i, i])
     return added
@@ -404,4 +414,4 @@ def _noise(belief: Belief, bank: Bank, session: Session) -> float:
 def _seen(covariate: Covariate | None, value: float | None) -> Covariate | None:
     if value is None:
         return covariate
-    return Covariate(value, value, value, value, 0.0, 1, value) if covariate is None else covariate.with_value(value)
+    return Covariate(value, value, value, value, 0.0, 1) if covariate is None else covariate.with_value(value)

@@ -57,10 +57,11 @@ LARGEST_SETTLED = 1.0
 def step(state: DetectorState, observation: Observation, design: DetectorDesign) -> DetectorState:
     """Judge one more accepted measurement, later than all before it and in the same unit.
 
-    A life begins with ``DetectorState()``, or one with a prior. On-delay: an alarm takes two sessions, or two
-    measurements of one that lies beyond :data:`SUDDEN_LIMIT`. One session can fill half of a CUSUM that was at rest,
-    and the Shewhart rule waits for confirmation. Off-delay: see :data:`RELEASE_FRACTION` and :data:`RELEASE_COUNT`. An
-    observation that is not later than the last raises ``OutsideValidityError``.
+    A life begins with ``DetectorState()``, or one with a prior. On-delay: an alarm takes two sessions that speak for
+    it, or two measurements of one that lies beyond :data:`SUDDEN_LIMIT`. One session can fill half of a CUSUM that was
+    at rest, the Shewhart rule waits for confirmation, and a loss that lasts began before this session. Off-delay: see
+    :data:`RELEASE_FRACTION` and :data:`RELEASE_COUNT`. An observation that is not later than the last raises
+    ``OutsideValidityError``.
     """
     if state.last_at is not None and observation.at <= state.last_at:
         raise OutsideValidityError(

@@ -74,7 +74,8 @@ class _Weighed:
     def numbers(self) -> tuple[float, ...]:
         """Return all numbers, beginning by beginning."""
         count = len(self.merged)
-        columns = (self.effect.reshape(count, -1), self.cross, self.information, self.merged[:, None])
+        effect = self.effect.reshape(count, math.prod(self.effect.shape[1:]))
+        columns = (effect, self.cross, self.information, self.merged[:, None])
         return tuple(np.hstack(columns).ravel().tolist())
 
     def without(self, which: int) -> "_Weighed":
@@ -95,31 +96,33 @@ def weigh(
     """Weigh one more session, before the belief has learnt it, and tell whether it will.
 
     ``towards_loss`` is 1.0 if values rise as preload is lost, -1.0 if they fall. A session that teaches nothing says
-    nothing either: what scatter there is would not be known. The loss is None as long as no session before this one can
-    be its beginning: what one session says alone is none that lasts.
+    nothing either and begins nothing: what scatter there is would not be known. The loss is None for it, and as long as
+    no session before this one can be its beginning: what one session says alone is none that lasts.
     """
-    bank, spread = prediction.bank, prediction.spread
-    weighed = _with_one_more(_weighed(beginnings, prediction.design.size))
-    effect, cross, information = weighed.effect.copy(), weighed.cross, weighed.information
-    effect[..., -1] *= prediction.decay
-    left = 1.0 - effect @ prediction.design
-    shape, rate, weight = bank.shape, bank.rate, bank.weight
-    if learns:
-        off = session.value - belief.zero - prediction.centre
-        largest = LARGEST_WORD * prediction.scale
-        error = towards_loss * np.clip(session.evident(off), -largest, largest)
-        cross, information = cross + left * error / spread, information + left**2 / spread
-        shape, rate = shape + 0.5, rate + 0.5 * error**2 / spread
-        weight = np.exp(prediction.log_weight(off))
-    effect += left[..., None] * (prediction.gain if learns else prediction.gain_of_dependence)
-    weighed = _Weighed(effect, cross, information, weighed.merged)
-    each = _log_evidence(weighed, shape, rate, weight)
-    at = (*beginnings.at, session.started_at)
-    loss = None
-    if len(at) > 1:
+    before = _weighed(beginnings, prediction.design.size)
+    if not learns:
+        effect, left = _left_of_a_step(before, prediction)
+        effect += left[..., None] * prediction.gain_of_dependence
+        return Beginnings(beginnings.at, replace(before, effect=effect).numbers()), None
+    before, at = _with_one_more(before), (*beginnings.at, session.started_at)
+    effect, left = _left_of_a_step(before, prediction)
+    off = session.value - belief.zero - prediction.centre
+    largest, spread = LARGEST_WORD * prediction.scale, prediction.spread
+    error = towards_loss * np.clip(session.evident(off), -largest, largest)
+    weighed = _Weighed(
+        effect + left[..., None] * prediction.gain,
+        before.cross + left * error / spread,
+        before.information + left**2 / spread,
+        before.merged,
+    )
+    bank = prediction.bank
+    rate = bank.rate + 0.5 * error**2 / spread
+    healthy = replace(bank, shape=bank.shape + 0.5, rate=rate, log_weight=prediction.log_weight(off))
+    each, loss = _log_evidence(weighed, healthy), None
+    if beginnings.at:
         best = int(np.argmax(each[:-1]))
         log_evidence = float(np.logaddexp.reduce((each + weighed.merged)[:-1]))
-        loss = LastingLoss(log_evidence, at[best], _step(weighed, best, bank, towards_loss))
+        loss = LastingLoss(log_evidence, at[best], _change(weighed, best, healthy, towards_loss))
     at, weighed = _thinned(at, weighed, each)
     return Beginnings(at, weighed.numbers()), loss
 
@@ -140,25 +143,32 @@ def without_loss(belief: Belief, beginnings: Beginnings, onset: datetime, toward
     return with_bank(belief, healthy)
 
 
-def _log_evidence(weighed: _Weighed, shape: FloatArray, rate: FloatArray, weight: FloatArray) -> FloatArray:
+def _log_evidence(weighed: _Weighed, healthy: Bank) -> FloatArray:
     """Return by how much each beginning predicts better than none, all steps of a loss integrated out."""
     information = weighed.information + STEP**-2
-    with_step = rate - 0.5 * weighed.cross**2 / information
-    upwards = weighed.cross / np.sqrt(information * with_step / shape)
+    with_step = healthy.rate - 0.5 * weighed.cross**2 / information
+    upwards = weighed.cross / np.sqrt(information * with_step / healthy.shape)
     of_structure = (
-        shape * np.log(rate / with_step) - 0.5 * np.log(STEP**2 * information)
+        healthy.shape * np.log(healthy.rate / with_step) - 0.5 * np.log(STEP**2 * information)
         + math.log(2.0) + special.log_ndtr(upwards)
     )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(np.log(np.maximum(weight, 1e-300)) + of_structure, axis=1))
+    return np.asarray(np.logaddexp.reduce(healthy.log_weight + of_structure, axis=1))
 
 
-def _step(weighed: _Weighed, which: int, bank: Bank, towards_loss: float) -> Estimate:
+def _left_of_a_step(weighed: _Weighed, prediction: Prediction) -> tuple[FloatArray, FloatArray]:
+    """Return what unit steps have done to the state when a session is predicted, and what is left in its error."""
+    effect = weighed.effect.copy()
+    effect[..., -1] *= prediction.decay
+    return effect, 1.0 - effect @ prediction.design
+
+
+def _change(weighed: _Weighed, which: int, healthy: Bank, towards_loss: float) -> Estimate:
     """Return the step since a beginning, over all structures."""
     information = weighed.information[which] + STEP**-2
-    size, weight = weighed.cross[which] / information, bank.weight
+    size, weight = np.maximum(weighed.cross[which], 0.0) / information, healthy.weight
     mean = float(weight @ size)
-    variance = float(weight @ (bank.rate / bank.shape / information + (size - mean) ** 2))
-    return Estimate(towards_loss * mean, math.sqrt(variance), float(weight @ (2.0 * bank.shape)))
+    variance = float(weight @ (healthy.rate / healthy.shape / information + (size - mean) ** 2))
+    return Estimate(towards_loss * mean, math.sqrt(variance), float(weight @ (2.0 * healthy.shape)))
 
 
 def _thinned(at: tuple[datetime, ...], weighed: _Weighed, each: FloatArray) -> tuple[tuple[datetime, ...], _Weighed]:

@@ -110,7 +110,7 @@ def _changes(sessions: Sequence[Session]) -> FloatArray:
     return np.array([
         0.0,
         *(
-            change_in_a_day(before.temperature, session.temperature, session.started_at - before.started_at)
+            change_in_a_day(before.temperature, session.temperature, session.started_at - before.started_at) or 0.0
             for before, session in pairwise(sessions)
         ),
     ])  # fmt: skip

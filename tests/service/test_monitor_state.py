@@ -4,7 +4,7 @@ import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor_core.pipeline import AxisState
@@ -41,6 +41,7 @@ def test_learning_state_comes_back_as_it_was(learning: list[Session], known: lis
     assert load_state(through_json(dump_state(state))) == state
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), loss=st.floats(-1.0, 5.0))
 def test_charts_go_on_from_json_as_they_would_have(seed: int, loss: float) -> None:
     """From baseline to alarm: after each measurement the stored state is the state, whatever it holds."""

@@ -283,7 +283,23 @@ def test_a_structure_that_lags_behind_its_thermometer_is_learnt():
 def test_the_air_between_two_sessions_goes_straight_on():
     assert change_in_a_day(20.0, 26.0, 3 * DAY) == pytest.approx(0.2)  # 2 K a day, in tens of kelvin
     assert change_in_a_day(20.0, 26.0, 0.9 * DAY) == pytest.approx(0.6)  # less than a day is no more
-    assert change_in_a_day(None, 26.0, DAY) == change_in_a_day(20.0, None, DAY) == 0.0
+    assert change_in_a_day(None, 26.0, DAY) is change_in_a_day(20.0, None, DAY) is None
+
+
+@pytest.mark.parametrize("teaches", [True, False])
+def test_a_change_since_days_without_a_thermometer_is_not_known(teaches):
+    """Nor is it that of one day: what it may be widens the prediction."""
+    rng = np.random.default_rng(16)
+    air = 20.0 + 3.0 * rng.standard_normal(60)
+    own = learnt(300.0 - 2.0 * np.diff(air, prepend=air[0]) + rng.standard_normal(60), temperatures=air)
+    known = predict(own, first_of(Observation(own.last_at + DAY, 300.0, temperature=20.0)))
+    silent = first_of(Observation(own.last_at + DAY, 300.0))
+    followed = (learn if teaches else pass_over)(own, predict(own, silent), silent)
+    back = predict(followed, first_of(Observation(followed.last_at + DAY, 300.0, temperature=35.0)))
+    assert back.design[3] == 0.0
+    assert known.design[3] != 0.0
+    # a change has a standard deviation of 4.2 K, so 8.5 of the values beside 1 of the scatter
+    assert back.scale[0] > 4.0 * known.scale[0]
 
 
 def test_a_sister_that_differs_is_not_forced_to_agree():

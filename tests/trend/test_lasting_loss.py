@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
+from benchmarks import false_alarms
 from benchmarks.false_alarms import delay_of
 from monitor_core.trend import (
     Chart,
@@ -209,15 +210,15 @@ def test_nothing_is_weighed_while_an_alarm_stands():
     assert all(state.charts.lasting is None and not state.beginnings.at for state in states[first + 1 : first + 20])
 
 
-def test_loss_and_unit_go_together():
-    """Values that fall by their loss, in another unit and from another zero, give the same evidence."""
+def test_neither_unit_nor_zero_nor_direction_matter(monkeypatch):
     rng = np.random.default_rng(9)
     values = 5.0 * (rng.standard_normal(50) + 2.0 * (np.arange(50) >= 30))
     rising = weighed(300.0 + values)[-1][1]
-    falling = weighed(300.0 - values, towards_loss=-1.0)[-1][1]
+    monkeypatch.setitem(globals(), "VARIANCE", VARIANCE * 1e-6)
+    falling = weighed(7.0 - 1e-3 * values, towards_loss=-1.0)[-1][1]
     assert isinstance(rising, LastingLoss)
-    assert falling.log_evidence == pytest.approx(rising.log_evidence, abs=1e-9)
-    assert falling.change.value == pytest.approx(-rising.change.value, rel=1e-9)
+    assert falling.log_evidence == pytest.approx(rising.log_evidence, abs=1e-7)
+    assert falling.change.value == pytest.approx(-1e-3 * rising.change.value, rel=1e-7)
 
 
 def after(sessions, **weighing):
@@ -242,11 +243,23 @@ def test_what_corrections_could_explain_is_no_evidence():
     assert after(explained, learns=True).log_evidence < nothing
 
 
-def test_sessions_that_teach_nothing_say_nothing():
-    far_off = sessions_of([400.0] * 40, np.arange(N_HEALTHY, N_HEALTHY + 40))
-    loss = after(far_off, learns=False)
-    assert loss.log_evidence < math.log(40.0)
-    assert loss.change.value == 0.0
+@pytest.mark.parametrize("doubt", [{"in_doubt": True}, {"systematic_uncertainty": 8.0}])
+def test_sessions_that_teach_nothing_say_nothing_however_many_they_are(doubt):
+    """Evidence is no count of sessions: at four false alarms a year it would reach its limit after 91."""
+    design = design_detector(DetectorSettings(false_alarms_per_year=4.0))
+    state = DetectorState()
+    for day in range(170):
+        said = doubt if day >= 22 else {}
+        state = step(state, Observation(START + day * DAY, 300.0 + (10.0 if day % 2 else -10.0), **said), design)
+        assert state.alarm is None
+        if day == 22:
+            begun = state.beginnings.at
+    assert set(state.beginnings.at) <= {*begun, START + 21 * DAY}
+    assert state.charts.lasting is None
+    # and they say something again once they teach
+    for day in range(170, 175):
+        state = step(state, Observation(START + day * DAY, 300.0 + (10.0 if day % 2 else -10.0)), design)
+    assert state.charts.lasting.log_evidence < math.log(22.0)
 
 
 @pytest.mark.slow
@@ -262,8 +275,15 @@ def test_a_healthy_axis_is_alarmed_by_all_sessions_together_at_most_as_often_as_
 
 
 @pytest.mark.slow
-def test_few_steps_of_two_standard_deviations_are_missed_in_a_shop():
-    """The benchmark of false alarms draws 300: 1.3 %; the charts without all sessions together miss 4 %."""
-    delays = np.array([delay_of("2 σ step in the shop", 20, 30, axis) for axis in range(100)])
-    seen = delays[~np.isnan(delays)]
-    assert np.isinf(seen).sum() <= stats.binom.ppf(0.999, len(seen), 0.02)
+def test_few_steps_of_two_standard_deviations_are_missed_in_a_shop(monkeypatch):
+    """The benchmark of false alarms draws 300: 1.3 %. Here those of 150 that the charts alone miss, found by a half."""
+
+    def missed():
+        return [axis for axis in range(150) if math.isinf(delay_of("2 σ step in the shop", 20, 941, axis))]
+
+    with_all_sessions = missed()
+    whole = false_alarms.limits("shop")
+    monkeypatch.setattr(false_alarms, "limits", lambda row: replace(whole, evidence_limit=math.inf))
+    alone = missed()
+    assert len(alone) >= 4
+    assert len(with_all_sessions) <= 0.5 * len(alone)

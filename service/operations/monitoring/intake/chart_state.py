@@ -1,6 +1,6 @@
 """The state of the charts of an axis as it is kept between measurements, and how an epoch of it begins.
 
-What is believed of an axis are some two hundred numbers, and three hundred say since when a loss may have lasted. They
+What is believed of an axis are some three hundred numbers, and as many say since when a loss may have lasted. They
 are stored as base64 of little-endian doubles: a fleet is read with every look at it, and lists of numbers take four
 times as long to read.
 """
@@ -34,7 +34,7 @@ _PACKED = ("learnt", "known", "beginnings")  # members of the detector that hold
 _STATE = StoredRecord(
     "state of the charts",
     TypeAdapter(AxisState),
-    version=4,  # all sessions are weighed together, too
+    version=5,  # all sessions are weighed together, too; a structure lags behind its thermometer
     remedy="restore the backup, or activate another calibration, which begins a new baseline",
 )
 _DESIGN = StoredRecord(
