@@ -188,6 +188,10 @@ class Prediction:
         own = np.einsum("i,rij,j->r", self.design[:-1], self.bank.covariance[:, :-1, :-1], self.design[:-1])
         return float(self.bank.weight @ np.clip(own / self.spread, 0.0, 1.0))
 
+    def error(self, value: float) -> FloatArray:
+        """Return by how much a value is off, by structure."""
+        return np.asarray(value - self.zero - self.centre)
+
     @property
     def gain(self) -> FloatArray:
         """What a unit error teaches of the state, (n_structures, size)."""
@@ -212,7 +216,7 @@ class Prediction:
 
     def residual(self, value: float) -> float:
         r"""Return the residual of a value as its normal score, :math:`z = \Phi^{-1}(F(y))`."""
-        ratio = (value - self.zero - self.centre) / self.scale
+        ratio = self.error(value) / self.scale
         degrees, weight = 2.0 * self.bank.shape, self.bank.weight
         below = float(weight @ special.stdtr(degrees, ratio))
         above = float(weight @ special.stdtr(degrees, -ratio))
@@ -261,7 +265,7 @@ def predict(belief: Belief, session: Session) -> Prediction:
 def learn(belief: Belief, prediction: Prediction, session: Session) -> Belief:
     """Learn a session, of which no more than :data:`LARGEST_LESSON` standard deviations are believed."""
     bank, scale, gain = prediction.bank, prediction.scale, prediction.gain
-    error = session.value - belief.zero - prediction.centre
+    error = prediction.error(session.value)
     believed = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
     learnt = Bank(
         bank.mean + gain * believed[:, None],
@@ -291,7 +295,7 @@ def pass_over(belief: Belief, prediction: Prediction, session: Session) -> Belie
     The filter of Schmidt, which considers the uncertainty of the coefficients and does not update them.
     """
     bank, scale = prediction.bank, prediction.scale
-    error = session.value - belief.zero - prediction.centre
+    error = prediction.error(session.value)
     error = np.clip(error, -LARGEST_LESSON * scale, LARGEST_LESSON * scale)
     gain = prediction.gain_of_dependence
     both = gain[:, :, None] * prediction.cross[:, None, :]

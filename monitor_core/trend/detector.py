@@ -122,9 +122,7 @@ def _closed(state: DetectorState, design: DetectorDesign) -> DetectorState:
     charts, beginnings = state.charts, state.beginnings
     prediction, teaches = predict(state.known, session), _teaches(session, state.baseline)
     if state.before.alarm is None:
-        beginnings, lasting = weigh(
-            beginnings, state.known, prediction, session, towards_loss=_sign(design), learns=teaches
-        )
+        beginnings, lasting = weigh(beginnings, prediction, session, towards_loss=_sign(design), learns=teaches)
         charts = replace(charts, lasting=lasting)
     if not _is_whole(session, state.learnt):
         charts = _judge(charts, session, state.baseline, design, whole=True)
@@ -206,7 +204,7 @@ def _watch(
     if whole and state.known is not None and state.before.alarm is None:
         expected = prediction if state.known == learnt else predict(state.known, session)
         teaches = _teaches(session, baseline)
-        _, lasting = weigh(state.beginnings, state.known, expected, session, towards_loss=towards_loss, learns=teaches)
+        _, lasting = weigh(state.beginnings, expected, session, towards_loss=towards_loss, learns=teaches)
     before = replace(state.before, residual=residual, reference=reference, lasting=lasting)
     judged = _judge(_charted(before, session, difference, design), session, baseline, design, whole=whole)
     status = TrendStatus.ALARM if judged.alarm else TrendStatus.ALERT if judged.alert else TrendStatus.NORMAL

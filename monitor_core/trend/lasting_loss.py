@@ -86,14 +86,13 @@ class _Weighed:
 
 def weigh(
     beginnings: Beginnings,
-    belief: Belief,
     prediction: Prediction,
     session: Session,
     *,
     towards_loss: float,
     learns: bool,
 ) -> tuple[Beginnings, LastingLoss | None]:
-    """Weigh one more session, before the belief has learnt it, and tell whether it will.
+    """Weigh one more session, as it was predicted, and say whether it will be learnt.
 
     ``towards_loss`` is 1.0 if values rise as preload is lost, -1.0 if they fall. A session that teaches nothing says
     nothing either and begins nothing: what scatter there is would not be known. The loss is None for it, and as long as
@@ -106,7 +105,7 @@ def weigh(
         return Beginnings(beginnings.at, replace(before, effect=effect).numbers()), None
     before, at = _with_one_more(before), (*beginnings.at, session.started_at)
     effect, left = _left_of_a_step(before, prediction)
-    off = session.value - belief.zero - prediction.centre
+    off = prediction.error(session.value)
     largest, spread = LARGEST_WORD * prediction.scale, prediction.spread
     error = towards_loss * np.clip(session.evident(off), -largest, largest)
     weighed = _Weighed(

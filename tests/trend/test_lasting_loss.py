@@ -25,6 +25,7 @@ from monitor_core.trend import (
 from monitor_core.trend.belief import STRUCTURES, Prior, begin, healthy_value, learn, predict
 from monitor_core.trend.lasting_loss import KEPT, STEP, Beginnings, LastingLoss, weigh, without_loss
 from monitor_core.trend.observation import first_of
+from tests.trend.test_baseline import only
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 DAY = timedelta(days=1)
@@ -37,11 +38,6 @@ def sessions_of(values, days=None):
     return [first_of(Observation(START + float(d) * DAY, float(v))) for d, v in zip(days, values, strict=True)]
 
 
-def only(structure):
-    """Know the dependence beforehand."""
-    return Prior(weights=tuple(1.0 if i == structure else 1e-200 for i in range(len(STRUCTURES))))
-
-
 def weighed(values, days=None, towards_loss=1.0, prior=None):
     """Beginnings, loss and belief after each session that is weighed."""
     sessions = sessions_of(values, days)
@@ -51,7 +47,7 @@ def weighed(values, days=None, towards_loss=1.0, prior=None):
         prediction = predict(belief, session)
         loss = None
         if number >= N_HEALTHY:
-            beginnings, loss = weigh(beginnings, belief, prediction, session, towards_loss=towards_loss, learns=True)
+            beginnings, loss = weigh(beginnings, prediction, session, towards_loss=towards_loss, learns=True)
         belief = learn(belief, prediction, session)
         history.append((beginnings, loss, belief))
     return history[N_HEALTHY:]
@@ -229,7 +225,7 @@ def after(sessions, **weighing):
         belief = learn(belief, predict(belief, session), session)
     for session in sessions:
         prediction = predict(belief, session)
-        beginnings, loss = weigh(beginnings, belief, prediction, session, towards_loss=1.0, **weighing)
+        beginnings, loss = weigh(beginnings, prediction, session, towards_loss=1.0, **weighing)
         if weighing["learns"]:
             belief = learn(belief, prediction, session)
     return loss
